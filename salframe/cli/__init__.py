@@ -1,4 +1,4 @@
-"""The `salframe` command. Each command imports what it needs when it runs, so that `--help` stays quick."""
+"""The `salframe` command line. Commands import their dependencies when they run, so that `--help` stays fast."""
 
 from __future__ import annotations
 
@@ -31,72 +31,75 @@ from salframe.cli import (
     show_objects,
     weights,
 )
-from salframe.cli.output import json_alone
+from salframe.cli.output import only_json
 from salframe.framework.components.entry_points import COMMANDS, discover
 from salframe.framework.errors import SalframeError, describe_error
 
 
 class _Interrupted(Exception):
-    """An interrupt of the user, by a name that typer does not end the process for."""
+    """An interrupt by the user. Typer would end the process on a KeyboardInterrupt, but not on this exception."""
 
 
 class Commands(TyperGroup):
-    """Our commands, and those that plugins bring, which are loaded when they are listed or called.
+    """The built-in commands and those of plugins, which are loaded when they are listed or called.
 
-    Contexts and commands are of the click that this version of typer was built on; it exports neither.
+    Contexts and commands are types of click, which typer does not export.
     """
 
     @cached_property
-    def _brought(self) -> dict[str, Any]:
-        return _plugin_commands()
+    def _plugin_commands(self) -> dict[str, Any]:
+        return _load_plugin_commands()
 
     def list_commands(self, ctx: Any) -> list[str]:
-        own = super().list_commands(ctx)
-        return [*own, *sorted(set(self._brought) - set(own))]
+        builtin = super().list_commands(ctx)
+        return [*builtin, *sorted(set(self._plugin_commands) - set(builtin))]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        return super().get_command(ctx, cmd_name) or self._brought.get(cmd_name)
+        return super().get_command(ctx, cmd_name) or self._plugin_commands.get(cmd_name)
 
     def invoke(self, ctx: Any) -> Any:
-        """Run a command. What it raises passes through typer as an error of ours: typer itself never raises SystemExit
-        here, but a component may, and the process would end as if all was well."""
+        """Run a command. Turn a KeyboardInterrupt, and a SystemExit of a component, into exceptions that reach `main`.
+
+        Typer itself never raises SystemExit here. A component may, and the process would end as if it had succeeded.
+        """
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:
             raise _Interrupted from None
         except SystemExit as stop:
-            if ctx.invoked_subcommand not in self.commands:  # a plugin's command ends as it likes
+            if ctx.invoked_subcommand not in self.commands:  # a plugin's command may end the process
                 raise
             *_, last = traceback.extract_tb(stop.__traceback__)
             where = f"{last.filename} line {last.lineno}"
             raise SalframeError(
-                f"{describe_error(stop)} was raised in {where}, expected no component to end the process"
+                f"{describe_error(stop)} was raised in {where}; components must not end the process"
             ) from stop
 
 
-def _plugin_commands() -> dict[str, Any]:
-    """The commands of plugins by name."""
+def _load_plugin_commands() -> dict[str, Any]:
+    """Return the click commands of plugins by name."""
     if not discover(COMMANDS):
-        return {}  # and no registry is imported for `--help`
+        return {}  # avoids importing the registry for `--help`
     from salframe.framework.components.registry import load_commands
 
     commands, failures = load_commands()
     for failure in failures:
-        print(f"{failure.plugin} of {failure.package}: its commands failed to load: {failure.reason}", file=sys.stderr)
+        print(f"{failure.plugin} of {failure.package}: commands failed to load: {failure.reason}", file=sys.stderr)
     return {name: _as_click(name, command) for name, (command, _) in commands.items()}
 
 
 def _as_click(name: str, command: Any) -> Any:
+    """Return a plugin's function or typer app as a click command."""
     if isinstance(command, typer.Typer):
         return typer.main.get_group(command)
-    alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-    alone.command(name)(command)
-    return typer.main.get_command(alone)
+    wrapper = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+    wrapper.command(name)(command)
+    return typer.main.get_command(wrapper)
 
 
 app = typer.Typer(
     cls=Commands,
-    help="Where am I, and which way do I turn? Localization from one RGB-D panorama, and baselines to compare with.",
+    help="Localize RGB-D panoramas in buildings, and compare localization methods.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -106,17 +109,17 @@ app = typer.Typer(
 _debug = False
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+def _print_version(is_requested: bool) -> None:
+    if is_requested:
         print(f"salframe {salframe.__version__}")
         raise typer.Exit
 
 
 @app.callback()
 def _options(
-    debug: bool = typer.Option(False, "--debug", help="Show the traceback of an error."),
+    debug: bool = typer.Option(False, "--debug", help="Show the traceback of an error"),
     version: bool = typer.Option(
-        False, "--version", callback=_print_version, is_eager=True, help="Print the version and exit."
+        False, "--version", callback=_print_version, is_eager=True, help="Print the version and exit"
     ),
 ) -> None:
     global _debug
@@ -149,22 +152,23 @@ app.add_typer(weights.app, name="weights")
 
 
 def main() -> None:
-    """Run the command line; an error that a user can cause is one line on stderr and exit status 2, an interrupt one
-    line and 130."""
+    """Run the command line.
+
+    An error that a user can cause prints one line on stderr and exits with status 2. An interrupt prints one line and
+    exits with status 130.
+    """
     try:
-        with json_alone("--json" in sys.argv):
+        with only_json("--json" in sys.argv):
             app()
     except (KeyboardInterrupt, _Interrupted):
-        print(
-            "interrupted: finished frames and answers are kept, run the same command again to resume", file=sys.stderr
-        )
+        print("interrupted: finished work is stored; run the same command again to resume", file=sys.stderr)
         sys.exit(130)
     except SalframeError as error:
         if _debug:
             raise
         print(f"error: {describe_error(error)}", file=sys.stderr)
         sys.exit(2)
-    except OSError as error:  # a full disk, a folder that may not be written to
+    except OSError as error:  # for example a full disk, or a folder without write permission
         if _debug:
             raise
         where = f" {error.filename}" if error.filename else ""

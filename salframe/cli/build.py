@@ -1,4 +1,4 @@
-"""build, map build: build the map of a dataset."""
+"""The commands `build` and `map build`."""
 
 from __future__ import annotations
 
@@ -14,28 +14,31 @@ if TYPE_CHECKING:
 
 
 def build(
-    data: Annotated[str, typer.Argument(help="A dataset preset, a dataset, or a folder with a manifest.json.")],
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="MAP", help="Folder to write the map to.")],
-    method: Annotated[str, typer.Option(help="A preset or localizer.")] = MAP_METHOD,
+    data: Annotated[str, typer.Argument(help="Dataset preset, dataset, or folder with a manifest.json")],
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="MAP", help="Folder to write the map to")],
+    method: Annotated[str, typer.Option(help="Preset or localizer")] = MAP_METHOD,
     topology: Annotated[
-        bool, typer.Option("--topology/--no-topology", help="Make the topology where there are floor masks.")
+        bool, typer.Option("--topology/--no-topology", help="Build the topology from the floor masks of the dataset")
     ] = True,
     choose: Annotated[
-        bool, typer.Option("--choose", help="Put one scene node where each region is widest, not at reference frames.")
+        bool, typer.Option("--choose", help="Place scene nodes where regions are widest, not at reference frames")
     ] = False,
     data_dir: DataDir = None,
     overrides: Set = None,
     engine: EngineName = ENGINE,
     workers: Workers = None,
 ) -> None:
-    """Build a map from the reference frames of a dataset and, where it has floor masks, their topology."""
+    """Build a map from the reference frames of a dataset.
+
+    The map includes a topology if the dataset has floor masks.
+    """
     from salframe.cli.output import Bars, tell
     from salframe.evaluation.tables.text import format_bytes
     from salframe.framework.components.installation import folder_bytes
     from salframe.topology.building_map import build_map
 
     with Bars() as bars:
-        built = build_map(
+        result = build_map(
             data,
             output,
             method,
@@ -47,12 +50,13 @@ def build(
             progress=bars.update,
             tell=tell,
         )
-    print(f"{output}: {format_bytes(folder_bytes(output))}, {_describe(built.topology)}")
-    for note in () if built.topology is None else built.topology.notes:
+    print(f"{output}: {format_bytes(folder_bytes(output))}, {_describe(result.topology)}")
+    for note in () if result.topology is None else result.topology.notes:
         print(f"  {note}")
 
 
 def _describe(topology: TopologicalMap | None) -> str:
+    """Return the number of nodes and edges of a topology, in words."""
     from salframe.topology.topological_map import NodeKind
 
     if topology is None:

@@ -1,4 +1,4 @@
-"""cache info, cache clear: what was computed once and is kept."""
+"""The commands `cache info` and `cache clear`."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ import typer
 from salframe.cli.options import Json
 from salframe.cli.output import print_json
 
-app = typer.Typer(
-    help="Descriptions of panoramas that are kept, so that none is computed twice. Rendered data and weights stay.",
-    no_args_is_help=True,
-)
+app = typer.Typer(help="Show or clear the cache of panorama descriptions", no_args_is_help=True)
 
 
 @app.command()
 def info(as_json: Json = False) -> None:
-    """Tell where the cache is, how many entries it has, their size, and how large it may grow ($SALFRAME_CACHE_GB)."""
+    """Show the folder, number of entries, size and size limit of the cache.
+
+    Set the limit with the environment variable SALFRAME_CACHE_GB.
+    """
     from dataclasses import asdict
 
     from salframe.evaluation.tables.text import format_bytes
@@ -31,7 +31,10 @@ def info(as_json: Json = False) -> None:
 
 @app.command()
 def clear() -> None:
-    """Remove all entries of the cache; what is asked for again is computed again."""
+    """Remove all entries of the cache.
+
+    Descriptions are computed again when they are needed. Rendered data and network weights are not removed.
+    """
     from salframe.evaluation.tables.text import format_bytes
     from salframe.framework.files.cache import Cache
 

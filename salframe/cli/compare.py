@@ -1,4 +1,4 @@
-"""compare, ablate, evaluate: methods side by side."""
+"""The commands `compare`, `ablate` and `evaluate`."""
 
 from __future__ import annotations
 
@@ -15,27 +15,33 @@ from salframe.cli.output import show
 def compare(
     methods: Methods = METHODS,
     reported: Annotated[
-        bool, typer.Option("--reported", help="Show what papers report, apart from what is measured.")
+        bool, typer.Option("--reported", help="Also show results reported in papers, in separate tables")
     ] = False,
     *,
     options: CommonOptions,
 ) -> None:
-    """Run methods on the same queries and print what they reach and cost. Run it again to resume."""
+    """Compare methods on the same queries.
+
+    Prints the accuracy and the cost of each method. Run the same command again to resume an interrupted run.
+    """
     from salframe.evaluation.tasks.localization.task import compare as run
 
     request = options.request(methods)
     show(lambda progress: run(request, reported=reported, progress=progress), options.as_json, options.style)
 
 
-@with_common_options(data=(Annotated[str | None, typer.Option(help="Another dataset than the file's.")], None))
+@with_common_options(
+    data=(Annotated[str | None, typer.Option(help="Dataset to use instead of the one in the file")], None)
+)
 def ablate(
-    file: Annotated[
-        Path, typer.Argument(help="A YAML file with `method:` and `vary:`, or the name of a shipped ablation.")
-    ],
+    file: Annotated[Path, typer.Argument(help="YAML file with `method:` and `vary:`, or name of a shipped ablation")],
     *,
     options: CommonOptions,
 ) -> None:
-    """Run every combination of the values under `vary:` as a method of its own, in one table."""
+    """Run a method with every combination of the values under `vary:`.
+
+    Prints one table with a row for each combination.
+    """
     from salframe.evaluation.studies.study import ablate as run
 
     request = options.request()
@@ -43,9 +49,12 @@ def ablate(
 
 
 def evaluate(
-    run: Annotated[Path, typer.Argument(help="A run folder.")], style: Style = "table", as_json: Json = False
+    run: Annotated[Path, typer.Argument(help="Run folder")], style: Style = "table", as_json: Json = False
 ) -> None:
-    """Measure a run again from its recorded answers; runs no method."""
+    """Compute the metrics of a run again from its recorded answers.
+
+    Runs no method.
+    """
     from salframe.evaluation.finished_runs import evaluate as measure
 
     show(lambda progress: measure(run), as_json, style)

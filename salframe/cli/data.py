@@ -1,4 +1,4 @@
-"""data list, data info, data render: what there is to localize in."""
+"""The commands `data list`, `data info` and `data render`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import typer
 from salframe.cli.options import ENGINE, DataArgument, DataDir, EngineName, Json, Set, Workers, with_workers
 from salframe.cli.output import print_json
 
-app = typer.Typer(help="Look at datasets, and make the rendered ones.", no_args_is_help=True)
+app = typer.Typer(help="List, inspect and render datasets", no_args_is_help=True)
 
 
 @app.command("list")
@@ -26,7 +26,7 @@ def list_(as_json: Json = False) -> None:
         except SalframeError as error:
             rows.append([name, "", str(error)])
         else:
-            rows.append([name, kind, summaries.get(kind, "its plugin is not at hand: salframe doctor")])
+            rows.append([name, kind, summaries.get(kind, "plugin is not installed; run: salframe doctor")])
     if as_json:
         print_json([dict(zip(("name", "kind", "summary"), row, strict=True)) for row in rows])
     else:
@@ -35,23 +35,26 @@ def list_(as_json: Json = False) -> None:
 
 @app.command()
 def info(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, as_json: Json = False) -> None:
-    """Count a dataset's folds, reference frames, queries and places; renders it where that was not done."""
-    from salframe.cli.output import Bars, tell_units
+    """Print the numbers of folds, reference frames, queries and places.
+
+    Renders the dataset first if necessary.
+    """
+    from salframe.cli.output import Bars, warn_units
     from salframe.panoramas.opening import find_dataset, reference_frames
 
     with Bars() as bars:
         dataset = find_dataset(data, data_dir, overrides or (), bars.update)
-    folds, mapping = dataset.folds(), reference_frames(dataset)
-    tell_units(mapping)
+    folds, references = dataset.folds(), reference_frames(dataset)
+    warn_units(references)
     queries = {query.id for fold in folds for query in fold.queries}
     facts = {
         "name": dataset.name,
         "version": dataset.version,
         "provides": sorted(dataset.provides),
         "folds": len(folds),
-        "reference_frames": len(mapping),
+        "reference_frames": len(references),
         "queries": len(queries),
-        "mapped_places": len({frame.place for frame in mapping}),
+        "mapped_places": len({frame.place for frame in references}),
         "queried_places": len({dataset.truth(query).place for query in queries}),
         "fingerprint": dataset.question_key,
     }
@@ -70,7 +73,11 @@ def render(
     engine: EngineName = ENGINE,
     workers: Workers = None,
 ) -> None:
-    """Prepare a dataset now that `compare` would prepare when it first needs it; run it again to resume."""
+    """Prepare a dataset in advance.
+
+    Without this command, `compare` prepares the dataset on first use. Run the same command again to resume an
+    interrupted run.
+    """
     from salframe.cli.output import Bars
     from salframe.panoramas.opening import find_dataset
 

@@ -1,4 +1,4 @@
-"""detection: what do detectors find of what is there?"""
+"""The command `detection`."""
 
 from __future__ import annotations
 
@@ -12,13 +12,15 @@ from salframe.cli.output import show
 
 @with_common_options(without=["seed"])
 def detection(
-    detectors: Annotated[str, typer.Option(help="Detectors, comma-separated.")] = DETECTORS,
-    classes: Annotated[bool, typer.Option("--classes", help="Print a table of the classes too.")] = False,
+    detectors: Annotated[str, typer.Option(help="Detectors, comma-separated")] = DETECTORS,
+    classes: Annotated[bool, typer.Option("--classes", help="Also print a table of the classes")] = False,
     *,
     options: CommonOptions,
 ) -> None:
-    """Detect objects in the query panoramas, and print precision and recall against their annotations. Run it again to
-    resume.
+    """Measure the precision and recall of object detectors.
+
+    Runs the detectors on the query panoramas and compares the detections with the annotations. Run the same command
+    again to resume an interrupted run.
     """
     from salframe.evaluation.tasks.detection.task import measure_detection
 

@@ -1,4 +1,4 @@
-"""experiment: the tables that are reported, each by one command."""
+"""The command `experiment`: reproduce the reported tables."""
 
 from __future__ import annotations
 
@@ -20,42 +20,44 @@ ALL = "all"
 @with_common_options(without=["data", "overrides", "name", "timeout", "memory"])
 def experiment(
     name: Annotated[
-        str | None, typer.Argument(help="An experiment, a YAML file, or `all`; without a name they are listed.")
+        str | None, typer.Argument(help="Experiment, YAML file or `all` (default: list the experiments)")
     ] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="Fewer seeds, queries and methods.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Measure again what is there.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Use fewer seeds, queries and methods")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Measure again even if a result is stored")] = False,
     results: Annotated[
-        Path, typer.Option(metavar="DIR", help="Folder of the results that last, a JSON file an experiment.")
+        Path, typer.Option(metavar="DIR", help="Folder of stored results, one JSON file per experiment")
     ] = Path("docs/results"),
     *,
     options: CommonOptions,
 ) -> None:
-    """Measure the tables of an experiment and keep them. What is there under the same settings and versions is shown
-    again; what was cut off resumes. Tables on data that are not rendered need --data-dir.
+    """Measure the tables of an experiment and store them.
+
+    A table that is stored with the same settings and versions is shown without measuring it again. An interrupted run
+    resumes. Tables on data that salframe does not render need --data-dir.
     """
     from salframe.cli.tables import format_experiment, print_experiment, print_table
     from salframe.evaluation.studies.experiment import experiment_names, read_experiment, run_experiment
 
     if name is None:
         print_table(
-            ("name", "tables", "what it is to show"),
+            ("name", "tables", "question"),
             [
-                [known, str(len(found.tables)), found.question]
-                for known, found in ((known, read_experiment(known)) for known in experiment_names())
+                [entry, str(len(content.tables)), content.question]
+                for entry, content in ((entry, read_experiment(entry)) for entry in experiment_names())
             ],
         )
         return
     request = replace(options.request(), data=None)
-    done: list[ExperimentResult] = []
-    for one in experiment_names() if name == ALL else [name]:
+    experiment_results: list[ExperimentResult] = []
+    for selected in experiment_names() if name == ALL else [name]:
         with Bars() as bars:
-            result = run_experiment(one, request, quick=quick, force=force, results=results, progress=bars.update)
-        done.append(result)
+            result = run_experiment(selected, request, quick=quick, force=force, results=results, progress=bars.update)
+        experiment_results.append(result)
         if not options.as_json and options.style == TABLE:
             print_experiment(result)
         elif not options.as_json:
             print(format_experiment(result, options.style))
     if options.as_json:
-        print_json([result.to_json() for result in done])
-    if any(result.crashed or not any(table.stored for table in result.tables) for result in done):
+        print_json([result.to_json() for result in experiment_results])
+    if any(result.crashed or not any(table.stored for table in result.tables) for result in experiment_results):
         raise typer.Exit(1)

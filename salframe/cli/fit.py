@@ -1,4 +1,4 @@
-"""fit: what the scores of a method are worth."""
+"""The command `fit`: fit the parameters of a method to tuning data."""
 
 from __future__ import annotations
 
@@ -11,30 +11,31 @@ from salframe.cli.options import DataDir, Set
 
 
 def fit(
-    method: Annotated[str, typer.Argument(help="A preset or localizer with the setting `posterior`.")],
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE.yaml", help="File to write.")],
-    data: Annotated[
-        list[str], typer.Option(help="Tuning data, never what is reported: as for `compare`; may be given again.")
-    ],
+    method: Annotated[str, typer.Argument(help="Preset or localizer with the setting `posterior`")],
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE.yaml", help="File to write")],
+    data: Annotated[list[str], typer.Option(help="Tuning data, separate from reported data; can be repeated")],
     tries: Annotated[
         list[str] | None,
         typer.Option(
             "--try",
             metavar="KEY.PATH=VALUE,VALUE",
-            help="Values of a setting of matching, of which the one that fits best is kept; may be given again.",
+            help="Values of a matching setting to select the best from; can be repeated",
         ),
     ] = None,
     data_dir: DataDir = None,
     overrides: Set = None,
 ) -> None:
-    """Fit a method's numbers to tuning data: settings to try, the weights of its evidence where it has any, and the
-    probabilities of its places and of none of them, for which each query is asked of its map and of the map without its
-    place. `--set posterior=FILE.yaml` and `--set weights=FILE.yaml` take what is written."""
+    """Fit the parameters of a method to tuning data.
+
+    Selects the best values of --try, fits the weights of the evidence if the method has any, and fits the
+    probabilities of the places and of the query being out-of-map. For these, each query is localized in its map and
+    in the map without its place. Use the file with `--set posterior=FILE.yaml` and `--set weights=FILE.yaml`.
+    """
     from salframe.cli.output import Bars, tell
     from salframe.evaluation.studies.fitting import fit_method
 
     with Bars() as bars:
-        found = fit_method(
+        lines = fit_method(
             method,
             data,
             output,
@@ -44,6 +45,6 @@ def fit(
             progress=bars.update,
             tell=tell,
         )
-    for line in found:
+    for line in lines:
         print(line)
     print(output)

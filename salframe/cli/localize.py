@@ -1,4 +1,4 @@
-"""localize: localize a panorama with a saved map."""
+"""The command `localize`."""
 
 from __future__ import annotations
 
@@ -18,35 +18,38 @@ if TYPE_CHECKING:
 
 
 def localize(
-    map: Annotated[Path, typer.Argument(help="A folder that `salframe build` wrote.")],
+    map: Annotated[Path, typer.Argument(help="Map folder written by `salframe build`")],
     frame: Annotated[
-        str | None, typer.Argument(help="An image of a folder with a manifest.json; or with --data, the id of a frame.")
+        str | None, typer.Argument(help="Image in a folder with a manifest.json, or frame id with --data")
     ] = None,
-    data: Annotated[str | None, typer.Option(help="The dataset that has the frame.")] = None,
+    data: Annotated[str | None, typer.Option(help="Dataset that contains the frame")] = None,
     rgb: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Instead of FRAME: the colours, twice as wide as high.")
+        Path | None, typer.Option(metavar="FILE", help="Equirectangular colour image, instead of FRAME")
     ] = None,
     range_image: Annotated[
-        Path | None, typer.Option("--range", metavar="FILE", help="Its range, a 16-bit PNG, along the ray.")
+        Path | None, typer.Option("--range", metavar="FILE", help="Range image, 16-bit PNG, measured along the ray")
     ] = None,
     range_unit: Annotated[
-        float, typer.Option(metavar="METRES", min=1e-6, help="What one step of the range image is.")
+        float, typer.Option(metavar="METRES", min=1e-6, help="Size of one step of the range image")
     ] = 0.001,
     z_depth: Annotated[
-        bool, typer.Option("--z-depth", help="It was stitched from a cube's faces and holds depth along their axes.")
+        bool, typer.Option("--z-depth", help="Range image holds the z-depth of stitched cube faces")
     ] = False,
     instances: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Ids of its objects, a 16-bit PNG, 0 where there is none.")
+        Path | None, typer.Option(metavar="FILE", help="Object ids, 16-bit PNG, 0 for no object")
     ] = None,
     labels: Annotated[
-        Path | None, typer.Option(metavar="FILE", help='Labels of these ids, JSON such as {"1": "bed"}.')
+        Path | None, typer.Option(metavar="FILE", help='Labels of the object ids, JSON such as {"1": "bed"}')
     ] = None,
     data_dir: DataDir = None,
     overrides: Set = None,
     as_json: Json = False,
 ) -> None:
-    """Print where a panorama was taken, a frame or loose images: places, best first, and the pose."""
-    from salframe.cli.output import Bars, tell_units
+    """Localize a panorama in a saved map.
+
+    The query is a frame of a dataset or loose images. Prints the places, best first, and the pose.
+    """
+    from salframe.cli.output import Bars, warn_units
     from salframe.framework.errors import ConfigError
     from salframe.localization.map import open_map
     from salframe.panoramas.opening import open_frame
@@ -55,25 +58,25 @@ def localize(
     loose = any(file is not None for file in (rgb, range_image, instances, labels))
     if loose == (frame is not None):
         received = "both a frame and images" if loose else "neither a frame nor images"
-        raise ConfigError(f"received {received}, expected one of the two")
-    opened = open_map(map)
-    asked: Panorama | ReferenceFrame | QueryFrame
+        raise ConfigError(f"received {received}, expected either FRAME or image files such as --rgb FILE")
+    saved_map = open_map(map)
+    query: Panorama | ReferenceFrame | QueryFrame
     if frame is None:
-        asked = read_panorama(rgb, range_image, instances, labels, range_unit_m=range_unit, z_depth=z_depth)
+        query = read_panorama(rgb, range_image, instances, labels, range_unit_m=range_unit, z_depth=z_depth)
     else:
         with Bars() as bars:
-            asked = open_frame(frame, data, data_dir, overrides or (), bars.update)
-    tell_units([asked])
-    answer = opened.localize(asked)
-    tell_decided(map)
+            query = open_frame(frame, data, data_dir, overrides or (), bars.update)
+    warn_units([query])
+    answer = saved_map.localize(query)
+    tell_choices(map)
     if as_json:
         print_json(answer_json(answer))
     else:
         print_answer(answer)
 
 
-def tell_decided(map: Path) -> None:
-    """Tell what fills the slots of a map's localizer that are left to the data by default."""
+def tell_choices(map: Path) -> None:
+    """Print the components in those slots of a map's localizer that may be `auto`."""
     from salframe.cli.output import tell
     from salframe.framework.component import components_in
     from salframe.framework.components.defaults import auto_order
@@ -85,8 +88,11 @@ def tell_decided(map: Path) -> None:
 
 
 def answer_json(answer: Localization) -> dict[str, Any]:
-    """A localizer's answer as JSON: status, places, the probability of being in none of them, pose in metres and
-    degrees, T_world_query row by row, and the heading, which may be known without a pose."""
+    """Return the answer of a localizer as JSON.
+
+    It holds the status, the places, the out-of-map probability, the pose in metres and degrees, the rows of
+    T_world_query, and the heading in degrees. A heading may be known without a pose.
+    """
     places = [
         {"place": place.place, "frame": place.frame, "score": place.score, "probability": place.probability}
         for place in answer.places
@@ -103,14 +109,16 @@ def answer_json(answer: Localization) -> dict[str, Any]:
 
 
 def print_answer(answer: Localization) -> None:
-    """Print a localizer's answer: status, the best five places, by probability where they have one, the pose or at
-    least the heading."""
+    """Print the answer of a localizer: status, the five best places, and the pose or only the heading.
+
+    Places are printed with their probability, or with their score if they have none.
+    """
     print(f"status: {answer.status}")
     for place in answer.places[:5]:
-        worth = f"{place.score:10.4g}" if place.probability is None else f"{place.probability:10.1%}"
-        print(f"{worth}  {place.place}  (frame {place.frame})")
+        value = f"{place.score:10.4g}" if place.probability is None else f"{place.probability:10.1%}"
+        print(f"{value}  {place.place}  (frame {place.frame})")
     if answer.out_of_map_probability is not None:
-        print(f"{answer.out_of_map_probability:10.1%}  in no place of the map")
+        print(f"{answer.out_of_map_probability:10.1%}  out-of-map")
     if position := _position(answer):
         print(f"pose: x {position['x_m']:.2f} m, y {position['y_m']:.2f} m, yaw {position['yaw_deg']:.1f} deg")
     elif answer.heading_rad is not None:
@@ -118,6 +126,7 @@ def print_answer(answer: Localization) -> None:
 
 
 def _position(answer: Localization) -> dict[str, float] | None:
+    """Return x and y in metres and yaw in degrees, or None without a pose."""
     import numpy as np
 
     from salframe.panoramas.geometry import pose_yaw

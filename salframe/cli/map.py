@@ -1,4 +1,4 @@
-"""map build, add, remove, merge, show, route, query, export: the map of a building."""
+"""The commands `map build`, `add`, `remove`, `merge`, `show`, `route`, `query` and `export`."""
 
 from __future__ import annotations
 
@@ -15,13 +15,12 @@ if TYPE_CHECKING:
     from salframe.topology.growing import MapChange
     from salframe.topology.planner import Route
 
-app = typer.Typer(help="Build the map of a building, change it, draw it, and plan routes on it.", no_args_is_help=True)
-TopologyMap = Annotated[Path, typer.Argument(metavar="MAP", help="A map with a topology.")]
-AnyMap = Annotated[Path, typer.Argument(metavar="MAP", help="A folder that holds a map.")]
-PlannerName = Annotated[str, typer.Option("--planner", help="How routes are planned: see `salframe plugins`.")]
+app = typer.Typer(help="Build, change, draw and query the map of a building", no_args_is_help=True)
+TopologyMap = Annotated[Path, typer.Argument(metavar="MAP", help="Map folder with a topology")]
+AnyMap = Annotated[Path, typer.Argument(metavar="MAP", help="Map folder")]
+PlannerName = Annotated[str, typer.Option("--planner", help="Planner of the route; see `salframe plugins`")]
 Heading = Annotated[
-    float | None,
-    typer.Option(metavar="DEG", help="Where the agent looks: azimuth from the world's x axis, to the left."),
+    float | None, typer.Option(metavar="DEG", help="Heading of the agent: counterclockwise from the world x axis")
 ]
 
 
@@ -38,7 +37,10 @@ def add(
     workers: Workers = None,
     as_json: Json = False,
 ) -> None:
-    """Add a dataset's places to a map, described as the map was; places that it has are replaced."""
+    """Add the places of a dataset to a map.
+
+    The reference frames are described with the method of the map. Places that the map has already are replaced.
+    """
     from salframe.cli.output import Bars, tell
     from salframe.topology.growing import add_to_map
 
@@ -58,10 +60,10 @@ def add(
 @app.command()
 def remove(
     map: AnyMap,
-    places: Annotated[list[str], typer.Argument(metavar="PLACE...", help="Places of the map.")],
+    places: Annotated[list[str], typer.Argument(metavar="PLACE...", help="Places to remove")],
     as_json: Json = False,
 ) -> None:
-    """Remove places from a map, with their floor."""
+    """Remove places and their floor from a map."""
     from salframe.topology.growing import remove_from_map
 
     _print_change(map, remove_from_map(map, places), as_json)
@@ -70,10 +72,13 @@ def remove(
 @app.command()
 def merge(
     map: AnyMap,
-    others: Annotated[list[Path], typer.Argument(metavar="OTHER...", help="Maps of the same method and world frame.")],
+    others: Annotated[list[Path], typer.Argument(metavar="OTHER...", help="Maps with the same method and world frame")],
     as_json: Json = False,
 ) -> None:
-    """Add the places of other maps, which stay as they are, to a map."""
+    """Add the places of other maps to a map.
+
+    The other maps do not change.
+    """
     from salframe.topology.growing import merge_maps
 
     _print_change(map, merge_maps(map, others), as_json)
@@ -83,10 +88,13 @@ def merge(
 def show(
     map: TopologyMap,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="FILE.png", help="Picture to write (default: MAP/map.png).")
+        Path | None, typer.Option("--output", "-o", metavar="FILE.png", help="Picture to write (default: MAP/map.png)")
     ] = None,
 ) -> None:
-    """Draw a map: floor, regions, nodes, edges with their lengths and azimuths."""
+    """Draw a map with its floor, regions, nodes and edges.
+
+    Edges are labelled with their lengths and azimuths.
+    """
     from salframe.drawing.floor_picture import draw_topology
     from salframe.topology.store import open_topology
 
@@ -98,75 +106,83 @@ def show(
 @app.command()
 def route(
     map: TopologyMap,
-    start: Annotated[str, typer.Argument(metavar="FROM", help="A node or a place.")],
-    goal: Annotated[str, typer.Argument(metavar="TO", help="A node or a place.")],
+    start: Annotated[str, typer.Argument(metavar="FROM", help="Node or place to start from")],
+    goal: Annotated[str, typer.Argument(metavar="TO", help="Node or place to go to")],
     planner: PlannerName = PLANNER,
     heading: Heading = None,
     as_json: Json = False,
 ) -> None:
-    """Print the shortest way between two nodes or places: lengths, azimuths and turns."""
+    """Print the shortest route between two nodes or places.
+
+    Each step has its length, azimuth and turn.
+    """
     import numpy as np
 
     from salframe.framework.errors import ConfigError
     from salframe.topology.routes import find_route
     from salframe.topology.store import open_topology
 
-    found = find_route(open_topology(map), start, goal, planner)
+    plan = find_route(open_topology(map), start, goal, planner)
     if heading is not None and not np.isfinite(heading):
-        raise ConfigError(f"received --heading {heading}, expected degrees")
+        raise ConfigError(f"received --heading {heading}, expected a finite number of degrees")
     heading_rad = None if heading is None else float(np.radians(heading))
     if as_json:
-        print_json(_route_json(found, heading_rad))
+        print_json(_route_json(plan, heading_rad))
     else:
-        _print_route(found, heading_rad)
+        _print_route(plan, heading_rad)
 
 
 @app.command()
 def query(
     map: AnyMap,
-    frame: Annotated[
-        str, typer.Argument(help="An image of a folder with a manifest.json; or with --data, the id of a frame.")
-    ],
-    data: Annotated[str | None, typer.Option(help="The dataset that has the frame.")] = None,
-    goal: Annotated[str | None, typer.Option("--to", metavar="GOAL", help="A node or a place to go to.")] = None,
+    frame: Annotated[str, typer.Argument(help="Image in a folder with a manifest.json, or frame id with --data")],
+    data: Annotated[str | None, typer.Option(help="Dataset that contains the frame")] = None,
+    goal: Annotated[str | None, typer.Option("--to", metavar="GOAL", help="Node or place to go to")] = None,
     planner: PlannerName = PLANNER,
     data_dir: DataDir = None,
     overrides: Set = None,
     as_json: Json = False,
 ) -> None:
-    """Localize a panorama, print the nearest node, and with --to the way from there, the first turn from the estimated
-    heading."""
+    """Localize a panorama in a map and print the nearest node.
+
+    With --to, also prints the route from that node to GOAL. Its first turn starts from the estimated heading.
+    """
     import numpy as np
 
-    from salframe.cli.localize import answer_json, print_answer, tell_decided
-    from salframe.cli.output import Bars, tell_units
+    from salframe.cli.localize import answer_json, print_answer, tell_choices
+    from salframe.cli.output import Bars, warn_units
     from salframe.panoramas.opening import open_frame
     from salframe.topology.building_map import ask_map
 
     with Bars() as bars:
         query_frame = open_frame(frame, data, data_dir, overrides or (), bars.update)
-    tell_units([query_frame])
-    found = ask_map(map, query_frame, goal, planner)
-    tell_decided(map)
+    warn_units([query_frame])
+    answer = ask_map(map, query_frame, goal, planner)
+    tell_choices(map)
     if as_json:
-        heading_deg = None if found.heading_rad is None else float(np.degrees(found.heading_rad))
-        node = {"node": found.node, "distance_m": found.distance_m, "heading_deg": heading_deg}
-        way = None if found.route is None else _route_json(found.route, found.heading_rad)
-        print_json({**answer_json(found.localization), **node, "route": way})
+        heading_deg = None if answer.heading_rad is None else float(np.degrees(answer.heading_rad))
+        node = {"node": answer.node, "distance_m": answer.distance_m, "heading_deg": heading_deg}
+        route = None if answer.route is None else _route_json(answer.route, answer.heading_rad)
+        print_json({**answer_json(answer.localization), **node, "route": route})
         return
-    print_answer(found.localization)
-    distance = "" if found.distance_m is None else f", {found.distance_m:.2f} m away"
-    print(f"nearest node: {found.node or 'unknown'}{distance}")
-    if found.route is not None:
-        _print_route(found.route, found.heading_rad)
+    print_answer(answer.localization)
+    distance = "" if answer.distance_m is None else f", {answer.distance_m:.2f} m away"
+    print(f"nearest node: {answer.node or 'unknown'}{distance}")
+    if answer.route is not None:
+        _print_route(answer.route, answer.heading_rad)
 
 
 @app.command()
 def export(
     map: AnyMap,
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="FILE.graphml, FILE.geojson or FILE.parquet.")],
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="File to write: FILE.graphml, FILE.geojson or FILE.parquet")
+    ],
 ) -> None:
-    """Write a map for other programs: its topology as GraphML or as GeoJSON in local metres, its scenes as Parquet."""
+    """Export a map for other programs.
+
+    GraphML and GeoJSON files hold the topology, GeoJSON in local metres. Parquet files hold the scenes.
+    """
     from salframe.topology.export import export_map
 
     export_map(map, file)
@@ -180,9 +196,9 @@ def _print_change(map: Path, change: MapChange, as_json: bool) -> None:
         print_json(asdict(change))
         return
     changes = {"added": change.added, "replaced": change.replaced, "removed": change.removed}
-    for done, places in changes.items():
+    for action, places in changes.items():
         if places:
-            print(f"{done}: {', '.join(places)}")
+            print(f"{action}: {', '.join(places)}")
     print(f"{map}: {change.places} places, {change.frames} frames")
     for note in change.notes:
         print(f"  {note}")

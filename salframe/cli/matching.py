@@ -1,4 +1,4 @@
-"""matching: are the points or objects that a method matches the same ones?"""
+"""The command `matching`."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from salframe.cli.output import show
 
 @with_common_options(without=["seed"])
 def matching(methods: Methods = MATCHING_METHODS, *, options: CommonOptions) -> None:
-    """Match each query with the nearest map frame of its own place, and print how much of it is right. Run it again to
-    resume.
+    """Measure how many point or object matches of a method are correct.
+
+    Each query is matched with the nearest reference frame of its own place. Run the same command again to resume an
+    interrupted run.
     """
     from salframe.evaluation.tasks.matching.task import measure_matching
 

@@ -1,4 +1,4 @@
-"""navigate: methods in closed loop, in a building."""
+"""The command `navigate`."""
 
 from __future__ import annotations
 
@@ -9,17 +9,16 @@ import typer
 from salframe.cli.options import DATA, METHODS, CommonOptions, Methods, with_common_options
 from salframe.cli.output import show
 
-Worlds = Annotated[str, typer.Option(help="A dataset that can render, or says itself where to walk.")]
+Worlds = Annotated[str, typer.Option(help="Dataset that can render, or that defines where an agent can walk")]
 NavigationSettings = Annotated[
     list[str] | None,
     typer.Option(
         "--set",
         metavar="KEY.PATH=VALUE",
-        help="Change a setting: navigation.KEY, data.KEY, engine.KEY, METHOD.KEY of one method, or KEY of every "
-        "method that has it.",
+        help="Change a setting: KEY, METHOD.KEY, navigation.KEY, data.KEY or engine.KEY",
     ),
 ]
-NavigationSeed = Annotated[int, typer.Option(help="Seed of episodes, noise and confidence intervals.")]
+NavigationSeed = Annotated[int, typer.Option(help="Seed of episodes, noise and confidence intervals")]
 
 
 @with_common_options(data=(Worlds, DATA), overrides=(NavigationSettings, None), seed=(NavigationSeed, 0))
@@ -27,22 +26,22 @@ def navigate(
     methods: Methods = METHODS,
     episodes: Annotated[
         str,
-        typer.Option(
-            metavar="N|FILE|TASK:SPLIT",
-            help="How many episodes to draw, a JSON file of them, or those of a published task, with the goals known.",
-        ),
+        typer.Option(metavar="N|FILE|TASK:SPLIT", help="Number of random episodes, a JSON file, or a published task"),
     ] = "100",
     positioning: Annotated[
         Literal["on", "off", "both", "all"],
-        typer.Option(
-            help="off: place alone, heading by odometry; both: each method once with and once without its poses; "
-            "all: and an agent that is told its true place."
-        ),
+        typer.Option(help="Poses to use: on, off, both, or all (adds an agent with true places)"),
     ] = "on",
     *,
     options: CommonOptions,
 ) -> None:
-    """Send an agent from room to room with each method as its localizer. Run it again to resume."""
+    """Navigate an agent from room to room with each method as its localizer.
+
+    With --positioning off, the agent uses the place only and takes its heading from odometry. "both" runs each method
+    once with and once without its poses. "all" also runs an agent that knows its true place. In the episodes of a
+    published task, the goals are known. METHOD.KEY in --set changes one method, KEY every method that has this
+    setting. Run the same command again to resume an interrupted run.
+    """
     from salframe.evaluation.tasks.navigation.options import Positioning
     from salframe.evaluation.tasks.navigation.task import navigate as run
 

@@ -23,60 +23,55 @@ METHODS, MATCHING_METHODS, DETECTORS = (
 DATA, ENGINE, PLANNER, MAP_METHOD = (default_of(key) for key in ("data", "engine", "planner", "map_method"))
 RUNS = Path("runs")
 
-Methods = Annotated[str, typer.Option(help="Methods, comma-separated, of `salframe methods`, or YAML files.")]
-Data = Annotated[str, typer.Option(help="A dataset preset, a dataset, a YAML file, or a folder with a manifest.json.")]
-DataArgument = Annotated[
-    str, typer.Argument(help="A dataset preset, a dataset, a YAML file, or a folder with a manifest.json.")
-]
-DataDir = Annotated[Path | None, typer.Option(help="Folder that holds the dataset's files (its `root`).")]
+Methods = Annotated[str, typer.Option(help="Methods or YAML files, comma-separated; see `salframe methods`")]
+Data = Annotated[str, typer.Option(help="Dataset preset, dataset, YAML file, or folder with a manifest.json")]
+DataArgument = Annotated[str, typer.Argument(help="Dataset preset, dataset, YAML file, or folder with a manifest.json")]
+DataDir = Annotated[Path | None, typer.Option(help="Folder of the dataset files (the setting `root`)")]
 Set = Annotated[
     list[str] | None,
     typer.Option(
         "--set",
         metavar="KEY.PATH=VALUE",
-        help="Change a setting: data.KEY, engine.KEY, METHOD.KEY of one method, or KEY of every method that has it.",
+        help="Change a setting: KEY (all methods), METHOD.KEY, data.KEY or engine.KEY",
     ),
 ]
-Name = Annotated[str | None, typer.Option(help="Name of the run folder (default: the name of the dataset).")]
-Runs = Annotated[Path, typer.Option(help="Folder that holds the runs.")]
-EngineName = Annotated[str, typer.Option("--engine", help="How the work is run: see `salframe plugins`.")]
+Name = Annotated[str | None, typer.Option(help="Name of the run folder (default: name of the dataset)")]
+Runs = Annotated[Path, typer.Option(help="Folder that contains the runs")]
+EngineName = Annotated[str, typer.Option("--engine", help="Engine that runs the work; see `salframe plugins`")]
 Workers = Annotated[
     int | None,
     typer.Option(
         "--workers",
         min=1,
         metavar="N",
-        help="Number of worker processes (default: one per core; one with all cores where times are measured).",
+        help="Number of worker processes (default: one per core, one if times are measured)",
     ),
 ]
-Seed = Annotated[int, typer.Option(help="Seed of the confidence intervals.")]
+Seed = Annotated[int, typer.Option(help="Seed of the confidence intervals")]
 Style = Annotated[
     Literal["table", "md", "latex", "csv"],
-    typer.Option("--format", help="How tables are printed; csv has every number in full."),
+    typer.Option("--format", help="Format of tables; csv has all digits of every number"),
 ]
 Timeout = Annotated[
-    float | None,
-    typer.Option("--timeout", metavar="SECONDS", help="End the work on a query, pair or episode that takes longer."),
+    float | None, typer.Option("--timeout", metavar="SECONDS", help="Time limit of a query, pair or episode")
 ]
-Memory = Annotated[
-    float | None, typer.Option("--memory", metavar="MB", help="End the work of a method that holds more memory.")
-]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+Memory = Annotated[float | None, typer.Option("--memory", metavar="MB", help="Memory limit of a method")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON")]
 
 
 def split_names(names: str) -> tuple[str, ...]:
-    """Names that stand between commas."""
+    """Return the names in a comma-separated list."""
     return tuple(name.strip() for name in names.split(",") if name.strip())
 
 
 def with_workers(overrides: list[str] | None, workers: int | None) -> tuple[str, ...]:
-    """Settings of `--set`, and that of `--workers`."""
+    """Return the settings of `--set` and `--workers`."""
     return (*(overrides or ()), *(() if workers is None else (f"engine.workers={workers}",)))
 
 
 @dataclass(frozen=True, kw_only=True)
 class CommonOptions:
-    """Options of the commands that make runs."""
+    """Options of the commands that create runs."""
 
     data: Data = DATA
     data_dir: DataDir = None
@@ -93,11 +88,11 @@ class CommonOptions:
 
     @property
     def settings(self) -> tuple[str, ...]:
-        """Settings of `--set`, and that of `--workers`."""
+        """Return the settings of `--set` and `--workers`."""
         return with_workers(self.overrides, self.workers)
 
     def request(self, methods: str = "") -> Request:
-        """Return the request of these options; `methods` are separated by commas."""
+        """Return these options as a request, for comma-separated `methods`."""
         from salframe.evaluation.runs.limits import Limits
         from salframe.evaluation.runs.request import Request
 
@@ -114,31 +109,34 @@ class CommonOptions:
         )
 
 
-def with_common_options(without: Sequence[str] = (), **changed: tuple[Any, Any]) -> Callable[[Command], Command]:
-    """Return a decorator of a command that receives CommonOptions as its parameter `options`: the command line then
-    has an option for each of their fields.
+def with_common_options(without: Sequence[str] = (), **replacements: tuple[Any, Any]) -> Callable[[Command], Command]:
+    """Return a decorator for commands with a parameter `options` of type CommonOptions.
+
+    The command line gets an option for each field of CommonOptions.
 
     Args:
-        without: Fields that the command has no option for; they keep their defaults.
-        changed: The type, with its help, and the default of fields that the command has another option for.
+        without: Fields without an option. They have their defaults.
+        replacements: Type (with its help) and default of fields for which the command has a different option.
     """
     types = get_type_hints(CommonOptions, include_extras=True)
-    shown = {field.name: changed.get(field.name, (types[field.name], field.default)) for field in fields(CommonOptions)}
-    shown = {name: option for name, option in shown.items() if name not in without}
+    option_types = {
+        field.name: replacements.get(field.name, (types[field.name], field.default)) for field in fields(CommonOptions)
+    }
+    option_types = {name: option for name, option in option_types.items() if name not in without}
 
     def decorate(command: Command) -> Command:
         @wraps(command)
         def run(**values: Any) -> Any:
-            common = {name: values.pop(name) for name in shown}
+            common = {name: values.pop(name) for name in option_types}
             return command(**values, options=CommonOptions(**common))
 
-        own = inspect.signature(command, eval_str=True).parameters.values()
+        signature = inspect.signature(command, eval_str=True)
         parameters: list[inspect.Parameter] = []
-        for parameter in own:
+        for parameter in signature.parameters.values():
             if parameter.name == "options":
                 parameters += [
                     inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind)
-                    for name, (kind, default) in shown.items()
+                    for name, (kind, default) in option_types.items()
                 ]
             else:
                 parameters.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY))

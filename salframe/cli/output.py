@@ -1,4 +1,4 @@
-"""What commands print: progress on stderr, results on stdout, and with --json nothing but JSON there."""
+"""Output of the commands: progress on stderr, results on stdout. With --json, stdout has only JSON."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ if TYPE_CHECKING:
     from salframe.panoramas.panorama import Panorama
 
 TABLE = "table"
-"""The style of a table in the terminal."""
+"""Value of `--format` for tables in the terminal."""
 LINE_SECONDS = 30.0
-"""Off a terminal, progress is a line this often."""
+"""Interval in seconds between progress lines where stderr is not a terminal."""
 
 _json_out: TextIO | None = None
 
 
 @contextmanager
-def json_alone(wanted: bool) -> Iterator[None]:
-    """Send whatever is printed to stderr, in this process and its children, but for what `print_json` prints.
+def only_json(is_requested: bool) -> Iterator[None]:
+    """Redirect all output to stderr, in this process and its children, except that of `print_json`.
 
-    In a process of its own that stays so to the end: buffers of C libraries and what runs at exit come after this.
-    Where something stands in for stdout, as in tests, it is left as it was.
+    The redirection of the real stdout is permanent, because C libraries flush their buffers, and exit handlers run,
+    after this block. A stdout that was replaced, as in tests, is restored.
     """
     global _json_out
-    if not wanted:
+    if not is_requested:
         yield
         return
-    alone = sys.stdout is sys.__stdout__
-    if alone:
+    is_real = sys.stdout is sys.__stdout__
+    if is_real:
         sys.stdout.flush()
         _json_out = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding=sys.stdout.encoding)
         os.dup2(2, sys.stdout.fileno())
@@ -52,31 +52,31 @@ def json_alone(wanted: bool) -> Iterator[None]:
             yield
     finally:
         _json_out.flush()
-        if alone:
+        if is_real:
             _json_out.close()
         _json_out = None
 
 
 def print_json(value: Any) -> None:
-    """Print a value as JSON on the stdout that the command was given."""
+    """Print a value as JSON on the original stdout."""
     print(json.dumps(value, indent=2), file=_json_out or sys.stdout)
 
 
 def tell(line: str) -> None:
-    """Print a line for the user's eyes alone: on stderr."""
+    """Print a message to the user on stderr."""
     print(line, file=sys.stderr, flush=True)
 
 
-def tell_units(frames: Sequence[ReferenceFrame | QueryFrame | Panorama]) -> None:
-    """Tell where the ranges of frames seem to be in a wrong unit."""
+def warn_units(frames: Sequence[ReferenceFrame | QueryFrame | Panorama]) -> None:
+    """Print a warning if the ranges of frames seem to have the wrong unit."""
     from salframe.panoramas.camera_height import units_note
 
-    if units := units_note(frames):
-        tell(f"warning: {units}")
+    if note := units_note(frames):
+        tell(f"warning: {note}")
 
 
 class Bars:
-    """The progress of each thing that `update` names, on stderr: a bar, or off a terminal a line now and then."""
+    """Progress of tasks on stderr: a bar for each task, or a line every LINE_SECONDS if stderr is not a terminal."""
 
     def __init__(self) -> None:
         from rich.console import Console
@@ -95,21 +95,21 @@ class Bars:
         self._last = time.monotonic()
 
     def update(self, what: str, done: int, total: int) -> None:
-        """Set the progress of `what`."""
+        """Set the progress of the task `what`: the number of finished items and the total."""
         if self._progress.disable:
             self._counts[what] = (done, total)
             if time.monotonic() - self._last >= LINE_SECONDS:
                 self._last = time.monotonic()
-                print(", ".join(self._under_way(what)), file=sys.stderr, flush=True)
+                print(", ".join(self._progress_counts(what)), file=sys.stderr, flush=True)
             return
         if what not in self._bars:
             self._bars[what] = self._progress.add_task(what, total=total)
         self._progress.update(self._bars[what], completed=done, total=total)
 
-    def _under_way(self, latest: str) -> list[str]:
-        """How far those are that have begun and not ended, and the latest one."""
+    def _progress_counts(self, latest: str) -> list[str]:
+        """Return the progress of the latest task and of all tasks that have started and not ended."""
         counts = self._counts.items()
-        return [f"{what} {done}/{of}" for what, (done, of) in counts if what == latest or 0 < done < of]
+        return [f"{what} {done}/{total}" for what, (done, total) in counts if what == latest or 0 < done < total]
 
     def __enter__(self) -> Bars:
         self._progress.start()
@@ -122,8 +122,15 @@ class Bars:
 def show(
     run: Callable[[Progress], Result[Any] | StudyResult], as_json: bool, style: str = TABLE, *, details: bool = False
 ) -> None:
-    """Run a task with its progress on stderr, print its tables in a style of `--format`, or JSON, on stdout; exit 1
-    where nothing was measured or something crashed. `details`: print the tables of details too.
+    """Run a task, and print its progress on stderr and its result on stdout.
+
+    Exits with status 1 if nothing was measured or something crashed.
+
+    Args:
+        run: Runs the task and returns its result.
+        as_json: Whether to print JSON instead of tables.
+        style: Format of the tables, as in `--format`.
+        details: Whether to print the detailed tables too.
     """
     from salframe.cli.tables import format_result, print_result
 

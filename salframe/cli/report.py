@@ -1,4 +1,4 @@
-"""report: the page of runs that are done."""
+"""The command `report`."""
 
 from __future__ import annotations
 
@@ -9,16 +9,19 @@ import typer
 
 
 def report(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Run folders of one task.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="The HTML file to write.")] = Path("report.html"),
-    full: Annotated[bool, typer.Option("--full", help="Whole panoramas, not thumbnails.")] = False,
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Run folders of one task")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="HTML file to write")] = Path("report.html"),
+    full: Annotated[bool, typer.Option("--full", help="Show full panoramas instead of thumbnails")] = False,
 ) -> None:
-    """Write one HTML page of runs, side by side and with every query to look at. It needs no network."""
+    """Write an HTML report that compares runs.
+
+    The report shows the runs side by side, with every query. It is one file and needs no network.
+    """
     from salframe.cli.output import Bars, tell
     from salframe.evaluation.finished_runs import write_report
 
     with Bars() as bars:
-        written = write_report(runs, output, full=full, progress=bars.update)
-    for note in written.notes:
+        result = write_report(runs, output, full=full, progress=bars.update)
+    for note in result.notes:
         tell(note)
-    print(f"{written.path}: {written.path.stat().st_size / 1e6:.1f} MB")
+    print(f"{result.path}: {result.path.stat().st_size / 1e6:.1f} MB")

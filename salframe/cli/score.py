@@ -1,4 +1,4 @@
-"""score: what some other program answered to a published task."""
+"""The command `score`."""
 
 from __future__ import annotations
 
@@ -12,12 +12,15 @@ from salframe.cli.output import print_json
 
 
 def score(
-    task: Annotated[str, typer.Argument(help="The task: a scorer of `salframe plugins`.")],
-    file: Annotated[Path, typer.Argument(help="The file of answers, in the task's own format.")],
-    data: Annotated[Path, typer.Option(metavar="DIR", help="Folder that holds the task's data.")],
+    task: Annotated[str, typer.Argument(help="Published task: a scorer in `salframe plugins`")],
+    file: Annotated[Path, typer.Argument(help="File of answers in the format of the task")],
+    data: Annotated[Path, typer.Option(metavar="DIR", help="Folder that contains the data of the task")],
     as_json: Json = False,
 ) -> None:
-    """Score a file of answers to a published task by the task's own rules, one row a split."""
+    """Score a file of answers to a published task.
+
+    The file can come from any program. The metrics are those of the task, with one row per split.
+    """
     from salframe.cli.tables import print_table
     from salframe.evaluation.scorer import score as run
 

@@ -1,4 +1,4 @@
-"""sensor: how good is a detector, object by object?"""
+"""The command `sensor`."""
 
 from __future__ import annotations
 
@@ -10,12 +10,10 @@ import typer
 from salframe.cli.options import DATA, CommonOptions, split_names, with_common_options
 from salframe.cli.output import Bars, print_json, tell
 
-SensorData = Annotated[
-    str, typer.Option(help="Data sets with annotations and range, comma-separated; each as in `compare`.")
-]
+SensorData = Annotated[str, typer.Option(help="Datasets with annotations and range, comma-separated")]
 SensorSettings = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY.PATH=VALUE", help="Change a setting: data.KEY, detector.KEY or engine.KEY."),
+    typer.Option("--set", metavar="KEY.PATH=VALUE", help="Change a setting: data.KEY, detector.KEY or engine.KEY"),
 ]
 
 
@@ -23,27 +21,30 @@ SensorSettings = Annotated[
     without=["seed", "timeout", "memory", "style"], data=(SensorData, DATA), overrides=(SensorSettings, None)
 )
 def sensor(
-    detector: Annotated[str, typer.Argument(help="A detector of `salframe plugins`.")],
+    detector: Annotated[str, typer.Argument(help="Detector; see `salframe plugins`")],
     seeds: Annotated[
-        str, typer.Option(help="Seeds of the data, comma-separated, pooled (default: the data's own).")
+        str, typer.Option(help="Seeds of the data to pool, comma-separated (default: as configured)")
     ] = "",
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="FILE", help="Where the sensor model goes, as JSON.")
+        Path | None, typer.Option("--output", "-o", metavar="FILE", help="JSON file to write the sensor model to")
     ] = None,
     *,
     options: CommonOptions,
 ) -> None:
-    """Measure a detector by the annotations of all panoramas: what it finds, what it calls it, what it makes up, how
-    far off it is. The file is what `detector.noise` of the detector `annotations` takes. Run it again to resume."""
+    """Calibrate the sensor model of a detector against annotations.
+
+    Measures the recall, the label confusion, the false positives and the position errors on all panoramas. Use the
+    file as `detector.noise` of the detector `annotations`. Run the same command again to resume an interrupted run.
+    """
     from salframe.cli.tables import print_sensor
     from salframe.evaluation.tasks.sensor.measurement import measure_sensor
     from salframe.framework.errors import ConfigError
 
     numbers = split_names(seeds)
-    if wrong := [number for number in numbers if not number.isdecimal()]:
-        raise ConfigError(f"received the seed {wrong[0]!r}, expected whole numbers that are not negative")
+    if invalid := [number for number in numbers if not number.isdecimal()]:
+        raise ConfigError(f"received the seed {invalid[0]!r}, expected non-negative integers")
     with Bars() as bars:
-        measured = measure_sensor(
+        measurement = measure_sensor(
             detector,
             split_names(options.data),
             options.data_dir,
@@ -55,14 +56,14 @@ def sensor(
             progress=bars.update,
         )
     if output is not None:
-        measured.write(output)
+        measurement.write(output)
     if options.as_json:
-        print_json(measured.to_json())
+        print_json(measurement.to_json())
     else:
-        print_sensor(measured)
-    for note in measured.notes:
+        print_sensor(measurement)
+    for note in measurement.notes:
         tell(note)
     if output is not None:
         tell(f"sensor model: {output}")
-    if measured.crashed:
+    if measurement.crashed:
         raise typer.Exit(1)

@@ -1,4 +1,4 @@
-"""show-objects: what does a detector find in my pictures?"""
+"""The command `show-objects`."""
 
 from __future__ import annotations
 
@@ -14,42 +14,42 @@ from salframe.cli.output import print_json, tell
 def show_objects(
     images: Annotated[
         list[Path],
-        typer.Argument(
-            metavar="IMAGE", help="Panoramas, twice as wide as high, or with --fov photographs; JPEG or PNG."
-        ),
+        typer.Argument(metavar="IMAGE", help="Equirectangular panoramas, or photographs with --fov; JPEG or PNG"),
     ],
-    detector: Annotated[str | None, typer.Option(help="A detector of `salframe plugins`; auto unless named.")] = None,
+    detector: Annotated[str | None, typer.Option(help="Detector; see `salframe plugins` (default: auto)")] = None,
     overrides: Annotated[
         list[str] | None,
         typer.Option(
-            "--set", metavar="KEY.PATH=VALUE", help="Change a setting: detector.KEY, saliency.KEY or graph.KEY."
+            "--set", metavar="KEY.PATH=VALUE", help="Change a setting: detector.KEY, saliency.KEY or graph.KEY"
         ),
     ] = None,
     range_image: Annotated[
         Path | None,
-        typer.Option(
-            "--range",
-            metavar="FILE",
-            help="Range of the one IMAGE, a 16-bit PNG in millimetres: along the ray, of a photograph the z-depth. "
-            "An image that a manifest.json names has that of its frame.",
-        ),
+        typer.Option("--range", metavar="FILE", help="Range image of a single IMAGE, 16-bit PNG in millimetres"),
     ] = None,
     fov: Annotated[
-        float | None, typer.Option(metavar="DEG", help="The images are photographs of this horizontal field of view.")
+        float | None, typer.Option(metavar="DEG", help="Horizontal field of view, if the images are photographs")
     ] = None,
     pitch: Annotated[
-        float | None, typer.Option(metavar="DEG", help="Pitch of the photographs, positive upwards (default: 0).")
+        float | None, typer.Option(metavar="DEG", help="Pitch of the photographs, positive upwards (default: 0)")
     ] = None,
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where the pictures go.")] = Path(),
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FOLDER", help="Folder to write the pictures to")
+    ] = Path(),
     as_json: Json = False,
 ) -> None:
-    """Draw the objects that a detector finds in images: NAME.objects.png has outlines, labels and scores, the saliency
-    graph from above, or without range the bearings, and a table. Exit 1 where an image could not be shown."""
+    """Draw the objects that a detector finds in images.
+
+    Each picture, NAME.objects.png, has the outlines, labels and scores of the objects, the saliency graph from above
+    (without range: the bearings), and a table. Range is measured along the ray in panoramas and is the z-depth in
+    photographs. An image that is listed in a manifest.json has the range of its frame. The exit status is 1 if an image
+    cannot be shown.
+    """
     from salframe.cli.output import Bars
     from salframe.drawing.show_objects import show_objects
 
     with Bars() as bars:
-        shown = show_objects(
+        result = show_objects(
             images,
             output,
             detector=detector,
@@ -60,13 +60,13 @@ def show_objects(
             progress=bars.update if len(images) > 1 else None,
         )
     if as_json:
-        print_json(shown.to_json())
+        print_json(result.to_json())
     else:
-        for view in shown.views:
+        for view in result.views:
             print(f"{view.picture}: {len(view.detections)} objects in {view.seconds:.2f} s")
-    for note in shown.notes:
+    for note in result.notes:
         tell(note)
-    for error in shown.failures.values():
+    for error in result.failures.values():
         tell(f"error: {error}")
-    if shown.failures:
+    if result.failures:
         raise typer.Exit(1)

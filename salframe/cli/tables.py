@@ -1,4 +1,4 @@
-"""Results as tables in the terminal, and as text for print."""
+"""Tables of results: in the terminal, and as Markdown, LaTeX or CSV text."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ if TYPE_CHECKING:
     from salframe.evaluation.tasks.sensor.measurement import SensorMeasurement
 
 
-GIVEN_WIDTH = 22
-"""Characters of a line of what a method was given, which may go over several."""
+INPUT_WIDTH = 22
+"""Maximum width of the column of a method's inputs, in characters; longer text wraps."""
 
 
 def _console() -> Console:
-    """Stdout; 100 columns wide where that is a file or a pipe."""
+    """Return a console on stdout, 100 columns wide if stdout is a file or a pipe."""
     console = Console()
     return console if console.is_terminal else Console(width=100)
 
 
 def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """A plain table; the first column stays on one line."""
+    """Print a plain table. The first column does not wrap."""
     table = rich_table.Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for heading in headings:
         table.add_column(heading, overflow="fold", no_wrap=heading is headings[0])
@@ -40,7 +40,7 @@ def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
 
 
 def print_result(result: Result[Any] | StudyResult, details: bool = False) -> None:
-    """Print the tables of a result, notes on them, and where it lies; `details`: with its tables of details."""
+    """Print the tables of a result, their notes, and its location. `details` adds the detailed tables."""
     for table in result.tables():
         print_measured(table)
     for table in result.kind.details(result.rows) if details else ():
@@ -53,26 +53,29 @@ def print_result(result: Result[Any] | StudyResult, details: bool = False) -> No
 
 
 def print_experiment(result: ExperimentResult) -> None:
-    """The tables of an experiment, those that papers report apart, and where they are kept."""
+    """Print the tables of an experiment, those reported in papers, and the file that stores them."""
     _say(f"{result.experiment.title}: {result.experiment.question}", dim=False)
     for table in result.tables:
-        for shown in table.tables():
-            print_measured(shown)
+        for part in table.tables():
+            print_measured(part)
         if table.stored is not None:
             _say(f"{table.name}: measured on {table.stored.date}, {table.stored.machine}")
         if table.skipped is not None:
             _say(f"{table.name}: skipped: {table.skipped}")
         for note in () if table.fresh is None else table.fresh.notes:
             _say(note)
-    for source, part in result.reported:
-        _console().print(_reported([part]))
+    for source, reported in result.reported:
+        _console().print(_reported([reported]))
         _say(f"{source}. {result.experiment.differs}")
-    _say(f"kept in {result.file}", dim=False)
+    _say(f"stored in {result.file}", dim=False)
 
 
 def print_measured(table: Table) -> None:
-    """A table of measured rows. Where it is too wide for the terminal, what the methods cost is a table of its own, and
-    what is too wide then is another."""
+    """Print a table of measured rows.
+
+    A table that is too wide for the terminal is split: first the cost of the methods, then other columns go to separate
+    tables.
+    """
     from salframe.evaluation.tables.table import split_table
 
     console = _console()
@@ -88,25 +91,25 @@ def _rich(table: Table) -> rich_table.Table:
     from salframe.evaluation.tables.columns import INPUT
 
     title = None if table.title is None else escape(table.title)
-    drawn = rich_table.Table(
+    rich = rich_table.Table(
         box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), title=title, title_justify="left"
     )
-    for place, heading in enumerate(table.headings):
-        if place < table.leading:
-            drawn.add_column(escape(heading), overflow="fold")
+    for column, heading in enumerate(table.headings):
+        if column < table.leading:
+            rich.add_column(escape(heading), overflow="fold")
         elif heading == INPUT.heading:
-            drawn.add_column(escape(heading), max_width=GIVEN_WIDTH)
+            rich.add_column(escape(heading), max_width=INPUT_WIDTH)
         else:
-            drawn.add_column(escape(heading), justify="right", no_wrap=True)
+            rich.add_column(escape(heading), justify="right", no_wrap=True)
     for i, row in enumerate(table.rows):
-        named = [text.replace("[", "\n  [").replace(",", ",\n   ") for text in row[: table.leading]]
-        cells = enumerate(map(escape, [*named, *row[table.leading :]]))
-        drawn.add_row(*(f"[bold]{text}[/bold]" if (i, j) in table.best else text for j, text in cells))
-    return drawn
+        leading = [text.replace("[", "\n  [").replace(",", ",\n   ") for text in row[: table.leading]]
+        cells = enumerate(map(escape, [*leading, *row[table.leading :]]))
+        rich.add_row(*(f"[bold]{text}[/bold]" if (i, j) in table.best else text for j, text in cells))
+    return rich
 
 
 def format_result(result: Result[Any] | StudyResult, style: str) -> str:
-    """The tables of a result as "md", "latex" or "csv"; in the last all numbers in full."""
+    """Return the tables of a result as "md", "latex" or "csv"; csv has all digits of every number."""
     from salframe.evaluation.tables.formats import to_csv, to_latex, to_markdown
     from salframe.evaluation.tables.reported import reported_tables
 
@@ -117,31 +120,37 @@ def format_result(result: Result[Any] | StudyResult, style: str) -> str:
 
 
 def format_experiment(result: ExperimentResult, style: str) -> str:
-    """The tables of an experiment as "md" or "latex", each under its title, those that papers report last, or as "csv":
-    the measured alone, one after the other, all numbers in full."""
+    """Return the tables of an experiment as "md", "latex" or "csv".
+
+    In "md" and "latex" each table has its title, and tables reported in papers come last. "csv" has only the measured
+    tables, with all digits of every number.
+    """
     from salframe.evaluation.tables.formats import to_csv, to_latex, to_markdown
     from salframe.evaluation.tables.reported import reported_table
 
     if style == "csv":
-        kept = ((table.name, table.stored) for table in result.tables if table.stored)
-        return "\n".join(to_csv(one.rows, [{"table": name, **told} for told in one.settings]) for name, one in kept)
-    draw, above = {"md": (to_markdown, "**{}**\n\n"), "latex": (to_latex, "% {}\n")}[style]
-    measured = [shown for table in result.tables for shown in table.tables()]
-    told = [(str(shown.title), shown) for shown in measured]
-    told += [(f"reported, not measured: {part.title}", reported_table(part)) for _, part in result.reported]
-    return "\n".join(above.format(title) + draw(table) for title, table in told)
+        tables = ((table.name, table.stored) for table in result.tables if table.stored)
+        return "\n".join(
+            to_csv(stored.rows, [{"table": name, **settings} for settings in stored.settings])
+            for name, stored in tables
+        )
+    draw, heading = {"md": (to_markdown, "**{}**\n\n"), "latex": (to_latex, "% {}\n")}[style]
+    parts = [part for table in result.tables for part in table.tables()]
+    tables_by_title = [(str(part.title), part) for part in parts]
+    tables_by_title += [(f"reported, not measured: {part.title}", reported_table(part)) for _, part in result.reported]
+    return "\n".join(heading.format(title) + draw(table) for title, table in tables_by_title)
 
 
-def print_sensor(measured: SensorMeasurement) -> None:
-    """Print what a detector finds by size, range and occlusion, beside what the model says, and a summary."""
-    table = measured.table()
+def print_sensor(measurement: SensorMeasurement) -> None:
+    """Print the measured and modelled recall of a detector by size, range and occlusion, and a summary."""
+    table = measurement.table()
     print_table(table.headings, table.rows)
-    for line in measured.summary():
+    for line in measurement.summary():
         _say(line, dim=False)
 
 
 def _print_notes(result: Result[Any] | StudyResult) -> None:
-    """What tables do not say: notes, reasons, and how often each failure occurred."""
+    """Print the notes of a result, and the remarks and number of failures of each method."""
     notes = list(result.notes)
     for row in result.rows:
         failures = ", ".join(f"{count} {status}" for status, count in row.status.items() if status != "ok")
@@ -152,7 +161,7 @@ def _print_notes(result: Result[Any] | StudyResult) -> None:
 
 
 def print_reported(papers: Sequence[Reported]) -> None:
-    """What papers report, apart from what is measured."""
+    """Print the tables that papers report, apart from the measured ones."""
     for paper in papers:
         _console().print(_reported(paper.tables))
         _console().print(f"{paper.source}. {paper.note}", style="dim", markup=False, highlight=False)
@@ -163,7 +172,7 @@ def _say(line: str, dim: bool = True) -> None:
 
 
 def _reported(parts: Sequence[ReportedTable]) -> rich_table.Table:
-    """Tables of a paper under each other, each with its figures named on its first line."""
+    """Return the tables of a paper as one table; the first line of each has the names of its figures."""
     table = rich_table.Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("reported, not measured", overflow="fold")
     for _ in range(max(len(part.figures) for part in parts)):

@@ -1,4 +1,4 @@
-"""weights list, weights fetch, weights where: the files of trained networks."""
+"""The commands `weights list`, `weights fetch` and `weights where`."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ import typer
 from salframe.cli.options import Json
 from salframe.cli.output import print_json
 
-app = typer.Typer(
-    help="List, fetch and find the weights of networks. Nothing is downloaded unless you fetch it.",
-    no_args_is_help=True,
-)
-Name = Annotated[str, typer.Argument(help="As in `salframe weights list`.")]
+app = typer.Typer(help="List, download and locate the weights of networks", no_args_is_help=True)
+Name = Annotated[str, typer.Argument(help="Name in `salframe weights list`")]
 
 
 @app.command("list")
 def list_(as_json: Json = False) -> None:
-    """List the weights that components use, their licence (and what they were trained on, where that has terms of its
-    own), size and source, and whether they are at hand."""
+    """List the weights that components use.
+
+    Each row has the licence, the size, the source and the folder. The licence includes the training data if that has
+    terms of its own. Only `salframe weights fetch` downloads weights.
+    """
     from salframe.cli.tables import print_table
     from salframe.evaluation.tables.text import format_bytes
     from salframe.framework.components.installation import list_weights
@@ -39,8 +39,11 @@ def list_(as_json: Json = False) -> None:
 
 @app.command()
 def fetch(name: Name) -> None:
-    """Download weights into salframe's cache, unless they are at hand, and verify them; their licence, and the terms of
-    what they were trained on, are told on stderr."""
+    """Download weights to the cache of salframe and verify them.
+
+    Weights that are installed already are not downloaded again. The licence, and the training data if that has terms
+    of its own, are printed on stderr.
+    """
     from salframe.cli.output import Bars
     from salframe.framework.components.installation import fetch_weights, find_weights
     from salframe.framework.components.registry import registry
@@ -54,7 +57,7 @@ def fetch(name: Name) -> None:
 
 @app.command()
 def where(name: Name) -> None:
-    """Print the paths of weights that are at hand."""
+    """Print the paths of installed weights."""
     from salframe.framework.components.installation import find_weights
     from salframe.framework.components.registry import registry
 

@@ -1,2 +1,4 @@
-"""What everything else stands on: components, their settings and identity, how they are found, files, weights. Knows no
-role."""
+"""The base of salframe: components, their settings, identity and discovery, files, and network weights.
+
+This package does not depend on any role except `engine`.
+"""

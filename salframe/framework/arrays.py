@@ -1,4 +1,4 @@
-"""Arrays as fields of frozen values."""
+"""Validation of arrays in the fields of frozen dataclasses."""
 
 from __future__ import annotations
 
@@ -10,7 +10,21 @@ from salframe.framework.errors import DataError, SalframeError
 def check_array(
     owner: object, name: str, dtype: type, *shape: int | None, error: type[SalframeError] = DataError
 ) -> np.ndarray:
-    """Bring a field to a read-only array of this dtype and shape (None: any length). Raises `error` where it is not."""
+    """Check the array in a field and replace it by a read-only array.
+
+    Args:
+        owner: The object that has the field.
+        name: The name of the field.
+        dtype: The dtype of the new array. The old dtype must be castable to it ("same_kind").
+        shape: The length of each axis, None for any length.
+        error: The exception to raise.
+
+    Returns:
+        The new array.
+
+    Raises:
+        error: The dtype or shape is not the expected one.
+    """
     value = np.asarray(getattr(owner, name))
     fits = value.ndim == len(shape) and all(want in (None, got) for want, got in zip(shape, value.shape, strict=False))
     if not fits:

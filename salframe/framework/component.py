@@ -1,4 +1,4 @@
-"""Components, their settings, and roles: what every registered class has in common."""
+"""Components, their settings, and roles: the base classes of everything that a plugin registers."""
 
 from __future__ import annotations
 
@@ -16,11 +16,15 @@ if TYPE_CHECKING:
     from salframe.framework.files.weights import NetworkWeights
 
 ROLE = "role"
-"""Key of a slot's `json_schema_extra`: the role of what it holds."""
+"""Key in the `json_schema_extra` of a slot. Its value is the role of the component in the slot."""
 
 
 class ComponentConfig(Settings):
-    """Base of every component's `Config`. `kind` is the component's name and is filled in."""
+    """Base class of the `Config` of every component.
+
+    Attributes:
+        kind: The name of the component. It is set automatically.
+    """
 
     component: ClassVar[type[Component]]
     kind: str = ""
@@ -36,39 +40,49 @@ class ComponentConfig(Settings):
 
 
 def match_only(default: Any, **field: Any) -> Any:
-    """A pydantic Field for a setting that matters to matching only: descriptions of panoramas do not depend on it."""
+    """Return a pydantic Field for a setting that affects only matching, not the descriptions of panoramas."""
     return Field(default, json_schema_extra={"match_only": True}, **field)
 
 
 def added(default: Any, *, match_only: bool = False, **field: Any) -> Any:
-    """A pydantic Field for a setting that came later, whose default is how it was before: at its default it is no part
-    of the identity, so that what was computed before is still known. `match_only` as in the function of that name."""
+    """Return a pydantic Field for a setting that was added in a later version.
+
+    The default must reproduce the behaviour before the setting existed. At its default, the setting is not part of the
+    identity, so results that were cached earlier remain valid. For `match_only` see the function of that name.
+    """
     return Field(default, json_schema_extra={"added": True, **({"match_only": True} if match_only else {})}, **field)
 
 
 def components_in(config: Any) -> Iterator[tuple[str, ComponentConfig]]:
-    """The slots of a configuration and the configurations of the components in them, not those nested deeper; of a
-    field that holds several, `name[0]` and so on."""
+    """Yield (slot, configuration) for the components in the slots of a configuration, without nested ones.
+
+    The components of a field that holds several are named `name[0]`, `name[1]` and so on.
+    """
     for name in type(config).model_fields if isinstance(config, BaseModel) else ():
         value = getattr(config, name)
         if isinstance(value, ComponentConfig):
             yield name, value
         elif holds_components(value):
-            yield from ((f"{name}[{number}]", one) for number, one in enumerate(value))
+            yield from ((f"{name}[{number}]", item) for number, item in enumerate(value))
 
 
 def holds_components(value: Any) -> bool:
-    """Whether the value of a setting is several components' configurations."""
-    return isinstance(value, tuple) and bool(value) and all(isinstance(one, ComponentConfig) for one in value)
+    """Return whether the value of a setting is a tuple of component configurations."""
+    return isinstance(value, tuple) and bool(value) and all(isinstance(item, ComponentConfig) for item in value)
 
 
 class Component(ABC):
-    """Anything that can be registered. A subclass of a role sets `name` and `version`, and may set the rest.
+    """Base class of everything that can be registered.
 
-    `name` kebab-case, unique in its role; `version` changes whenever the output does (it is part of every identity);
-    `requires` are importable top-level packages, `extra` the pip requirement that brings them; `weights` are all
-    trained weights that some setting of it may use; the first line of the docstring is the summary; `Config` holds the
-    settings.
+    A subclass of a role must set `name` and `version`. The first line of its docstring is the summary in listings.
+
+    Attributes:
+        name: Kebab-case name, unique within the role.
+        version: Changes whenever the output changes. It is part of the identity.
+        requires: Importable top-level packages that the component needs.
+        extra: The pip requirement that installs them.
+        weights: All trained weights that the component may use under any setting.
+        Config: The model of the settings.
     """
 
     role: ClassVar[str]
@@ -92,18 +106,24 @@ class Component(ABC):
 
     @classmethod
     def requires_in_use(cls, config: Any) -> tuple[str, ...]:
-        """The packages that a component with this config imports."""
+        """Return the packages that a component with this config imports."""
         return cls.requires
 
     @classmethod
     def weights_in_use(cls, config: Any) -> tuple[NetworkWeights, ...]:
-        """The weights that a component with this config loads: their hashes are part of its identity."""
+        """Return the weights that a component with this config loads. Their hashes are part of its identity."""
         return cls.weights
 
     @classmethod
     def check(cls, config: Any) -> None:
-        """Raises RequirementMissing or WeightsMissing where a component with this config, or one in its slots, could
-        not run here; cheap, imports nothing heavy."""
+        """Check that a component with this config, and the components in its slots, can run on this machine.
+
+        The check is fast and does not import the required packages.
+
+        Raises:
+            RequirementMissing: A package is not installed.
+            WeightsMissing: A file of weights is missing.
+        """
         absent = [package for package in cls.requires_in_use(config) if importlib.util.find_spec(package) is None]
         if absent:
             hint = f": pip install '{cls.extra}'" if cls.extra else ""
@@ -115,13 +135,17 @@ class Component(ABC):
 
 
 class Role(Component):
-    """What a plugin can fill. A class that derives from Role directly is a role; what derives from a role is a
-    component.
+    """Base class of roles. A role is an interface that the components of plugins implement.
 
-    `role` is its name in configurations; `presets` the folder of a preset collection that holds presets for it, if any;
-    `word` what messages call a component of it, the role's name unless set; `conformance` names what checks
-    the role's promises: "module:function", called with a function that makes the component, or a class of
-    salframe.testing.Rules, each of whose methods is a rule.
+    A direct subclass of Role is a role. A subclass of a role is a component.
+
+    Attributes:
+        role: The name of the role in configurations.
+        presets: The folder in preset collections with the presets of this role, None for none.
+        word: The word for a component of this role in messages. Empty for the name of the role.
+        conformance: The conformance test of the role, as "module:function" or "module:class". The function is called
+            with a function that creates the component. The class is a subclass of salframe.testing.Rules, and each
+            method is a rule.
     """
 
     presets: ClassVar[str | None] = None
@@ -130,5 +154,5 @@ class Role(Component):
 
 
 def is_role(item: object) -> bool:
-    """Whether this is a role, not a component that fills one."""
+    """Return whether `item` is a role and not a component."""
     return isinstance(item, type) and Role in item.__bases__

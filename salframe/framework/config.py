@@ -1,4 +1,4 @@
-"""Settings as written by users: YAML with `base:`, and `key.path=value` overrides."""
+"""Settings written by users: YAML files with `base:`, and `key.path=value` overrides."""
 
 from __future__ import annotations
 
@@ -10,19 +10,26 @@ from salframe.framework.errors import ConfigError, shorten
 from salframe.framework.files.bounded import parse_yaml, read_bytes, why
 
 MAX_BASES = 16
-"""Maximum number of files that are each the base of the next."""
+"""Maximum length of a chain of base files."""
 
 
 def read_yaml(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """A YAML mapping; an optional `base:` names another file, relative to this one, whose keys it overrides.
+    """Read a YAML mapping. An optional `base:` names another file, relative to this one, whose keys it overrides.
 
-    `above`: the files that have this one as their base. Raises ConfigError.
+    Args:
+        path: The file.
+        above: The chain of files that have this one as their base.
+
+    Raises:
+        ConfigError: A file cannot be read, is not a YAML mapping, or the chain of bases is circular or too long.
     """
     try:
         if path.resolve() in above:
             raise ConfigError(f"{path} is its own base")
         if len(above) > MAX_BASES:
-            raise ConfigError(f"{above[0]} has more than {MAX_BASES} bases above one another")
+            raise ConfigError(
+                f"{above[0]} has a chain of more than {MAX_BASES} base files, expected at most {MAX_BASES}"
+            )
         content = read_bytes(path)
     except (OSError, ValueError) as error:
         raise ConfigError(f"cannot read {path}: {why(error)}") from None
@@ -41,22 +48,22 @@ def read_yaml(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
 
 
 def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """`base` with the keys of `over` laid on top, mapping by mapping. Another `kind` drops the old one's settings."""
+    """Return `base` updated recursively with `over`. A different `kind` discards the settings of the old one."""
     if "kind" in over and over["kind"] != base.get("kind", over["kind"]):
         return dict(over)
-    merged = dict(base)
+    result = dict(base)
     for key, value in over.items():
-        old = merged.get(key)
+        old = result.get(key)
         if isinstance(old, str) and isinstance(value, Mapping):
             old = {"kind": old}
         if isinstance(old, Mapping) and isinstance(value, str):
             value = {"kind": value}
-        merged[key] = merge(old, value) if isinstance(old, Mapping) and isinstance(value, Mapping) else value
-    return merged
+        result[key] = merge(old, value) if isinstance(old, Mapping) and isinstance(value, Mapping) else value
+    return result
 
 
 def parse_override(text: str) -> tuple[tuple[str, ...], Any]:
-    """`key.path=value` as the path and the value read as YAML."""
+    """Parse `key.path=value` into the path and the value, which is read as YAML. Raises ConfigError."""
     path, equals, value = text.partition("=")
     if not equals or not all(path.split(".")):
         raise ConfigError(f"received --set {shorten(text)!r}, expected key.path=value")
@@ -67,7 +74,7 @@ def parse_override(text: str) -> tuple[tuple[str, ...], Any]:
 
 
 def nest(path: Iterable[str], value: Any) -> dict[str, Any]:
-    """The mapping that holds `value` under a dotted path."""
+    """Return nested mappings that hold `value` under a path of keys."""
     for key in reversed(tuple(path)):
         value = {key: value}
     return value

@@ -1,4 +1,4 @@
-"""Errors a user can cause. Each message is one line: what was received, what was expected, what to do."""
+"""Errors that a user can cause. Each message is one line with the received value, the expected value and the fix."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from collections.abc import Callable, Sequence
 
 
 class SalframeError(Exception):
-    """Base of every error the command line prints as one line instead of a traceback."""
+    """Base class of errors that the command line prints as one line without a traceback."""
 
 
 class ConfigError(SalframeError):
-    """A configuration has an unknown key or a value of the wrong kind."""
+    """A configuration has an unknown key or an invalid value."""
 
 
 class UnknownName(SalframeError):
@@ -27,7 +27,7 @@ class RequirementMissing(SalframeError):
 
 
 class WeightsMissing(SalframeError):
-    """A network's weights are not at hand."""
+    """The weights of a network are not installed, or are invalid."""
 
 
 class DataError(SalframeError):
@@ -39,19 +39,19 @@ class InputMissing(SalframeError):
 
 
 class MethodFailed(SalframeError):
-    """A method cannot go on: it costs its row in the table, not the piece of work at hand alone."""
+    """A method cannot continue. Its whole row in the table fails, not only the current item."""
 
 
 class MethodUnavailable(MethodFailed):
-    """A method cannot do what a task asks."""
+    """A method does not support what a task requires."""
 
 
 class InvalidAnswer(MethodFailed):
-    """A component answered what no component of its role may answer."""
+    """A component returned a result that its role does not allow."""
 
 
 class WorkerDied(SalframeError):
-    """A process that worked ended before it had answered."""
+    """A worker process ended before it returned a result."""
 
     def __init__(self, message: str = "its process died: killed, out of memory, or a fault in a library") -> None:
         super().__init__(message)
@@ -62,29 +62,31 @@ class NoRoute(SalframeError):
 
 
 FRAME_ERRORS = (DataError, InputMissing)
-"""What is wrong with a frame, not with the method that looks at it."""
+"""Errors that are caused by a frame, not by the method that processes it."""
 
 
 def describe_error(error: BaseException) -> str:
-    """An exception in one line."""
-    said = one_line(error)
-    return said if isinstance(error, SalframeError) else f"{type(error).__name__}: {said}".rstrip()
+    """Return an exception as one line, with its type unless it is a SalframeError."""
+    message = one_line(error)
+    return message if isinstance(error, SalframeError) else f"{type(error).__name__}: {message}".rstrip()
 
 
 def one_line(error: BaseException) -> str:
-    """What an exception says, in one line that every terminal can show: what it cannot stands escaped."""
-    said = " ".join(str(error).split())
-    return said if said.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in said)
+    """Return the message of an exception as one line, with unprintable characters escaped."""
+    message = " ".join(str(error).split())
+    return message if message.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in message)
 
 
-def shorten(text: str, most: int = 200) -> str:
-    """A text whose middle is left out where it has more than `most` characters."""
-    return text if len(text) <= most else f"{text[: most // 2]}... ({len(text)} characters)"
+def shorten(text: str, max_length: int = 200) -> str:
+    """Return the text, or its beginning and its length if it has more than `max_length` characters."""
+    return text if len(text) <= max_length else f"{text[: max_length // 2]}... ({len(text)} characters)"
 
 
 def failure_of(call: Callable[[], object]) -> str | None:
-    """Call what may be a plugin's own code: whatever it raised, in one line, None where it raised nothing. Only an
-    interrupt of the user passes."""
+    """Call code that may belong to a plugin. Return its exception in one line, or None if it raised nothing.
+
+    A KeyboardInterrupt is raised again.
+    """
     try:
         call()
     except KeyboardInterrupt:
@@ -95,7 +97,7 @@ def failure_of(call: Callable[[], object]) -> str | None:
 
 
 def unknown(what: str, name: str, known: Sequence[str], failures: Sequence[object] = ()) -> str:
-    """The message for a name that nobody has: the closest one, the list, and the plugins that failed to load."""
+    """Return the message for an unknown name: the closest name, the known names, and failed plugins."""
     close = difflib.get_close_matches(name, known, 1)
     listed = ", ".join(known[:30]) + (f", ... ({len(known)} in all)" if len(known) > 30 else "")
     hint = f", did you mean {close[0]!r}?" if close else "."

@@ -1,4 +1,4 @@
-"""The hooks of a plugin: functions of its module, marked with `@salframe.hookimpl`."""
+"""The hooks of a plugin: functions in its module that are marked with `@salframe.hookimpl`."""
 
 from __future__ import annotations
 
@@ -14,30 +14,33 @@ if TYPE_CHECKING:
 
 hookspec = HookspecMarker("salframe")
 hookimpl = HookimplMarker("salframe")
-"""Marks a plugin's `salframe_provides` and `salframe_commands` functions."""
+"""Decorator for the functions `salframe_provides` and `salframe_commands` of a plugin."""
 
 
 @dataclass(frozen=True)
 class Presets:
-    """A folder of YAML files that a plugin ships: NAME.yaml in methods/, data/, ablations/, reported/ and the folder
-    that a role of its own names."""
+    """A folder of presets that a plugin ships.
+
+    The presets are files NAME.yaml in the subfolders methods/, data/, ablations/ and reported/, and in the folders that
+    roles of the plugin name.
+    """
 
     folder: Path
 
 
 @hookspec
 def salframe_provides() -> list[type[Component] | Presets]:
-    """Return the plugin's component classes, roles of its own and collections of presets.
+    """Return the component classes, roles and preset collections of the plugin.
 
-    Entry points of the group `salframe` name the modules that have this hook.
+    The module must be an entry point of the group `salframe`.
     """
     return []
 
 
 @hookspec
 def salframe_commands() -> dict[str, Callable[..., Any]]:
-    """Return the plugin's commands by name: functions as typer takes them, or typer apps.
+    """Return the commands of the plugin by name: functions for typer, or typer apps.
 
-    Entry points of the group `salframe.commands` name the modules that have this hook.
+    The module must be an entry point of the group `salframe.commands`.
     """
     return {}

@@ -1,4 +1,4 @@
-"""Networks in ONNX, run by onnxruntime on the CPU."""
+"""ONNX networks, run by onnxruntime on the CPU."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from salframe.framework.errors import WeightsMissing
 from salframe.framework.files.reading import read_network
 
 Shape = tuple[int | None, ...]
-"""Lengths of a tensor's axes, the batch first; None for any length."""
+"""Lengths of the axes of a tensor, batch first. None stands for any length."""
 
 
 @dataclass(frozen=True)
 class Tensor:
-    """An input of a network: its name, its dtype by numpy's name, its shape."""
+    """An input of a network: its name, the numpy name of its dtype, and its shape."""
 
     name: str
     dtype: str
@@ -30,18 +30,24 @@ class Tensor:
 
 
 class OnnxModel:
-    """A network ready to run; `open_model` makes it. inputs: what it takes, in its order; outputs: names of what `run`
-    gives."""
+    """A loaded network. Use `open_model` to load one.
+
+    Attributes:
+        inputs: The inputs of the network, in order.
+        outputs: The names of the arrays that `run` returns.
+    """
 
     def __init__(self, session: Any, inputs: tuple[Tensor, ...], outputs: tuple[str, ...]) -> None:
         self._session, self.inputs, self.outputs = session, inputs, outputs
 
     def run(self, *arrays: np.ndarray) -> list[np.ndarray]:
-        """The outputs for a batch: one array an input, in the order of `inputs`, all with the batch as their first
-        axis.
+        """Return the outputs for a batch.
 
-        A network that takes no batch (its first axis is 1) is run once an element, and its outputs are put together
-        again.
+        A network that does not support batches (its first axis is 1) runs once per element, and its outputs are
+        concatenated.
+
+        Args:
+            arrays: One array for each of `inputs`, in order. The first axis is the batch.
         """
         names = [tensor.name for tensor in self.inputs]
         if all(tensor.shape[:1] == (1,) for tensor in self.inputs) and len(arrays[0]) > 1:
@@ -53,29 +59,35 @@ class OnnxModel:
 def open_model(
     path: Path, inputs: Sequence[Shape] | None = None, outputs: Sequence[str] = (), dtype: str = "float32"
 ) -> OnnxModel:
-    """The network in a file.
+    """Load a network from an ONNX file.
 
-    inputs: the shape that the caller will give for each of its inputs, in their order, all of `dtype`; None: the caller
-    looks at `inputs` of the model itself. outputs: names of any of its tensors, inner ones too; none: the outputs that
-    the file declares. Raises WeightsMissing where the file is no such network, in one line: what was received, what was
-    expected.
+    Args:
+        path: The file.
+        inputs: The expected shape of each input, in order. None skips the check.
+        outputs: Names of the tensors to return. Inner tensors are allowed. Empty for the declared outputs.
+        dtype: The expected dtype of all inputs.
+
+    Raises:
+        WeightsMissing: The file is not an ONNX network with these inputs and outputs. The message is one line.
     """
     import onnxruntime
 
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads_allowed() or 0
-    options.log_severity_level = 3  # errors only: they are raised as well, and warnings are for who made the file
+    options.log_severity_level = 3  # no warnings: only the author of the file can fix them; errors are raised as well
     options.add_session_config_entry(
         "session.intra_op.allow_spinning", "0"
-    )  # waiting threads would hold cores that other methods could use
+    )  # spinning threads would occupy cores that other methods can use
     content = read_network(path)
     try:
         session = onnxruntime.InferenceSession(
             b"".join([content, *map(_as_output, outputs)]), options, providers=["CPUExecutionProvider"]
         )
-    except Exception as error:  # onnxruntime has an exception a cause, with no base of their own
-        named = f" with a tensor {', '.join(outputs)}" if outputs else ""
-        raise WeightsMissing(f"{path} is no ONNX network{named}: {' '.join(str(error).split())[:200]}") from None
+    except Exception as error:  # the exceptions of onnxruntime have no common base class
+        tensor_names = f" with a tensor {', '.join(outputs)}" if outputs else ""
+        raise WeightsMissing(
+            f"{path} is not an ONNX network{tensor_names}: {' '.join(str(error).split())[:200]}"
+        ) from None
     model = OnnxModel(
         session,
         tuple(map(_tensor, session.get_inputs())),
@@ -89,11 +101,12 @@ def open_model(
     return model
 
 
-def _tensor(declared: Any) -> Tensor:
+def _tensor(node: Any) -> Tensor:
+    """Return an input that an onnxruntime session declares."""
     dtype = {"float": "float32", "double": "float64"}.get(
-        kind := declared.type.removeprefix("tensor(").removesuffix(")"), kind
+        kind := node.type.removeprefix("tensor(").removesuffix(")"), kind
     )
-    return Tensor(declared.name, dtype, tuple(length if isinstance(length, int) else None for length in declared.shape))
+    return Tensor(node.name, dtype, tuple(length if isinstance(length, int) else None for length in node.shape))
 
 
 def _fits(received: Sequence[Tensor], expected: Sequence[Shape], dtype: str) -> bool:
@@ -102,8 +115,7 @@ def _fits(received: Sequence[Tensor], expected: Sequence[Shape], dtype: str) -> 
         and all(
             tensor.dtype == dtype
             and len(tensor.shape) == len(shape)
-            and tensor.shape[0]
-            in (None, 1, shape[0])  # `run` splits a batch for a network that takes one element at a time
+            and tensor.shape[0] in (None, 1, shape[0])  # `run` splits batches for networks with a batch size of 1
             and all(
                 None in lengths or len(set(lengths)) == 1 for lengths in zip(tensor.shape[1:], shape[1:], strict=True)
             )
@@ -117,8 +129,9 @@ def _layout(dtype: str, shape: Shape) -> str:
 
 
 def _as_output(name: str) -> bytes:
-    """What, appended to an ONNX file, makes the tensor of this name an output: protobuf messages merge when they are
-    put end to end.
+    """Return bytes that, appended to an ONNX file, declare the tensor of this name as an output.
+
+    Concatenated protobuf messages are merged.
 
     ModelProto has its graph in field 7, GraphProto its outputs in field 12, ValueInfoProto its name in field 1
     (onnx.proto3).
@@ -127,7 +140,7 @@ def _as_output(name: str) -> bytes:
 
 
 def _field(number: int, content: bytes) -> bytes:
-    """A length-delimited protobuf field."""
+    """Return a length-delimited protobuf field."""
     length, size = len(content), b""
     while length > 0x7F:
         size, length = size + bytes([length & 0x7F | 0x80]), length >> 7

@@ -1,4 +1,4 @@
-"""Models of settings, and their validation with one-line errors."""
+"""Base class of settings, and validation with one-line errors."""
 
 from __future__ import annotations
 
@@ -14,30 +14,38 @@ MAX_PROBLEMS = 3
 
 
 class Settings(BaseModel):
-    """Base of every model of settings: frozen, no key that is not known, no number that is not finite. Units stand in
-    the field names."""
+    """Base class of all settings: frozen, without unknown keys, and with finite numbers only.
+
+    Field names contain their units.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 def validate(model: type[BaseModel], settings: Mapping[str, Any], where: str, choice: object = None) -> Any:
-    """An instance of `model`, or a ConfigError that names the key, what was received and what was expected.
+    """Return an instance of `model` with validated settings.
 
-    `where` the settings stand: the dotted key that holds them, or a file's name and a colon; `choice`: the
-    `Choice` that decides slots that say `auto`, which stay undecided without.
+    Args:
+        model: The model of the settings.
+        settings: The settings.
+        where: Location of the settings for messages: the dotted key that holds them, or a file name and a colon.
+        choice: The `Choice` that fills the slots with `auto`. Without it, these slots remain undecided.
+
+    Raises:
+        ConfigError: A setting is invalid. The message names the key, the received value and the expected value.
     """
     try:
         return model.model_validate(settings, context=choice)
     except ValidationError as error:
         raise ConfigError(describe_faults(error, where, model)) from None
-    except OSError as error:  # of a path among the settings that no file system takes
+    except OSError as error:  # a path among the settings is invalid for the file system
         raise ConfigError(f"{where.rstrip(':')}: {describe_error(error)}") from None
 
 
 def describe_faults(error: ValidationError, where: str, model: type[BaseModel] | None = None) -> str:
     """Describe validation errors in one line: the first MAX_PROBLEMS, and how many more there are."""
     problems = list(dict.fromkeys(_problem(model, problem, where) for problem in error.errors()))
-    more = f"; and {len(problems) - MAX_PROBLEMS} more such faults" if len(problems) > MAX_PROBLEMS else ""
+    more = f"; and {len(problems) - MAX_PROBLEMS} more errors" if len(problems) > MAX_PROBLEMS else ""
     return "; ".join(problems[:MAX_PROBLEMS]) + more
 
 

@@ -1,4 +1,4 @@
-"""The version of salframe that is installed."""
+"""The version of the installed salframe."""
 
 from importlib.metadata import version
 

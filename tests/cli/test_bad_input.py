@@ -59,11 +59,11 @@ def with_image(name: str, image: np.ndarray) -> Callable[[Path], None]:
 SPOILT_FOLDERS = {
     "cut image": (
         lambda data: cut(data / "frames/kitchen-map.rgb.png"),
-        r"kitchen-map\.rgb\.png is no readable image .*expected a JPEG or PNG",
+        r"kitchen-map\.rgb\.png is not a readable image .*expected a complete JPEG or PNG",
     ),
     "no image": (
         lambda data: (data / "frames/kitchen-map.rgb.png").write_text("hello"),
-        r"kitchen-map\.rgb\.png is no readable image \(5 bytes\)",
+        r"kitchen-map\.rgb\.png is not a readable image \(5 bytes\)",
     ),
     "image gone": (
         lambda data: (data / "frames/kitchen-map.rgb.png").unlink(),
@@ -114,7 +114,7 @@ def test_a_spoilt_query_is_not_localized(data):
     assert run("build", data, "-o", "map").code == 0
     cut(data / "frames" / "kitchen-query.range.png")
     for query in (["kitchen-query", "--data", "./data"], ["data/frames/kitchen-query.rgb.png"]):
-        assert_one_line(run("localize", "map", *query), r"kitchen-query\.range\.png is no readable image")
+        assert_one_line(run("localize", "map", *query), r"kitchen-query\.range\.png is not a readable image")
 
 
 def compare(data: object, *more: str) -> Result:
@@ -127,8 +127,8 @@ def test_a_comparison_says_which_frames_it_could_not_use_and_measures_the_rest(d
     (row,) = compare("./data", "--json").json["rows"]
     assert row["status"] == {"no-pose": 2, "error": 1}
     assert re.fullmatch(
-        r"1 reference frame\(s\) left out, the first: .*kitchen-map\.range\.png is no readable image.*; "
-        r"1 query frame\(s\) that cannot be used, the first: .*lounge-query\.range\.png is no readable image.*",
+        r"1 reference frame\(s\) left out, the first: .*kitchen-map\.range\.png is not a readable image.*; "
+        r"1 query frame\(s\) that cannot be used, the first: .*lounge-query\.range\.png is not a readable image.*",
         row["reason"],
     )
 
@@ -139,7 +139,7 @@ def test_a_comparison_without_any_usable_frame_fails(data):
     done = compare("./data", "--json")
     assert done.code == 1
     assert re.fullmatch(
-        r"DataError: .*|fold all has no reference frame that can be used; .*is no readable image.*",
+        r"DataError: .*|fold all has no reference frame that can be used; .*is not a readable image.*",
         done.json["rows"][0]["reason"],
     )
 
@@ -183,7 +183,7 @@ def test_missing_weights_are_told_and_how_to_get_them(data):
     (row,) = done.json["rows"]
     assert (done.code, row["method"], row["available"]) == (1, "loftr", False)
     assert re.fullmatch(
-        r"weights 'loftr': no file absent\.ckpt; give another path, or: salframe weights fetch loftr", row["reason"]
+        r"weights 'loftr': no file absent\.ckpt; use another path, or: salframe weights fetch loftr", row["reason"]
     )
 
 
@@ -203,7 +203,7 @@ BROKEN_PLUGINS = {
     ),
     "class": (
         "import salframe\n@salframe.hookimpl\ndef salframe_provides():\n    return [int]",
-        "<class 'int'> is no component",
+        "<class 'int'> is not a component",
     ),
     "weights": (
         "import salframe\nfrom salframe.framework.engines.engine import Engine\n"

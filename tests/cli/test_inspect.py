@@ -83,7 +83,7 @@ def test_commands_that_cannot_be_loaded_are_told_once_and_stop_nothing(fakes, mo
     monkeypatch.setenv("SALFRAME_PLUGINS", "fake_plugin,broken_commands,salframe_engines")
     registry.cache_clear()
     done = run("--help")
-    told = "broken_commands of broken_commands: its commands failed to load: SystemExit: no commands today\n"
+    told = "broken_commands of broken_commands: commands failed to load: SystemExit: no commands today\n"
     assert (done.code, done.err) == (0, told)
     assert run("compare", "--methods", "reader", "--data", "rooms", "--engine", "inline").code == 0
 
@@ -178,7 +178,7 @@ def test_a_faulty_preset_is_told_and_ends_no_listing(shipped, tmp_path):
     assert run("doctor").code == 1
     done = run("compare", "--methods", "odd", "--data", "rooms")
     assert (done.code, done.err.count("\n")) == (2, 1)
-    assert "the preset methods/odd.yaml of shipped_presets is faulty" in done.err
+    assert "the preset methods/odd.yaml of shipped_presets is invalid" in done.err
 
 
 def test_data_that_is_lost_is_listed(shipped, tmp_path):

@@ -56,7 +56,7 @@ def test_probabilities_are_told(fakes, tmp_path):
     assert found["out_of_map_probability"] == pytest.approx(0.5)
     printed = run("localize", "map", "query-2-0", "--data", "rooms").out
     assert f"{50 / weights.sum():.1f}%  room-2" in printed
-    assert "50.0%  in no place of the map" in printed
+    assert "50.0%  out-of-map" in printed
 
 
 def test_a_heading_without_a_pose_is_printed(capsys):

@@ -183,4 +183,4 @@ def test_every_command_says_that_it_was_interrupted(ending, command):
     ending("check", "KeyboardInterrupt")
     done = run(*command)
     assert (done.code, done.out) == (130, "")
-    assert done.err == "interrupted: finished frames and answers are kept, run the same command again to resume\n"
+    assert done.err == "interrupted: finished work is stored; run the same command again to resume\n"

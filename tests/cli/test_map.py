@@ -297,7 +297,7 @@ def test_a_picture_replaces_pictures_alone(built, tmp_path):
     (tmp_path / "thesis.png").write_text("years")
     done = run("map", "show", "map", "-o", "thesis.png")
     assert (done.code, done.err.count("\n")) == (2, 1)
-    assert "thesis.png is there and is no PNG" in done.err
+    assert "thesis.png exists and is not a PNG" in done.err
     assert (tmp_path / "thesis.png").read_text() == "years"
     for _ in range(2):
         assert run("map", "show", "map", "-o", "new.png").code == 0

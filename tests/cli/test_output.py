@@ -82,7 +82,7 @@ def test_json_says_what_was_asked_of_what_and_what_went_wrong(fakes):
     done = run("compare", "--methods", "reader,weightless", *asked, "--seed", 5, "--json")
     content = done.json
     assert done.code == 1
-    assert (content["format"], content["task"]) == (1, "localization")
+    assert (content["format"], content["task"]) == (2, "localization")
     assert content["request"]["seed"] == 5
     assert content["request"]["data"] == {
         "kind": "rooms",
@@ -194,5 +194,5 @@ def test_an_interrupt_is_one_line_within_two_seconds(fakes, tmp_path, asked, gro
     out, err = process.communicate(timeout=60)
     took_s = time.monotonic() - began
     assert (process.returncode, out) == (130, "")
-    assert err == "interrupted: finished frames and answers are kept, run the same command again to resume\n"
+    assert err == "interrupted: finished work is stored; run the same command again to resume\n"
     assert took_s < 2

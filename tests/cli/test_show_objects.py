@@ -107,8 +107,8 @@ def test_auto_is_decided_by_what_an_image_provides(pictures):
     done = run("show-objects", folder / "frames/kitchen-map.rgb.png", "hall.jpg", "--json")
     assert done.code == 1
     assert [view["detector"] for view in done.json["images"]] == ["annotations"]
-    assert done.err.startswith("auto took the detector annotations\nerror: no detector of 'auto'")
-    assert "no detector of 'auto' can run on hall.jpg: annotations: needs annotations" in done.err
+    assert done.err.startswith("auto selected the detector annotations\nerror: no detector for 'auto'")
+    assert "no detector for 'auto' can run on hall.jpg: annotations: needs annotations" in done.err
     assert "unknown key" in run("show-objects", folder / "frames/kitchen-map.rgb.png", "--set", "detector.nois=1").err
 
 
@@ -119,7 +119,7 @@ def test_a_bad_image_costs_its_own_answer_alone(pictures):
     assert done.out.startswith("hall.objects.png: 3 objects in ")
     assert done.out.count("\n") == 1
     torn, desk, gone = done.err.splitlines()
-    assert torn.startswith("error: torn.png is no readable image")
+    assert torn.startswith("error: torn.png is not a readable image")
     assert desk.startswith("error: desk.png is 640 x 480, expected a panorama")
     assert "--fov" in desk
     assert gone == "error: cannot read gone.png: No such file or directory, expected a readable image"

@@ -281,7 +281,7 @@ def test_a_broken_file_is_one_line(network, tmp_path, content):
     path = tmp_path / "broken.onnx"
     whole = network.read_bytes()
     path.write_bytes(whole[: len(whole) // 2] if content == "half" else b"not found")
-    with pytest.raises(WeightsMissing, match=r"broken.onnx is no ONNX network") as caught:
+    with pytest.raises(WeightsMissing, match=r"broken.onnx is not an ONNX network") as caught:
         build(path)
     assert "\n" not in str(caught.value)
 

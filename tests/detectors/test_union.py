@@ -241,7 +241,7 @@ def test_auto_may_be_one_of_them(members):
         "annotations",
         "listed",
     ]
-    with pytest.raises(ConfigError, match="the detector is 'auto', and no data is known"):
+    with pytest.raises(ConfigError, match="the detector is 'auto', which needs data to choose from"):
         union("auto", "listed")
 
 

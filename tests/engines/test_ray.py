@@ -163,5 +163,5 @@ def test_an_interrupt_ends_the_command(rooms, tmp_path):
     os.killpg(process.pid, signal.SIGINT)
     out, err = process.communicate(timeout=60)
     assert (process.returncode, out) == (130, "")
-    assert err.splitlines()[-1].startswith("interrupted: finished frames and answers are kept")
+    assert err.splitlines()[-1].startswith("interrupted: finished work is stored")
     assert "Traceback" not in err

@@ -57,7 +57,7 @@ def test_an_inner_tensor_is_an_output_where_it_is_named(tmp_path):
 
 def test_a_tensor_that_is_not_there_is_one_line(tmp_path):
     with pytest.raises(
-        WeightsMissing, match=r"net\.onnx is no ONNX network with a tensor feature: .*feature"
+        WeightsMissing, match=r"net\.onnx is not an ONNX network with a tensor feature: .*feature"
     ) as caught:
         open_model(write(tmp_path / "net.onnx"), outputs=["feature"])
     assert "\n" not in str(caught.value)
@@ -68,7 +68,7 @@ def test_a_file_that_is_no_network_is_one_line(tmp_path, content):
     path = tmp_path / "net.onnx"
     whole = write(path).read_bytes()
     path.write_bytes(whole[: len(whole) // 2] if content is None else content)
-    with pytest.raises(WeightsMissing, match=r"net\.onnx is no ONNX network: .") as caught:
+    with pytest.raises(WeightsMissing, match=r"net\.onnx is not an ONNX network: .") as caught:
         open_model(path)
     assert "\n" not in str(caught.value)
 

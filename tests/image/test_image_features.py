@@ -162,7 +162,7 @@ def test_another_networks_layout_is_one_line(write_network, configure):
         WeightsMissing, match=r"large\.onnx takes x float32 \(\*, 3, 224, 224\), expected float32 \(\*, 3, 32, 32\)"
     ):
         ImageFeatures(configure({"model": large}))
-    with pytest.raises(WeightsMissing, match=r"same\.onnx is no ONNX network with a tensor pool5"):
+    with pytest.raises(WeightsMissing, match=r"same\.onnx is not an ONNX network with a tensor pool5"):
         ImageFeatures(configure({"output": "pool5"}))
 
 

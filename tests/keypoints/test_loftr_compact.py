@@ -110,7 +110,7 @@ def test_a_truncated_file_is_one_clear_line(name, tmp_path, monkeypatch):
     shutil.copytree(FOLDER, tmp_path / "weights" / "loftr-compact")
     path = tmp_path / "weights" / "loftr-compact" / name
     path.write_bytes(path.read_bytes()[:-1000])
-    with pytest.raises(WeightsMissing, match=rf"{name} is no ONNX network: .*"):  # the user's own: by its layout
+    with pytest.raises(WeightsMissing, match=rf"{name} is not an ONNX network: .*"):  # the user's own: by its layout
         LoftrCompact(LoftrCompact.Config(checkpoint=path.parent))
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
     with pytest.raises(

@@ -161,7 +161,7 @@ def test_bad_images_cost_their_own_viewpoint_only(release, tmp_path, monkeypatch
         match=rf"{NAMES[0]}_d1_3\.png is missing: unpack undistorted_depth_images\.zip .* Matterport3D release",
     ):
         frames[f"drawn/{NAMES[0]}"].load()
-    with pytest.raises(DataError, match=rf"{NAMES[1]}_d0_0\.png is no readable image"):
+    with pytest.raises(DataError, match=rf"{NAMES[1]}_d0_0\.png is not a readable image"):
         frames[f"drawn/{NAMES[1]}/query"].load()
     assert frames[f"drawn/{NAMES[2]}"].load().provides == {"rgb", "range", "annotations"}
     cut.unlink()

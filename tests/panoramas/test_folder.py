@@ -237,9 +237,9 @@ def cut(path: Path) -> None:
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (lambda root: cut(root / "q.jpg"), r"q.jpg is no readable image \(200 bytes\)"),
-        (lambda root: cut(root / "q.range.png"), r"q.range.png is no readable image"),
-        (lambda root: (root / "q.jpg").write_bytes(b""), r"q.jpg is no readable image \(0 bytes\)"),
+        (lambda root: cut(root / "q.jpg"), r"q.jpg is not a readable image \(200 bytes\)"),
+        (lambda root: cut(root / "q.range.png"), r"q.range.png is not a readable image"),
+        (lambda root: (root / "q.jpg").write_bytes(b""), r"q.jpg is not a readable image \(0 bytes\)"),
         (lambda root: (root / "q.jpg").unlink(), r"cannot read .*q.jpg: No such file"),
         (
             lambda root: cv2.imwrite(str(root / "q.range.png"), np.ones((8, 16), np.uint16)),

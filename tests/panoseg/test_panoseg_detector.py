@@ -168,9 +168,9 @@ def test_caches_know_the_shipped_network_by_its_hash():
 
 def test_networks_that_do_not_fit_are_one_line(tmp_path):
     whole = PANOSEG.paths()[0].read_bytes()
-    with pytest.raises(WeightsMissing, match=r"panoseg.onnx is no ONNX network"):
+    with pytest.raises(WeightsMissing, match=r"panoseg.onnx is not an ONNX network"):
         PanoSegDetector(own(tmp_path, network=whole[: len(whole) // 2]))
     with pytest.raises(WeightsMissing, match=r"panoseg.json has no list of labels, expected the card"):
         PanoSegDetector(own(tmp_path, card={"classes": 3}))
-    with pytest.raises(WeightsMissing, match=r"no file .*nowhere; give another path"):
+    with pytest.raises(WeightsMissing, match=r"no file .*nowhere; use another path"):
         PanoSegDetector(PanoSegDetector.Config(model=tmp_path / "nowhere"))

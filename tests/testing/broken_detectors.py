@@ -239,7 +239,7 @@ class Pathed(Described):
 
 
 BROKEN_DETECTORS = [
-    (Shouting, "Shouting.name is 'My Detector', expected words of small letters"),
+    (Shouting, "Shouting.name is 'My Detector', expected words of lower-case letters"),
     (Silent, "docstring of Silent: received none"),
     (Lenient, "Config: received no error for an unknown key"),
     (Undecided, "Undecided.Config has no default for threshold"),

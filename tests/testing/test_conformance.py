@@ -35,7 +35,7 @@ BROKEN = [
     *BROKEN_DETECTORS,
     *BROKEN_STAGES,
     *BROKEN_LOCALIZERS,
-    (int, "<class 'int'> is no component: it must subclass one of Dataset"),
+    (int, "<class 'int'> is not a component: it must subclass one of Dataset"),
 ]
 REAL = Path(os.environ.get("SALFRAME_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data")) / "matterport3d"
 

@@ -1,1 +1,1 @@
-"""Components: how they are registered, named, configured, chosen and identified."""
+"""Registration, names, configuration, automatic choice and identity of components."""

@@ -1,4 +1,4 @@
-"""The word `auto` in a slot: the component in it is left to the data, and to what can run on this machine."""
+"""The value `auto` of a slot: the component is chosen by the data and by what can run on this machine."""
 
 from __future__ import annotations
 
@@ -13,34 +13,52 @@ from salframe.framework.errors import InputMissing, PluginFailed, RequirementMis
 
 
 class Choice:
-    """Decides slots that say `auto`: given to `validate`, which then fills them."""
+    """Chooses the components of slots with the value `auto`. Pass it to `validate`."""
 
     def __init__(self, data: str, provides: Callable[[], frozenset[str]]) -> None:
-        """`data`: what messages call the data; provides(): which parts its panoramas have, asked where a slot says
-        `auto`."""
+        """Create a choice for a dataset.
+
+        Args:
+            data: The name of the data in messages.
+            provides: Returns the parts that the panoramas have. It is called only if a slot is `auto`.
+        """
         self._data, self._provides = data, provides
-        self._taken: dict[str, str] = {}
+        self._notes: dict[str, str] = {}
 
     @property
     def notes(self) -> list[str]:
-        """What `auto` became so far, a line for each role."""
-        return list(self._taken.values())
+        """The component chosen for each role so far, one line per role."""
+        return list(self._notes.values())
 
-    def take(self, role: str, added: frozenset[str] = frozenset()) -> type[Component]:
-        """The first component in the role's order that can run here on the data, whose panoramas get the parts `added`.
+    def choose(self, role: str, added: frozenset[str] = frozenset()) -> type[Component]:
+        """Return the first component in the order of the role that can run on this machine and on the data.
 
-        Raises InputMissing that says why each cannot.
+        Args:
+            role: The role of the slot.
+            added: Parts that other components add to the panoramas.
+
+        Raises:
+            InputMissing: No component can run. The message has the reason for each.
         """
         component, remark = first_fit(role, self._provides() | added)
         if component is None:
-            raise InputMissing(f"no {role} of {AUTO!r} can run on {self._data}: {remark}")
-        self._taken[role] = f"{AUTO} took the {role} {component.name}" + (f", which {remark}" if remark else "")
+            raise InputMissing(f"no {role} for {AUTO!r} can run on {self._data}: {remark}")
+        self._notes[role] = f"{AUTO} selected the {role} {component.name}" + (f", which {remark}" if remark else "")
         return component
 
 
 def first_fit(role: str, provides: frozenset[str] | None) -> tuple[type[Component] | None, str]:
-    """The first component in a role's order that can run on panoramas with these parts (None: whatever it needs), with
-    what to say of it; None with the reasons where none can. Names that nobody brings are passed over."""
+    """Return the first component in the order of a role that can run, and a remark on it.
+
+    Names that no plugin provides are skipped.
+
+    Args:
+        role: The role.
+        provides: The parts that the panoramas have. None skips the check of the parts.
+
+    Returns:
+        The component and its remark, or None and the reasons if no component can run.
+    """
     reasons = []
     for name, remark in auto_order(role).items():
         try:
@@ -58,8 +76,10 @@ def first_fit(role: str, provides: frozenset[str] | None) -> tuple[type[Componen
 
 
 def why_unfit(component: type[Component], provides: frozenset[str] | None) -> str | None:
-    """Why a component cannot run, as it is, on panoramas with these parts (None: whatever it needs), None where it
-    can."""
+    """Return why a component with default settings cannot run, or None if it can.
+
+    `provides` are the parts that the panoramas have. None skips the check of the parts.
+    """
     reason = failure_of(lambda: component.check(component.Config()))
     if reason is not None or provides is None:
         return reason
@@ -68,35 +88,33 @@ def why_unfit(component: type[Component], provides: frozenset[str] | None) -> st
 
 
 def needs_of(config: ComponentConfig) -> frozenset[str]:
-    """Which parts panoramas must have for a configured component: those that its class names in `needs`, and the needs
-    of the components in its slots."""
+    """Return the parts of panoramas that a configured component needs: its `needs` and those of its slots."""
     needs = getattr(config.component, "needs", None)
-    own = needs if isinstance(needs, frozenset) else frozenset()
-    return own.union(*(needs_of(inner) for _, inner in components_in(config)))
+    parts = needs if isinstance(needs, frozenset) else frozenset()
+    return parts.union(*(needs_of(inner) for _, inner in components_in(config)))
 
 
 def parts_added(values: Iterable[Any]) -> frozenset[str]:
-    """Which parts panoramas get from the components among the values of settings: those that their class names in
-    `gives`."""
+    """Return the parts that the components among the values of settings add to panoramas: their `gives`."""
     components = (value.component for value in values if isinstance(value, ComponentConfig))
     return frozenset().union(*(getattr(component, "gives", ()) for component in components))
 
 
 class Undecided(Component):
-    """What a slot holds that says `auto`, where no data is known; it cannot be built."""
+    """The component of a slot with the value `auto` while no data is known. It cannot be built."""
 
     name = AUTO
     version = "1"
 
     @classmethod
     def check(cls, config: ComponentConfig) -> None:
-        """Raises RequirementMissing where nothing that it may become could run here, whatever the data."""
+        """Raise RequirementMissing if no component of the role can run on this machine on any data."""
         component, reasons = first_fit(cls.role, None)
         if component is None:
-            raise RequirementMissing(f"no {cls.role} of {AUTO!r} can run here: {reasons}")
+            raise RequirementMissing(f"no {cls.role} for {AUTO!r} can run on this machine: {reasons}")
 
 
 @cache
 def undecided(role: str) -> type[Component]:
-    """`Undecided` of this role."""
+    """Return the class `Undecided` for this role."""
     return type(Undecided.__name__, (Undecided,), {"role": role, "__doc__": Undecided.__doc__})

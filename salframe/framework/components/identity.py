@@ -1,5 +1,7 @@
-"""What a configured component is known by: settings, versions, and the content of the files it reads. Follows from how
-it is declared."""
+"""Identity of configured components: their settings, versions, and the content of the files that they read.
+
+The identity follows from the declaration of a component. It is the key of cached results.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,7 @@ if TYPE_CHECKING:
 
 
 class UserFile(_Path):
-    """A setting that names a file or folder of the user's: its content, not its name, is part of the identity."""
+    """Type of a setting that names a file or folder of the user. Its content, not its name, is part of the identity."""
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
@@ -39,53 +41,71 @@ class UserFile(_Path):
 
 
 def identity(config: ComponentConfig, *, describing: bool = False) -> dict[str, Any]:
-    """What a configured component is known by: role, name, version, settings (those of its slots included), the sha256
-    of every UserFile among them and of the weights in use.
+    """Return the identity of a configured component.
 
-    `describing`: without the settings that matter to matching only, so what a description of a panorama depends on.
+    The identity has the role, name, version and settings, including those of components in slots. It has the sha256 of
+    every UserFile in the settings and of the weights in use.
+
+    Args:
+        config: The configuration.
+        describing: Whether to leave out the settings that affect only matching. The result then identifies the
+            descriptions of panoramas.
+
+    Raises:
+        ConfigError: A file cannot be read.
     """
     component = config.component
-    known = {"role": component.role, "name": component.name, "version": component.version}
-    weights = [file.sha256 for used in component.weights_in_use(config) for file in used.files]
+    component_id = {"role": component.role, "name": component.name, "version": component.version}
+    weights = [file.sha256 for network in component.weights_in_use(config) for file in network.files]
     return {
-        **known,
+        **component_id,
         "settings": settings_identity(config, describing=describing),
         **({"weights": weights} if weights else {}),
     }
 
 
 def matters_to_matching_only(field: FieldInfo) -> bool:
-    """Whether a setting is declared `match_only`: descriptions of panoramas do not depend on it."""
+    """Return whether a setting is declared `match_only`, so that descriptions of panoramas do not depend on it."""
     extra = field.json_schema_extra
     return isinstance(extra, Mapping) and bool(extra.get("match_only"))
 
 
 def matching_settings(model: BaseModel) -> dict[str, Any]:
-    """The settings declared `match_only` whose values are not the defaults."""
+    """Return the settings declared `match_only` whose values differ from the defaults."""
     fields = type(model).model_fields.items()
-    declared = {name: field for name, field in fields if matters_to_matching_only(field)}
-    values = {name: getattr(model, name) for name in declared}
-    return {name: _value(values[name], False) for name in declared if values[name] != declared[name].get_default()}
+    match_fields = {name: field for name, field in fields if matters_to_matching_only(field)}
+    values = {name: getattr(model, name) for name in match_fields}
+    return {name: _value(value, False) for name, value in values.items() if value != match_fields[name].get_default()}
 
 
-def is_as_before(field: FieldInfo, value: Any) -> bool:
-    """Whether a setting is declared `added` and has its default."""
+def has_added_default(field: FieldInfo, value: Any) -> bool:
+    """Return whether a setting is declared `added` and has its default value."""
     extra = field.json_schema_extra
     return isinstance(extra, Mapping) and bool(extra.get("added")) and value == field.default
 
 
 def settings_identity(model: BaseModel, *, describing: bool = False) -> dict[str, Any]:
-    """What a model of settings is known by, as in `identity`: its settings, files by their content, slots by the
-    identity of the component in them. Raises ConfigError on a file that cannot be read."""
-    chosen = {}
+    """Return the settings of a model as they appear in `identity`.
+
+    Files are replaced by their hashes and slots by the identities of their components.
+
+    Raises:
+        ConfigError: A file cannot be read.
+    """
+    settings = {}
     for name, field in type(model).model_fields.items():
         value = getattr(model, name)
-        if name != "kind" and not (describing and matters_to_matching_only(field)) and not is_as_before(field, value):
-            chosen[name] = _value(value, describing)
-    return chosen
+        if (
+            name != "kind"
+            and not (describing and matters_to_matching_only(field))
+            and not has_added_default(field, value)
+        ):
+            settings[name] = _value(value, describing)
+    return settings
 
 
 def _value(value: Any, describing: bool) -> Any:
+    """Return the value of a setting as it appears in the identity, JSON-serializable."""
     if isinstance(value, ComponentConfig):
         return identity(value, describing=describing)
     if isinstance(value, BaseModel):
@@ -96,23 +116,26 @@ def _value(value: Any, describing: bool) -> Any:
         return {str(key): _value(part, describing) for key, part in value.items()}
     if isinstance(value, tuple | list):
         return [_value(part, describing) for part in value]
-    if isinstance(value, set | frozenset):  # their order is another one in every process
+    if isinstance(value, set | frozenset):  # the order of a set differs between processes
         return sorted((_value(part, describing) for part in value), key=lambda part: json.dumps(part, sort_keys=True))
     return to_jsonable_python(value)
 
 
 def content_sha256(path: Path) -> str | None:
-    """Sha256 (hex) of a file, or of the names and contents of all files in a folder; None where there is neither.
+    """Return the sha256 (hex) of a file, or of the names and contents of all files in a folder.
 
-    Raises ConfigError where it cannot be read.
+    Returns None if there is no file or folder of this name.
+
+    Raises:
+        ConfigError: A file cannot be read.
     """
     try:
         if path.is_file():
             return file_sha256(path)
         if not path.is_dir():
             return None
-        inside = sorted(file for file in path.rglob("*") if file.is_file())
-        return digest([[file.relative_to(path).as_posix(), file_sha256(file)] for file in inside])
+        files = sorted(file for file in path.rglob("*") if file.is_file())
+        return digest([[file.relative_to(path).as_posix(), file_sha256(file)] for file in files])
     except DataError as error:
         raise ConfigError(str(error)) from None
     except (OSError, ValueError) as error:

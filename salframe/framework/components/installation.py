@@ -1,4 +1,4 @@
-"""What is installed, what is missing, and what did not load."""
+"""State of the installation: components, packages, weights, and plugins that failed to load."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from salframe.framework.files.weights import ByteProgress, NetworkWeights
 
 
 def environment() -> dict[str, Any]:
-    """Versions of salframe and what it needs, the components at hand, and the machine."""
+    """Return the versions of salframe and its requirements, the installed components, and the machine."""
     requirements = [
         text for text in metadata.requires("salframe") or [] if not re.search(r"extra == .(test|docs)", text)
     ]
@@ -37,27 +37,38 @@ def environment() -> dict[str, Any]:
 
 
 def list_weights(plugins: Registry) -> list[NetworkWeights]:
-    """All weights that registered components declare, by name."""
-    declared = {weights.name: weights for component, _ in plugins for weights in component.weights}
-    return [declared[name] for name in sorted(declared)]
+    """Return all weights that registered components declare, sorted by name."""
+    weights_by_name = {weights.name: weights for component, _ in plugins for weights in component.weights}
+    return [weights_by_name[name] for name in sorted(weights_by_name)]
 
 
 def find_weights(name: str, plugins: Registry) -> NetworkWeights:
-    """The weights of this name. Raises UnknownName."""
-    declared = {weights.name: weights for weights in list_weights(plugins)}
-    if name not in declared:
-        raise UnknownName(unknown("weights", name, sorted(declared)))
-    return declared[name]
+    """Return the weights of this name. Raises UnknownName."""
+    weights_by_name = {weights.name: weights for weights in list_weights(plugins)}
+    if name not in weights_by_name:
+        raise UnknownName(unknown("weights", name, sorted(weights_by_name)))
+    return weights_by_name[name]
 
 
 def fetch_weights(name: str, progress: ByteProgress = lambda done, total: None) -> tuple[Path, ...]:
-    """Download weights into salframe's cache, unless they are at hand, and verify them; their paths. progress(done,
-    total) counts bytes. Raises UnknownName, WeightsMissing where they cannot be had."""
+    """Download weights to the cache of salframe, unless they are installed, and verify them.
+
+    Args:
+        name: The name of the weights.
+        progress: Called with the number of received bytes and the total.
+
+    Returns:
+        The paths of the files.
+
+    Raises:
+        UnknownName: No component declares weights of this name.
+        WeightsMissing: The download failed, or a file is invalid.
+    """
     return find_weights(name, registry()).fetch(progress)
 
 
 def installed_version(package: str) -> str | None:
-    """The version of an installed distribution, None where it is not installed."""
+    """Return the version of a distribution, or None if it is not installed."""
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
@@ -66,8 +77,15 @@ def installed_version(package: str) -> str | None:
 
 @dataclass(frozen=True)
 class ComponentStatus:
-    """A component, or a preset of one by the preset's name; `missing` says why it cannot run here as it is set, None
-    where it can.
+    """A component or a preset, and whether it can run.
+
+    Attributes:
+        role: The role of the component.
+        name: The name of the component or preset.
+        version: The version of the component.
+        package: The package that provides it.
+        summary: The first paragraph of the docstring, on one line.
+        missing: Why it cannot run with its settings on this machine. None if it can.
     """
 
     role: str
@@ -79,13 +97,13 @@ class ComponentStatus:
 
 
 def list_components() -> Iterator[ComponentStatus]:
-    """Every registered component by role and name. Imports nothing that a component would import to run."""
+    """Yield every registered component by role and name. Does not import the packages that components require."""
     for component, package in registry():
         yield _status(component.name, package, component, {"kind": component.name})
 
 
 def list_names(role: str) -> Iterator[ComponentStatus]:
-    """Everything that names a component of a role, by name: presets, and components as they are."""
+    """Yield every preset and component of a role, sorted by name."""
     packages = {component.name: package for component, package in registry() if component.role == role}
     packages |= preset_names(role)
     for name in names(role):
@@ -104,7 +122,7 @@ def _status(name: str, package: str, component: type[Component], content: Mappin
 
 
 def summary_of(component: type[Component]) -> str:
-    """The first paragraph of a component's docstring, on one line."""
+    """Return the first paragraph of the docstring of a component, on one line."""
     return " ".join((component.__doc__ or "").strip().partition("\n\n")[0].split())
 
 
@@ -112,8 +130,12 @@ def summary_of(component: type[Component]) -> str:
 class Diagnosis:
     """The state of an installation.
 
-    environment: see `environment`; failures: plugins that did not load; weights: name -> what is missing, None where
-    they are at hand.
+    Attributes:
+        environment: Versions, components and machine, see `environment`.
+        failures: Plugins that failed to load.
+        cache: The cache folder.
+        cache_bytes: The size of the cache folder in bytes.
+        weights: For each name of weights why they are missing, None if they are installed.
     """
 
     environment: dict[str, Any]
@@ -124,18 +146,20 @@ class Diagnosis:
 
     @property
     def healthy(self) -> bool:
-        """Whether every plugin loaded. Weights that are not at hand are no fault."""
+        """Whether every plugin loaded. Missing weights do not count."""
         return not self.failures
 
 
 def diagnose() -> Diagnosis:
-    """Look at the installation. Changes nothing."""
+    """Return the state of the installation, without changing it."""
     weights = {entry.name: failure_of(entry.paths) for entry in list_weights(registry())}
     return Diagnosis(environment(), tuple(registry().failures), cache_home(), folder_bytes(cache_home()), weights)
 
 
 def folder_bytes(folder: Path) -> int:
-    """Bytes of all files in a folder and the folders in it, each counted once that is found under several paths; 0
-    where there is none."""
-    found = (os.stat(os.path.join(root, name)) for root, _, names in os.walk(folder) for name in names)
-    return sum({(file.st_dev, file.st_ino): file.st_size for file in found}.values())
+    """Return the total size of the files in a folder and its subfolders, in bytes.
+
+    Files with several hard links count once. The size of a missing folder is 0.
+    """
+    files = (os.stat(os.path.join(root, name)) for root, _, names in os.walk(folder) for name in names)
+    return sum({(file.st_dev, file.st_ino): file.st_size for file in files}.values())

@@ -1,5 +1,4 @@
-"""Names and settings from outside: presets that plugins ship, YAML files, registered components, `key.path=value`
-overrides."""
+"""Settings by name: presets of plugins, YAML files and registered components, with `key.path=value` overrides."""
 
 from __future__ import annotations
 
@@ -15,32 +14,35 @@ from salframe.framework.errors import ConfigError, UnknownName, unknown
 from salframe.framework.validation import validate
 
 SUFFIXES = (".yaml", ".yml")
-"""A name that ends so is a file of settings."""
+"""Suffixes of names that are files of settings."""
 
 Pairs = Iterable[tuple[tuple[str, ...], Any]]
-"""Settings given by dotted key, as `parse_override` reads them."""
+"""Settings as pairs of a dotted key and a value, as returned by `parse_override`."""
 
 
 def preset_names(role: str) -> dict[str, str]:
-    """Name -> package of the presets shipped for a role, sorted."""
+    """Return name -> package of the presets of a role, sorted."""
     folder = registry().roles[role].presets
     return {} if folder is None else registry().list_presets(folder)
 
 
 def names(role: str) -> list[str]:
-    """Every name that `settings` takes for a role: presets and registered components, sorted."""
+    """Return the names of the presets and registered components of a role, sorted."""
     return sorted({*preset_names(role), *registry().names(role)})
 
 
 def short_name(name: str) -> str:
-    """What a preset, a component or a file of settings is called in tables: the file's name without its suffix."""
+    """Return the name used in tables: the name of a preset or component, or of a file without its suffix."""
     return Path(name).stem if name.endswith(SUFFIXES) else name
 
 
 def settings(role: str, name: str) -> dict[str, Any]:
-    """The settings a name stands for: those of a YAML file, those of a preset, or the bare component.
+    """Return the settings of a YAML file, of a preset, or of a component (only its `kind`).
 
-    Raises UnknownName with the closest name, PluginFailed where a broken plugin may hold it, ConfigError on a bad file.
+    Raises:
+        UnknownName: There is no such name. The message has the closest one.
+        PluginFailed: A plugin that may provide the name failed to load.
+        ConfigError: The file is invalid.
     """
     content = _preset(role, name)
     if content is not None:
@@ -54,13 +56,13 @@ def settings(role: str, name: str) -> dict[str, Any]:
 
 
 def otherwise(role: str, name: str) -> str | None:
-    """The preset that takes the place of one that cannot run here, where that one names it."""
+    """Return the preset to use if the preset `name` cannot run on this machine, or None if it names none."""
     content = _preset(role, name)
     return None if content is None else content.get(OTHERWISE)
 
 
 def _preset(role: str, name: str) -> dict[str, Any] | None:
-    """The content of a YAML file or of the preset of this name, None where there is neither."""
+    """Return the content of a YAML file or of a preset, or None if there is neither."""
     if name.endswith(SUFFIXES):
         content = read_yaml(Path(name))
         check_preset(content, name, role)
@@ -77,10 +79,18 @@ def configure(
     overrides: Iterable[Mapping[str, Any]] = (),
     choice: Choice | None = None,
 ) -> ComponentConfig:
-    """The validated configuration of `content`, the settings that `name` stands for, with overrides laid on top.
+    """Return a validated configuration.
 
-    `choice` decides slots that say `auto`, which stay undecided without. Raises ConfigError, and InputMissing where
-    nothing that `auto` may become can run.
+    Args:
+        role: The role of the component.
+        name: The name of the settings. It is the name of the component if `content` has no `kind`.
+        content: The settings.
+        overrides: Settings that replace those of `content`.
+        choice: Fills the slots with the value `auto`. Without it, these slots remain undecided.
+
+    Raises:
+        ConfigError: A setting is invalid.
+        InputMissing: No component can fill a slot with the value `auto`.
     """
     for override in overrides:
         content = merge(content, override)
@@ -90,52 +100,70 @@ def configure(
 def configure_default(
     role: str, name: str, overrides: Iterable[Mapping[str, Any]] = (), choice: Choice | None = None
 ) -> ComponentConfig:
-    """`configure` with the settings that `name` itself stands for."""
+    """Return the validated configuration of `name`, see `configure` and `settings`."""
     return configure(role, name, settings(role, name), overrides, choice)
 
 
-def nest_for(given: Pairs, scopes: Sequence[str]) -> dict[str, list[dict[str, Any]]]:
-    """Settings given by dotted key as nested mappings, by the first word of the key. Raises ConfigError on another."""
-    nested: dict[str, list[dict[str, Any]]] = {scope: [] for scope in scopes}
-    for path, value in given:
-        if path[0] not in nested or len(path) < 2:
+def nest_for(pairs: Pairs, scopes: Sequence[str]) -> dict[str, list[dict[str, Any]]]:
+    """Return settings as nested mappings, grouped by the first part of their dotted key.
+
+    Raises:
+        ConfigError: The first part of a key is not one of `scopes`, or is the only one.
+    """
+    by_scope: dict[str, list[dict[str, Any]]] = {scope: [] for scope in scopes}
+    for path, value in pairs:
+        if path[0] not in by_scope or len(path) < 2:
             expected = " or ".join(f"{scope}.KEY" for scope in scopes)
             raise ConfigError(f"received the setting {'.'.join(path)}, expected {expected}")
-        nested[path[0]].append(nest(path[1:], value))
-    return nested
+        by_scope[path[0]].append(nest(path[1:], value))
+    return by_scope
 
 
 class Overrides:
-    """Settings given by dotted key, sorted by whom they are for, each a list of nested mappings.
+    """Settings by dotted key, assigned to scopes and methods.
 
-    A key that begins with one of the `scopes` (`data.…`, `engine.…`) is for what that names, `METHOD.…` for that
-    method, anything else for every method that has such a key.
+    A key that starts with a scope (`data.…`, `engine.…`) is assigned to that scope, and `METHOD.…` to that method. Any
+    other key is assigned to every method that has it.
+
+    Attributes:
+        scopes: For each scope the list of its settings as nested mappings.
+        methods: For each method the list of its settings as nested mappings.
     """
 
     def __init__(
-        self, given: Pairs, methods: Mapping[str, Mapping[str, Any]], *, role: str, scopes: Sequence[str]
+        self, pairs: Pairs, methods: Mapping[str, Mapping[str, Any]], *, role: str, scopes: Sequence[str]
     ) -> None:
-        """`methods`: settings of components of `role` by name. Raises ConfigError on a key nobody has."""
+        """Assign settings to scopes and methods.
+
+        Args:
+            pairs: The settings.
+            methods: The settings of components of `role`, by name.
+            role: The role of the methods.
+            scopes: The names of the scopes.
+
+        Raises:
+            ConfigError: No method has a key.
+        """
         self.scopes: dict[str, list[dict[str, Any]]] = {scope: [] for scope in scopes}
         self.methods: dict[str, list[dict[str, Any]]] = {name: [] for name in methods}
         self._role = role
-        for path, value in given:
+        for path, value in pairs:
             scope, rest = path[0], path[1:]
             if scope in self.scopes and rest:
                 self.scopes[scope].append(nest(rest, value))
             elif scope in methods and rest:
                 self.methods[scope].append(nest(rest, value))
             else:
-                self._give_all(path, value, methods)
+                self._assign_to_all(path, value, methods)
 
-    def _give_all(self, path: tuple[str, ...], value: Any, methods: Mapping[str, Mapping[str, Any]]) -> None:
+    def _assign_to_all(self, path: tuple[str, ...], value: Any, methods: Mapping[str, Mapping[str, Any]]) -> None:
         keys = {name: self._keys(name, content) for name, content in methods.items()}
-        takers = [name for name in methods if path[0] in keys[name]]
-        if not takers:
+        receivers = [name for name in methods if path[0] in keys[name]]
+        if not receivers:
             scopes = [f"{scope}.KEY" for scope in (*self.scopes, *methods)]
-            known = sorted({*scopes, *(key for of_method in keys.values() for key in of_method)})
+            known = sorted({*scopes, *(key for method_keys in keys.values() for key in method_keys)})
             raise ConfigError(f"received the setting {'.'.join(path)}: {unknown('key', path[0], known)}")
-        for name in takers:
+        for name in receivers:
             self.methods[name].append(nest(path, value))
 
     def _keys(self, name: str, content: Mapping[str, Any]) -> list[str]:

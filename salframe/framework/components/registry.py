@@ -1,4 +1,4 @@
-"""Finding what plugins bring: guarded discovery, checks at registration, and errors that say what to do."""
+"""Registry of roles, components and presets: guarded loading of plugins, and checks at registration."""
 
 from __future__ import annotations
 
@@ -25,18 +25,24 @@ from salframe.framework.files.weights import NetworkWeights
 from salframe.framework.hookspecs import Presets
 
 BUILTIN = "salframe.builtin"
-"""The core as a plugin; it is always there."""
+"""Module of the built-in plugin of salframe, which is always loaded."""
 KEBAB = r"[a-z0-9]+(-[a-z0-9]+)*"
+"""Pattern of the names of components and commands."""
 FOLDERS = ("methods", "data", "ablations")
-"""Folders of presets that stand first in listings."""
+"""Folders of presets that come first in listings."""
 OTHERWISE = "otherwise"
-"""The key under which a preset names another one."""
+"""Key of a preset that names the preset to use if it cannot run."""
 
 
 @dataclass(frozen=True)
 class Failure:
-    """A plugin that could not be loaded, or a preset of one: its entry point, or FOLDER/NAME.yaml; the package that
-    declares it; the exception in one line."""
+    """A plugin or preset that failed to load.
+
+    Attributes:
+        plugin: The name of the entry point of the plugin, or FOLDER/NAME.yaml of the preset.
+        package: The package that declares it.
+        reason: The exception in one line.
+    """
 
     plugin: str
     package: str
@@ -47,7 +53,12 @@ class Failure:
 
 
 class Registry:
-    """Roles by name, components by (role, name), presets by (folder, name), and the plugins that failed."""
+    """The roles, components and presets of all loaded plugins.
+
+    Attributes:
+        roles: The roles by name.
+        failures: The plugins and presets that failed to load.
+    """
 
     def __init__(self) -> None:
         self.roles: dict[str, type[Role]] = {}
@@ -58,19 +69,23 @@ class Registry:
         self._manager.add_hookspecs(hookspecs)
 
     def load(self, entry_point: EntryPoint) -> None:
-        """Import one plugin and take in what it brings; what goes wrong is kept in `failures`, never raised."""
+        """Import a plugin and register its items. An exception is added to `failures` and not raised."""
         package = _package(entry_point)
         try:
             for item in self.call(entry_point, "salframe_provides"):
                 self.add(item, package)
         except KeyboardInterrupt:
             raise
-        except BaseException as error:  # whatever a plugin raises is the plugin's; it must not stop the others
+        except BaseException as error:  # an error of one plugin must not affect the others
             self.failures.append(Failure(entry_point.name, package, describe_error(error)))
 
     def call(self, entry_point: EntryPoint, hook: str) -> Any:
-        """What the hook of one plugin gives; an empty list where it has none. Raises SalframeError on a function of the
-        hook's name that is not marked as one, and whatever the plugin raises."""
+        """Return the result of a hook of a plugin, or an empty list if the plugin has no such hook.
+
+        Raises:
+            SalframeError: A function has the name of the hook, but is not marked as a hook.
+            BaseException: Any exception of the plugin.
+        """
         plugin: Any = entry_point.load()
         if not self._manager.is_registered(plugin):
             self._manager.register(plugin, name=f"{_package(entry_point)}:{entry_point.name}")
@@ -78,13 +93,16 @@ class Registry:
             if implementation.plugin is plugin:
                 return cast(Any, implementation.function())
         if hasattr(plugin, hook):
-            raise SalframeError(f"{hook} of {plugin.__name__} is no hook: mark it with @salframe.hookimpl")
+            raise SalframeError(f"{hook} of {plugin.__name__} is not a hook: mark it with @salframe.hookimpl")
         return []
 
     def add(self, item: type[Component] | Presets, package: str) -> None:
-        """Register a component, a role or presets. Raises SalframeError on what is none of them or already taken.
+        """Register a component, a role or presets.
 
-        A preset whose file is faulty is kept in `failures`.
+        An invalid preset is added to `failures`.
+
+        Raises:
+            SalframeError: The item is invalid, or its name is already registered.
         """
         if isinstance(item, Presets):
             self._add_presets(item, package)
@@ -92,7 +110,7 @@ class Registry:
             self._add_role(cast(type[Role], item), package)
         else:
             for base in getattr(item, "__mro__", ()):
-                if is_role(base):  # the plugin that brings it may come later: plugins load in the order of their names
+                if is_role(base):  # plugins load in the order of their names, so that of the role may load later
                     self.add(base, package)
             check_declaration(item, self.roles)
             key = (item.role, item.name)
@@ -109,9 +127,11 @@ class Registry:
             if not (isinstance(value, str) or (attribute == "presets" and value is None)):
                 raise SalframeError(f"{role.__qualname__}.{attribute} of {package} is {value!r}, expected text")
         if role.role in self.roles:
-            raise SalframeError(f"the role {role.role!r} of {package} is already there: {self.roles[role.role]}")
+            raise SalframeError(f"the role {role.role!r} of {package} is already registered: {self.roles[role.role]}")
         self.roles[role.role] = role
-        for (folder, name), (path, owner) in list(self._presets.items()):  # its presets may have come before it
+        for (folder, name), (path, owner) in list(
+            self._presets.items()
+        ):  # its presets may be registered before the role
             if folder == role.presets:
                 del self._presets[folder, name]
                 self._add_preset(path, owner)
@@ -120,7 +140,7 @@ class Registry:
         paths = sorted(presets.folder.glob("*/*.yaml"))
         for path in paths:
             if (key := (path.parent.name, path.stem)) in self._presets:
-                raise SalframeError(f"the preset {path} of {package} is already there: {self._presets[key][0]}")
+                raise SalframeError(f"the preset {path} of {package} is already registered: {self._presets[key][0]}")
         for path in paths:
             self._add_preset(path, package)
 
@@ -137,47 +157,53 @@ class Registry:
             self._presets[folder, path.stem] = path, package
 
     def find_preset(self, folder: str, name: str) -> Path | None:
-        """The file of a preset in methods/, data/ or another folder of presets, None where no plugin ships it.
+        """Return the file of a preset in a folder such as methods/ or data/, or None if there is none.
 
-        Raises PluginFailed where that file is faulty.
+        Raises:
+            PluginFailed: The file is invalid.
         """
         if (folder, name) in self._presets:
             return self._presets[folder, name][0]
         for failure in self.failures:
             if failure.plugin == f"{folder}/{name}.yaml":
-                raise PluginFailed(f"the preset {failure.plugin} of {failure.package} is faulty: {failure.reason}")
+                raise PluginFailed(f"the preset {failure.plugin} of {failure.package} is invalid: {failure.reason}")
         return None
 
     def preset_files(self) -> list[tuple[Path, str]]:
-        """(file, package) of every preset by folder and name: methods, data and ablations before other folders."""
+        """Return (file, package) of every preset, sorted by folder and name. The folders in FOLDERS come first."""
         order = {folder: number for number, folder in enumerate(FOLDERS)}
         keys = sorted(self._presets, key=lambda key: (order.get(key[0], len(order)), key))
         return [self._presets[key] for key in keys]
 
     def list_presets(self, folder: str) -> dict[str, str]:
-        """Name -> package of the presets in a folder of the collections, sorted."""
+        """Return name -> package of the presets in a folder such as methods/, sorted."""
         return {path.stem: package for path, package in self.preset_files() if path.parent.name == folder}
 
     def __iter__(self) -> Iterator[tuple[type[Component], str]]:
-        """(class, package) of every component, by role and name."""
+        """Iterate over (class, package) of every component, sorted by role and name."""
         order = list(self.roles)
         return iter(sorted(self._components.values(), key=lambda entry: (order.index(entry[0].role), entry[0].name)))
 
     def names(self, role: str) -> list[str]:
-        """The names registered for a role, sorted."""
+        """Return the names of the components of a role, sorted."""
         return sorted(name for kind, name in self._components if kind == role)
 
     def get(self, role: str, name: str) -> type[Component]:
-        """The class of this role and name. Raises PluginFailed where a broken plugin may hold it, ConfigError on `auto`
-        where the role has one, UnknownName otherwise."""
-        if not isinstance(name, str):  # a `kind` of a YAML file may be anything
+        """Return the component class of a role and name.
+
+        Raises:
+            PluginFailed: A plugin that may provide the component failed to load.
+            ConfigError: The name is `auto`, which cannot be resolved without data.
+            UnknownName: No plugin provides the component.
+        """
+        if not isinstance(name, str):  # the `kind` in a YAML file may have any type
             raise UnknownName(f"received {name!r}, expected the name of a {role}: {', '.join(self.names(role))}")
         if (role, name) in self._components:
             return self._components[role, name][0]
         if name == AUTO and (order := auto_order(role)):
             raise ConfigError(
-                f"the {role} is {AUTO!r}, and no data is known that decides it: "
-                f"name a {role} ({', '.join(order)}, ...), or give the data"
+                f"the {role} is {AUTO!r}, which needs data to choose from: "
+                f"name a {role} ({', '.join(order)}, ...), or specify the data"
             )
         for failure in self.failures:
             if name in (failure.plugin, failure.package):
@@ -188,33 +214,36 @@ class Registry:
         raise UnknownName(unknown(role, name, self.names(role), self.failures))
 
     def build(self, role: str, config: ComponentConfig) -> Any:
-        """An instance of the component a slot's config names."""
+        """Return an instance of the component that a configuration names."""
         return self.get(role, config.kind)(config)
 
 
 def _package(entry_point: EntryPoint) -> str:
+    """Return the package that declares an entry point."""
     if entry_point.value == BUILTIN:
         return "salframe"
     return entry_point.dist.name if entry_point.dist else entry_point.value
 
 
 def check_declaration(component: Any, roles: dict[str, type[Role]]) -> None:
-    """Raise SalframeError on a class whose declaration would break whatever lists or configures it."""
+    """Raise SalframeError if the declaration of a component is invalid."""
     if not (
         isinstance(component, type) and issubclass(component, Component) and getattr(component, "role", None) in roles
     ):
         expected = ", ".join(role.__name__ for role in roles.values())
-        raise SalframeError(f"{component!r} is no component: it must subclass one of {expected}")
+        raise SalframeError(f"{component!r} is not a component: it must subclass one of {expected}")
     where = component.__qualname__
     absent = [attribute for attribute in ("name", "version") if not hasattr(component, attribute)]
     if absent:
         raise SalframeError(f"{where} has no {' and no '.join(absent)}")
     if not isinstance(component.name, str) or re.fullmatch(KEBAB, component.name) is None:
         raise SalframeError(
-            f"{where}.name is {component.name!r}, expected words of small letters and digits joined by hyphens"
+            f"{where}.name is {component.name!r}, expected words of lower-case letters and digits joined by hyphens"
         )
     if component.name == AUTO:
-        raise SalframeError(f"{where}.name is {AUTO!r}, which slots say that leave their component to the data")
+        raise SalframeError(
+            f"{where}.name is {AUTO!r}, which is reserved for slots whose component is chosen by the data"
+        )
     for attribute in ("version", "extra"):
         if not isinstance(getattr(component, attribute), str):
             raise SalframeError(f"{where}.{attribute} is {getattr(component, attribute)!r}, expected text")
@@ -244,7 +273,7 @@ def _check_settings(component: type[Component], where: str) -> None:
     if unordered:
         raise SalframeError(
             f"{where}.Config has a set for {', '.join(unordered)}, expected a tuple: settings are written to files, "
-            "and a set has another order in every process"
+            "and the order of a set differs between processes"
         )
     try:
         json.dumps(defaults.model_dump(mode="json", warnings=False))
@@ -265,9 +294,12 @@ def _holds_set(value: Any) -> bool:
 
 
 def check_preset(content: Mapping[str, Any], where: str, role: str) -> None:
-    """Raise ConfigError on settings of a component of `role` that do not name it, or whose `otherwise` is no name.
+    """Raise ConfigError if a preset has no `kind`, or if its `otherwise` is not a name.
 
-    `where` they stand: the file.
+    Args:
+        content: The settings.
+        where: The file, for messages.
+        role: The role of the component.
     """
     if not isinstance(content.get("kind"), str):
         raise ConfigError(f"{where} has no `kind`, expected the name of a {role} and its settings")
@@ -278,25 +310,28 @@ def check_preset(content: Mapping[str, Any], where: str, role: str) -> None:
 
 @cache
 def registry() -> Registry:
-    """All that is installed. `SALFRAME_PLUGINS=module,...` replaces discovery by these modules; the core's own is
-    always there."""
-    found = Registry()
+    """Return the registry of all installed plugins.
+
+    The environment variable `SALFRAME_PLUGINS=module,...` replaces the installed plugins by modules. The built-in
+    plugin is always loaded.
+    """
+    plugins = Registry()
     for entry_point in [EntryPoint("builtin", BUILTIN, GROUP), *discover(GROUP)]:
-        found.load(entry_point)
-    return found
+        plugins.load(entry_point)
+    return plugins
 
 
 def load_commands() -> tuple[dict[str, tuple[Any, str]], list[Failure]]:
-    """Command -> (function or app, package) of every plugin that brings some, and the plugins that failed."""
-    found = Registry()
+    """Return name -> (function or typer app, package) of the commands of all plugins, and the plugins that failed."""
+    plugins = Registry()
     commands: dict[str, tuple[Any, str]] = {}
     for entry_point in discover(COMMANDS):
         package = _package(entry_point)
         try:
-            for name, command in dict(found.call(entry_point, "salframe_commands")).items():
+            for name, command in dict(plugins.call(entry_point, "salframe_commands")).items():
                 if not (isinstance(name, str) and re.fullmatch(KEBAB, name) and callable(command)):
                     raise SalframeError(
-                        f"{name!r}: {command!r} is no command, expected a kebab-case name and a function"
+                        f"{name!r}: {command!r} is not a command, expected a kebab-case name and a function"
                     )
                 if name in commands:
                     raise SalframeError(f"the command {name!r} of {package} is already provided by {commands[name][1]}")
@@ -304,5 +339,5 @@ def load_commands() -> tuple[dict[str, tuple[Any, str]], list[Failure]]:
         except KeyboardInterrupt:
             raise
         except BaseException as error:
-            found.failures.append(Failure(entry_point.name, package, describe_error(error)))
-    return commands, found.failures
+            plugins.failures.append(Failure(entry_point.name, package, describe_error(error)))
+    return commands, plugins.failures

@@ -1,4 +1,4 @@
-"""A configuration as rows to read: every setting with its value, default, type and help."""
+"""Listing of a configuration: every setting with its value, default, type and help."""
 
 from __future__ import annotations
 
@@ -19,11 +19,18 @@ BOUNDS = {"ge": "at least", "gt": "over", "le": "at most", "lt": "under"}
 
 @dataclass(frozen=True)
 class Setting:
-    """One setting: its dotted key as `--set` takes it, its value, its default, its type, and its help.
+    """One setting of a configuration.
 
-    Of a slot, value and default are names of components and the type is their role ("ROLE | null" of an empty one); the
-    settings of the component in it come next. Where a field holds several components their settings follow too, under
-    `key[0]` and so on, which are set in the list.
+    The value and the default of a slot are names of components, and its type is their role ("ROLE | null" for an
+    optional slot). The settings of the component in the slot follow it. The settings of several components in one field
+    follow under `key[0]` and so on. Set these in the list, not by their key.
+
+    Attributes:
+        key: The dotted key for `--set`.
+        value: The value, as in YAML.
+        default: The default.
+        type: The type and bounds, in words.
+        help: The description of the setting.
     """
 
     key: str
@@ -34,7 +41,7 @@ class Setting:
 
 
 def list_settings(config: BaseModel, prefix: str = "") -> Iterator[Setting]:
-    """The settings of a configuration and of what is nested in it. Values are as in YAML."""
+    """Yield the settings of a configuration and of the models and components in it. Values are as in YAML."""
     plain = config.model_dump(mode="json")
     defaults = type(config).model_construct().model_dump(mode="json", warnings=False)
     for name, field in type(config).model_fields.items():
@@ -44,10 +51,10 @@ def list_settings(config: BaseModel, prefix: str = "") -> Iterator[Setting]:
         if isinstance(value, ComponentConfig):
             yield Setting(key, value.kind, _kind(defaults[name]), _slot_type(field, value.component.role), help)
         elif holds_components(value):
-            chosen = [one.kind for one in value]
-            yield Setting(key, chosen, [one["kind"] for one in defaults[name]], f"{value[0].component.role}, ...", help)
-            for number, one in enumerate(value):
-                yield from list_settings(one, f"{key}[{number}].")
+            kinds, default_kinds = [item.kind for item in value], [item["kind"] for item in defaults[name]]
+            yield Setting(key, kinds, default_kinds, f"{value[0].component.role}, ...", help)
+            for number, item in enumerate(value):
+                yield from list_settings(item, f"{key}[{number}].")
         elif not isinstance(value, BaseModel):
             yield Setting(key, plain[name], _kind(defaults.get(name)), _type(field), help)
         if isinstance(value, BaseModel):
@@ -55,12 +62,12 @@ def list_settings(config: BaseModel, prefix: str = "") -> Iterator[Setting]:
 
 
 def spell_value(value: Any) -> str:
-    """A value of a setting in words: strings as they are, otherwise JSON."""
+    """Return the value of a setting as text: a string unchanged, any other value as JSON."""
     return value if isinstance(value, str) else json.dumps(value)
 
 
 def _kind(default: Any) -> Any:
-    """A default, of a slot the name of its component."""
+    """Return a default; for a slot, the name of its component."""
     return default["kind"] if isinstance(default, Mapping) and "kind" in default else default
 
 

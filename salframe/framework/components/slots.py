@@ -1,4 +1,4 @@
-"""Config fields that hold a component: filled by name, from whatever plugins are installed."""
+"""Slots: config fields that hold a component, which is named by the user and provided by any installed plugin."""
 
 from __future__ import annotations
 
@@ -23,13 +23,21 @@ def slot(
     optional: bool = False,
     description: str | None = None,
 ) -> Any:
-    """The type of a config field that holds a component of `role`: `detector: slot("detector", "annotations")`.
+    """Return the type of a config field that holds a component of a role.
 
-    It accepts a name, a mapping (its `kind` may be left out: then it is `default`), or a component's Config, asks the
-    registry and validates with that component's own Config. The name may be `auto` where configs/defaults.yaml has an
-    order for the role; parts that components in slots declared before it add to panoramas count as there. Without a
-    `default`, that of configs/defaults.yaml for the role; `match_only` as in the function of that name. `optional`: it
-    may hold None too, and does unless it is set or has a `default`.
+    Example: `detector: slot("detector", "annotations")`.
+
+    The field accepts the name of a component, a mapping with its settings, or its Config. A mapping without `kind` is
+    for the default component. The value is validated with the Config of the component. The name `auto` is allowed if
+    configs/defaults.yaml has an order for the role; the parts that components in earlier slots add to panoramas then
+    count as present.
+
+    Args:
+        role: The role.
+        default: The name of the default component. None for the default of the role in configs/defaults.yaml.
+        match_only: Whether the component affects only matching, see the function `match_only`.
+        optional: Whether the field may be None. It is None by default if there is no `default`.
+        description: The help text.
     """
 
     def kind() -> str:
@@ -41,31 +49,34 @@ def slot(
         return _fill(role, kind(), value, info)
 
     order = auto_order(role)
-    by_data = f"{AUTO}: the first of {', '.join(order)} that can run here on the data" if order else None
+    auto_description = (
+        f"{AUTO}: the first of {', '.join(order)} that can run on this machine and on the data" if order else None
+    )
     field = Field(
         default_factory=lambda: None if optional and default is None else {"kind": kind()},
         validate_default=True,
         json_schema_extra={ROLE: role, **({"match_only": True} if match_only else {})},
-        description=description or by_data,
+        description=description or auto_description,
     )
-    held: Any = SerializeAsAny[ComponentConfig]
-    return Annotated[held | None if optional else held, BeforeValidator(resolve), field]
+    config: Any = SerializeAsAny[ComponentConfig]
+    return Annotated[config | None if optional else config, BeforeValidator(resolve), field]
 
 
 def slots(role: str, default: tuple[str, ...], description: str) -> Any:
-    """The type of a config field that holds several components of `role`, at least one, in order:
-    `of: slots("detector", ("segments", "onnx"), "the detectors to unite")`.
+    """Return the type of a config field that holds an ordered list of at least one component of a role.
 
-    It accepts a list; each entry is what a `slot` accepts, and a mapping names its `kind`.
+    Example: `of: slots("detector", ("segments", "onnx"), "the detectors to unite")`.
+
+    The field accepts a list. Each entry is a value that a `slot` accepts; a mapping must have a `kind`.
     """
 
     def resolve(value: Any, info: ValidationInfo) -> tuple[ComponentConfig, ...]:
         if not isinstance(value, list | tuple) or not value:
             raise ValueError(f"received {value!r}, expected a list of at least one {role}")
-        nameless = [one for one in value if isinstance(one, Mapping) and "kind" not in one]
-        if nameless:
-            raise ValueError(f"received {nameless[0]!r}, expected a `kind` that names a {role}, and its settings")
-        return tuple(_fill(role, "", one, info) for one in value)
+        unnamed = [entry for entry in value if isinstance(entry, Mapping) and "kind" not in entry]
+        if unnamed:
+            raise ValueError(f"received {unnamed[0]!r}, expected a `kind` that names a {role}, and its settings")
+        return tuple(_fill(role, "", entry, info) for entry in value)
 
     field = Field(
         default_factory=lambda: tuple({"kind": name} for name in default),
@@ -76,8 +87,13 @@ def slots(role: str, default: tuple[str, ...], description: str) -> Any:
 
 
 def _fill(role: str, default: str, value: Any, info: ValidationInfo) -> ComponentConfig:
-    """The configuration of the component that a value of a slot stands for. Raises ConfigError, UnknownName, and
-    InputMissing where nothing that `auto` may become can run."""
+    """Return the configuration of the component that the value of a slot names.
+
+    Raises:
+        ConfigError: A setting is invalid.
+        UnknownName: There is no such component.
+        InputMissing: No component can fill a slot with the value `auto`.
+    """
     choice: Choice | None = info.context
     if isinstance(value, ComponentConfig):
         if value.kind != AUTO or choice is None:
@@ -94,12 +110,12 @@ def _fill(role: str, default: str, value: Any, info: ValidationInfo) -> Componen
         if len(value) > 1:
             keys = ", ".join(f"{role}.{key}" for key in value if key != "kind")
             raise ConfigError(
-                f"received {keys}, and no data is known that decides which {role} 'auto' is: "
-                f"name one of {', '.join(auto_order(role))}, or give the data"
+                f"received {keys}, but {role} 'auto' needs data to choose from: "
+                f"name one of {', '.join(auto_order(role))}, or specify the data"
             )
         return undecided(role).Config()
-    component = choice.take(role, parts_added(info.data.values()))
+    component = choice.choose(role, parts_added(info.data.values()))
     try:
         return validate(component.Config, {**value, "kind": component.name}, role, choice)
     except ConfigError as error:
-        raise ConfigError(f"{error}; auto took the {role} {component.name!r} here") from None
+        raise ConfigError(f"{error}; auto selected the {role} {component.name!r}") from None

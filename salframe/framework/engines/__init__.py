@@ -1,1 +1,1 @@
-"""Engines: how independent pieces of work are run, and the processes that run them."""
+"""Engines, which run independent work items, and their worker processes."""

@@ -1,4 +1,4 @@
-"""The role `engine`: how independent pieces of work are run."""
+"""The role `engine`, which runs independent work items."""
 
 from __future__ import annotations
 
@@ -14,43 +14,63 @@ from salframe.framework.errors import WorkerDied
 
 
 class Engine(Role):
-    """Runs independent pieces of work: in this process, in others, on many machines.
+    """Runs independent work items in this process, in worker processes, or on several machines.
 
-    All that is many pieces goes through one: frames to render or to describe, and shares of a method's questions. Its
-    setting `workers`, where it has one, is how many are worked on at a time.
+    Work items are frames to render, frames to describe, and parts of the queries of a method. The setting `workers`, if
+    an engine has it, is the number of worker processes.
+
+    Attributes:
+        isolates: Whether items run in other processes, where a crash affects only the current item.
     """
 
     role = "engine"
     isolates: ClassVar[bool] = False
-    """Whether items are worked on in other processes, where the end of one costs the item at hand alone."""
 
     @property
     def workers(self) -> int | None:
-        """How many items are worked on at a time, where that is set; None: as many as it sees fit, one of those whose
-        time is measured."""
+        """Number of worker processes, 1 without the setting. None: chosen by the engine, one if times are measured."""
         return getattr(self.config, "workers", 1)
 
     @abstractmethod
     def map(self, function: Callable[[Any], Any], items: Sequence[Any]) -> Iterator[Any]:
-        """function(item) for each item, in order; function and items must be picklable.
+        """Yield function(item) for each item, in order.
 
-        An item that raises costs itself only: the value yielded for it is the exception, WorkerDied where its process
-        ended. Processes are of this call alone: what is kept in one from item to item ends with the call.
+        The worker processes end with the call, and so does any state that they have.
+
+        Args:
+            function: A picklable function.
+            items: Picklable items.
+
+        Yields:
+            The result of each item. If an item raises, its result is the exception, and the other items are not
+            affected. If its process ended, the result is WorkerDied.
         """
 
     def try_all(self, function: Callable[[Any], Any], items: Sequence[Any]) -> Iterator[Any]:
-        """The answers of `map`, where an item whose worker died is tried once more, after all others."""
-        died = []
-        for item, answer in zip(items, self.map(function, items), strict=True):
-            if isinstance(answer, WorkerDied):
-                died.append(item)
+        """Yield the results of `map`, and retry each item whose worker died once, after all others.
+
+        The results of the retried items come last.
+        """
+        retries = []
+        for item, result in zip(items, self.map(function, items), strict=True):
+            if isinstance(result, WorkerDied):
+                retries.append(item)
             else:
-                yield answer
-        yield from self.map(function, died)
+                yield result
+        yield from self.map(function, retries)
 
 
 def open_engine(name: str | None = None, overrides: Iterable[Mapping[str, Any]] = ()) -> Engine:
-    """The engine of this name, the default one where it is None, with settings laid on top. Raises UnknownName,
-    ConfigError, RequirementMissing."""
+    """Return an engine.
+
+    Args:
+        name: The name of the engine. None for the default engine.
+        overrides: Settings of the engine.
+
+    Raises:
+        UnknownName: There is no such engine.
+        ConfigError: A setting is invalid.
+        RequirementMissing: A package is not installed.
+    """
     engine: Engine = registry().build(Engine.role, configure_default("engine", name or default_of("engine"), overrides))
     return engine

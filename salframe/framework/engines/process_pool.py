@@ -1,4 +1,4 @@
-"""Worker processes that need nothing of the caller's main module, and do not outlive who started them."""
+"""Worker processes that do not import the main module of the caller and end with their parent."""
 
 from __future__ import annotations
 
@@ -16,28 +16,31 @@ from loky import ProcessPoolExecutor
 from salframe.framework.engines.worker import become_worker, end_work
 
 GRACE_S = 1.0
-"""What is worked on has so long to leave nothing unfinished behind when its process is ended."""
+"""Time in seconds that a stopped process has to clean up its current item."""
 
-KEPT = {"LOKY_MAX_MEMORY_LEAK_SIZE": "1e18"}
-"""What a worker keeps from item to item is no leak, for which loky would replace it."""
+LOKY_ENV = {"LOKY_MAX_MEMORY_LEAK_SIZE": "1e18"}
+"""Environment of workers. Workers cache data between items, which loky would take for a leak and restart them."""
 
 
 class ProcessPool(ProcessPoolExecutor):
-    """So many processes that work; leaving its `with` block by an exception ends them at once.
+    """A pool of worker processes. An exception in its `with` block ends them at once.
 
-    They do not import the caller's main module, as those of multiprocessing do: a plain script, a notebook or a shell
-    may start them. Where one dies, the results that are still awaited raise BrokenProcessPool. `env`: environment
-    variables that they have besides.
+    Unlike those of multiprocessing, the workers do not import the main module of the caller, so a plain script, a
+    notebook or a shell can start them. If a worker dies, the pending results raise BrokenProcessPool.
+
+    Args:
+        workers: Number of worker processes.
+        env: Additional environment variables of the workers.
     """
 
     def __init__(self, workers: int, env: dict[str, str] | None = None) -> None:
         parent, self._lifeline = multiprocessing.Pipe(duplex=False)
-        env = {**KEPT, **(env or {})}
+        env = {**LOKY_ENV, **(env or {})}
         super().__init__(workers, initializer=_begin_work, initargs=(parent,), env=env)
 
     def stop(self) -> None:
-        """End the processes, whatever they do: what they work on gets a KeyboardInterrupt, and no answer."""
-        processes = list(self._processes.values())  # Python 3.14 is the first whose pools have terminate_workers()
+        """End the processes at once. Their current items get a KeyboardInterrupt and have no result."""
+        processes = list(self._processes.values())  # Python 3.14 adds terminate_workers()
         for process in processes:
             process.terminate()
         for process in processes:
@@ -54,8 +57,11 @@ class ProcessPool(ProcessPoolExecutor):
 
 
 def _begin_work(parent: Connection) -> None:
-    """An interrupt from the terminal is for the parent, which ends its workers; and a killed parent must not leave a
-    worker that goes on writing files. A fault in a library is the parent's to tell, in a line, not loky's."""
+    """Initialize a worker process.
+
+    The parent handles an interrupt from the terminal and ends its workers. A worker must not continue to write files
+    after its parent was killed. The parent, not loky, reports a crash in a native library, in one line.
+    """
     become_worker()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, end_work)
@@ -64,6 +70,7 @@ def _begin_work(parent: Connection) -> None:
 
 
 def _die_with(parent: Connection) -> None:
+    """Exit when the parent ends."""
     with suppress(EOFError, OSError):
-        parent.recv()  # nothing is ever sent: this returns when the parent's end is closed
+        parent.recv()  # nothing is sent; this returns when the parent closes its end
     os._exit(1)

@@ -1,4 +1,4 @@
-"""What a process knows of itself that works for another one."""
+"""State of a worker process: its thread limit, its role as a worker, and its reaction to signals."""
 
 from __future__ import annotations
 
@@ -18,30 +18,29 @@ ONE_THREAD = dict.fromkeys(
     ),
     "1",
 )
-"""The environment of a worker that has not all processors to itself, from which native libraries know how many threads
-they may have."""
+"""Environment of a worker that shares the processors. Native libraries read their number of threads from it."""
 _is_worker, _at_work = False, False
 
 
 def threads_allowed() -> int | None:
-    """How many threads a native library may have that does not read the environment itself; None: as it likes."""
-    told = os.environ.get("OMP_NUM_THREADS", "")
-    return int(told) if told.isdecimal() and int(told) else None
+    """Return the number of threads for libraries that do not read the environment. None: no limit."""
+    limit = os.environ.get("OMP_NUM_THREADS", "")
+    return int(limit) if limit.isdecimal() and int(limit) else None
 
 
 def become_worker() -> None:
-    """Say that this process works for another one and does nothing else."""
+    """Mark this process as a worker process."""
     global _is_worker
     _is_worker = True
 
 
 def in_worker() -> bool:
-    """Whether this process works for another one and does nothing else."""
+    """Return whether this process is a worker process."""
     return _is_worker
 
 
 def work(function: Callable[[Any], Any], item: Any) -> Any:
-    """function(item); the process ends where it is told to meanwhile, after what it works on has cleaned up."""
+    """Return function(item). On a signal to end, exit after the function has cleaned up."""
     global _at_work
     _at_work = True
     try:
@@ -53,7 +52,7 @@ def work(function: Callable[[Any], Any], item: Any) -> Any:
 
 
 def end_work(signal: int, frame: FrameType | None) -> None:
-    """What a worker does at a signal to end."""
+    """Handle a signal to end: interrupt the current item, or exit if there is none."""
     if _at_work:
         raise KeyboardInterrupt
     os._exit(1)

@@ -1,4 +1,4 @@
-"""Base of the engines that have workers: processes that take item after item, on this machine or on others."""
+"""Base class of engines with worker processes, on this machine or on others."""
 
 from __future__ import annotations
 
@@ -15,29 +15,31 @@ from salframe.framework.component import ComponentConfig
 from salframe.framework.engines.engine import Engine
 from salframe.framework.errors import SalframeError, WorkerDied
 
-GLANCE_S = 0.5
-"""So often a wait is broken off to look for an interrupt: one that comes just before a wait is not seen within it."""
+POLL_S = 0.5
+"""Interval in seconds at which a wait checks for interrupts. An interrupt just before a wait does not end the wait."""
 
 
 class WorkerProcess(ABC):
-    """A process that works for this one."""
+    """A worker process."""
 
     @abstractmethod
     def answer(self, function: Callable[[Any], Any], item: Any) -> Any:
-        """function(item), or the exception that it raised there: WorkerDied where the process ended first, which is
-        then not asked again."""
+        """Return function(item), or the exception that it raised in the worker.
+
+        The result is WorkerDied if the process ended. The worker is not used again.
+        """
 
     @abstractmethod
     def stop(self) -> None:
-        """End it at once, whatever it does."""
+        """End the process at once."""
 
     def close(self) -> None:
-        """End it when it has nothing to do."""
+        """End the process when it is idle."""
         self.stop()
 
 
 class WorkerEngine(Engine):
-    """An engine that has items worked on in processes of their own; a subclass says how one starts."""
+    """Base class of engines that run items in worker processes. Subclasses start the processes."""
 
     isolates = True
 
@@ -45,39 +47,38 @@ class WorkerEngine(Engine):
         workers: int | None = Field(
             None,
             ge=1,
-            description="how many pieces of work at a time, by processes whose native libraries have a thread each; "
-            "null: as many as there are processors, and one of those whose time is measured, which more would make "
-            "compete, with all processors to itself",
+            description="number of worker processes, each with one thread per native library; null: one per processor, "
+            "and one with all processors if times are measured",
         )
 
     @abstractmethod
     def ready(self) -> int:
-        """Get ready to start workers; how many work at a time."""
+        """Prepare to start workers. Return the number of workers."""
 
     @abstractmethod
     def start(self, alone: bool) -> WorkerProcess:
-        """Start a worker, whose native libraries have a thread each, or one that has all processors to itself."""
+        """Start a worker. Its native libraries have one thread each, or all processors if it is `alone`."""
 
     def map(self, function: Callable[[Any], Any], items: Sequence[Any]) -> Iterator[Any]:
         if not items:
             return
         count = min(self.ready(), len(items))
-        crew = _Crew(partial(self.start, alone=self.workers is None and count == 1))
+        workers = _Workers(partial(self.start, alone=self.workers is None and count == 1))
         with ThreadPoolExecutor(count) as threads:
             try:
-                for answer in [threads.submit(crew.answer, function, item) for item in items]:
-                    while not wait([answer], GLANCE_S).done:
+                for answer in [threads.submit(workers.answer, function, item) for item in items]:
+                    while not wait([answer], POLL_S).done:
                         pass
                     yield answer.result()
-                crew.close()
-            except BaseException:  # interrupted: the threads would otherwise wait for their workers to finish
-                crew.stop()
+                workers.close()
+            except BaseException:  # an interrupt: do not wait for the workers to finish
+                workers.stop()
                 threads.shutdown(wait=False, cancel_futures=True)
                 raise
 
 
-class _Crew:
-    """The workers of one map: those at work, those that wait for an item, and whether any more may start."""
+class _Workers:
+    """The busy and idle workers of one call of `map`."""
 
     def __init__(self, start: Callable[[], WorkerProcess]) -> None:
         self._start, self._lock, self._stopped = start, threading.Lock(), False
@@ -85,36 +86,36 @@ class _Crew:
         self._busy: set[WorkerProcess] = set()
 
     def answer(self, function: Callable[[Any], Any], item: Any) -> Any:
-        """What a worker answers. One that died is replaced by who comes next."""
+        """Return the result of a worker. A worker that died is replaced when the next item needs one."""
         worker = self._take()
         answer = worker.answer(function, item)
-        died = isinstance(answer, WorkerDied)
+        has_died = isinstance(answer, WorkerDied)
         with self._lock:
             if self._stopped:
                 return answer
             self._busy.discard(worker)
-            if not died:
+            if not has_died:
                 self._idle.append(worker)
-        if died:
+        if has_died:
             worker.stop()
         return answer
 
     def close(self) -> None:
-        """End the workers, none of which works."""
+        """End the workers, which are all idle."""
         for worker in self._idle:
             worker.close()
 
     def stop(self) -> None:
-        """Start no further worker, and end those that there are."""
+        """End all workers and start no more."""
         with self._lock:
             self._stopped = True
             workers = [*self._idle, *self._busy]
-        with ThreadPoolExecutor(len(workers) or 1) as threads:  # each takes its time to end
+        with ThreadPoolExecutor(len(workers) or 1) as threads:  # ending a worker takes time
             for worker in workers:
                 threads.submit(worker.stop)
 
     def _take(self) -> WorkerProcess:
-        with self._lock:  # so that `stop` finds every worker started, or keeps it from starting
+        with self._lock:  # `stop` ends every worker that was started and prevents new ones
             if self._stopped:
                 raise SalframeError("the map was interrupted")
             worker = self._idle.pop() if self._idle else self._start()

@@ -1,1 +1,1 @@
-"""Files: bounded reading, atomic writing, arrays on disk, hashes, the cache, network weights."""
+"""Files: bounded reading, atomic writing, arrays on disk, hashes, the cache, and network weights."""

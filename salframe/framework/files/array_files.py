@@ -1,4 +1,4 @@
-"""Arrays in .npy and .npz files: whatever a header claims is held against the bytes that are there."""
+"""Arrays in .npy and .npz files. The sizes in a header are checked against the size of the file."""
 
 from __future__ import annotations
 
@@ -14,20 +14,24 @@ from salframe.framework.errors import DataError
 from salframe.framework.files.bounded import check_regular
 
 MAX_BYTES = 1 << 29
-"""Of the arrays of one .npz."""
+"""Maximum size of the arrays in a .npz file, in bytes."""
 MAX_AXIS = 1 << 24
-"""Of an array without elements, whose axes no byte vouches for."""
+"""Maximum axis length of an array without elements, which the size of the file cannot confirm."""
 
 
 class ArrayKind(NamedTuple):
-    """What is expected of a named array: numpy's letters of its kind, any of them, and its shape, None for any
-    length."""
+    """The expected kind and shape of a named array.
+
+    Attributes:
+        kinds: The allowed values of `dtype.kind`, as one string.
+        shape: The length of each axis, None for any length.
+    """
 
     kinds: str
     shape: tuple[int | None, ...]
 
     def fits(self, kind: str, shape: tuple[int | None, ...]) -> bool:
-        """Whether an array of this kind, whose lengths are known or vary (None), is as expected."""
+        """Return whether an array of this `dtype.kind` and shape fits. None stands for an axis of varying length."""
         return (
             kind in self.kinds
             and len(shape) == len(self.shape)
@@ -36,10 +40,19 @@ class ArrayKind(NamedTuple):
 
 
 def check_arrays(arrays: Mapping[str, np.ndarray], expected: Mapping[str, ArrayKind], where: object) -> None:
-    """Raises DataError where the named arrays found at a place are not exactly those expected."""
+    """Check that the named arrays are exactly the expected ones, with finite values.
+
+    Args:
+        arrays: The arrays by name.
+        expected: The expected kind of each array.
+        where: The location of the arrays, for messages.
+
+    Raises:
+        DataError: An array is missing, unexpected, of the wrong kind or shape, or not finite.
+    """
     if arrays.keys() != expected.keys():
         wrong = ", ".join(sorted(arrays.keys() ^ expected.keys())[:3])
-        raise DataError(f"{where} lacks arrays or has others ({wrong}), expected {', '.join(expected)}")
+        raise DataError(f"{where} has missing or unexpected arrays ({wrong}), expected {', '.join(expected)}")
     for name, array in arrays.items():
         if not expected[name].fits(array.dtype.kind, array.shape):
             raise DataError(f"{where}: {name} is {array.dtype} {array.shape}, expected {expected[name]}")
@@ -48,37 +61,37 @@ def check_arrays(arrays: Mapping[str, np.ndarray], expected: Mapping[str, ArrayK
 
 
 def parse_arrays(content: bytes) -> dict[str, np.ndarray]:
-    """The named arrays of a .npz, never unpickled. Raises ValueError."""
+    """Return the named arrays of a .npz file without unpickling. Raises ValueError if they are invalid."""
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             members = archive.infolist()
-            claimed = sum(member.file_size for member in members)
-            if claimed > MAX_BYTES:
-                raise ValueError(f"arrays of {claimed} bytes, expected at most {MAX_BYTES}")
+            num_bytes = sum(member.file_size for member in members)
+            if num_bytes > MAX_BYTES:
+                raise ValueError(f"arrays of {num_bytes} bytes, expected at most {MAX_BYTES}")
             arrays = {member.filename.removesuffix(".npy"): _parse(archive.read(member)) for member in members}
     except ValueError:
         raise
-    except Exception as error:  # zipfile and zlib raise whatever they stumble over
+    except Exception as error:  # zipfile and zlib raise many types of exceptions
         raise ValueError(f"{type(error).__name__}: {error}") from None
     if len(arrays) < len(members):
-        raise ValueError("two arrays of one name")
+        raise ValueError("two arrays have the same name")
     return arrays
 
 
 def pack_arrays(arrays: Mapping[str, np.ndarray]) -> bytes:
-    """The content of a compressed .npz of named arrays."""
+    """Return the content of a compressed .npz file with named arrays."""
     file = io.BytesIO()
-    np.savez_compressed(file, **arrays)  # type: ignore[arg-type]  # numpy's stub takes no mapping here
+    np.savez_compressed(file, **arrays)  # type: ignore[arg-type]  # the type stub of numpy does not allow a mapping here
     return file.getvalue()
 
 
 def map_array(path: Path) -> np.ndarray:
-    """The array of a .npy file, mapped into memory, read-only. Raises OSError, ValueError."""
+    """Return the array of a .npy file as a read-only memory map. Raises OSError or ValueError if it is invalid."""
     size = check_regular(path, 1 << 40)
     with path.open("rb") as file:
         dtype, shape, order = _header(file, size)
         start = file.tell()
-    if 0 in shape:  # nothing to map
+    if 0 in shape:  # an empty file cannot be mapped
         return np.zeros(shape, dtype, order)
     return np.memmap(path, dtype, "r", start, shape, order)
 
@@ -90,19 +103,33 @@ def _parse(content: bytes) -> np.ndarray:
 
 
 def _header(file: BinaryIO, size: int) -> tuple[np.dtype[Any], tuple[int, ...], Literal["C", "F"]]:
-    """The dtype, shape and order of a .npy file of this size, opened at its beginning; leaves it at the values. Raises
-    ValueError where these are not as many as the header says, or Python objects."""
+    """Read the header of a .npy file, and leave the file at the first value.
+
+    Args:
+        file: The file, at its beginning.
+        size: The size of the file in bytes.
+
+    Returns:
+        The dtype, shape and memory order of the array.
+
+    Raises:
+        ValueError: The header is invalid, its size differs from that of the file, or the values are Python objects.
+    """
     try:
         version = np.lib.format.read_magic(file)
         read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, by_columns, dtype = read(file)
-    except Exception as error:  # numpy raises whatever Python's parser stumbles over
-        raise ValueError(f"no array of numpy: {' '.join(str(error).split())[:100]}") from None
+    except Exception as error:  # numpy raises many types of exceptions
+        raise ValueError(f"not a numpy array: {' '.join(str(error).split())[:100]}") from None
     if dtype.hasobject:
         raise ValueError("an array of Python objects, expected numbers or text")
-    count, held = 1, size - file.tell()
+    count, num_bytes = 1, size - file.tell()
     for length in shape:
         count *= length
-    if min(shape, default=0) < 0 or count * dtype.itemsize != held or (not held and max(shape, default=0) > MAX_AXIS):
-        raise ValueError(f"{held} bytes of values, expected {count * dtype.itemsize} of {dtype} {shape}")
+    if (
+        min(shape, default=0) < 0
+        or count * dtype.itemsize != num_bytes
+        or (not num_bytes and max(shape, default=0) > MAX_AXIS)
+    ):
+        raise ValueError(f"{num_bytes} bytes of values, expected {count * dtype.itemsize} of {dtype} {shape}")
     return dtype, shape, "F" if by_columns else "C"

@@ -1,7 +1,7 @@
-"""Reading within bounds: regular files of a limited size, JSON and YAML of limited nesting, size and kind.
+"""Bounded reading: regular files of limited size, and JSON and YAML with limited nesting, size and types.
 
-A FIFO would hang, a device fill the memory, deep nesting exhaust the stack, and YAML's aliases multiply: each is
-refused before it costs anything, by a ValueError that says what was received and what was expected.
+A FIFO can block, a device can fill the memory, deep nesting can exhaust the stack, and YAML aliases can grow
+exponentially. All of these are rejected early with a ValueError that has the received and the expected value.
 """
 
 from __future__ import annotations
@@ -20,12 +20,14 @@ import yaml
 from salframe.framework.errors import one_line, shorten
 
 MAX_BYTES = 1 << 28
-"""Of a JSON, YAML or text file, a table or an image."""
-DEEPEST = 64
-"""Levels of lists and mappings in one another."""
+"""Maximum size of a JSON, YAML or text file, a table or an image, in bytes."""
+MAX_DEPTH = 64
+"""Maximum nesting depth of lists and mappings."""
 MAX_NODES = 1_000_000
-"""Values in a YAML document, each counted as often as its aliases repeat it."""
-_SAFE: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # that of libyaml is six times as fast on our presets
+"""Maximum number of values in a YAML document, including those repeated by aliases."""
+_SAFE: Any = getattr(
+    yaml, "CSafeLoader", yaml.SafeLoader
+)  # the libyaml loader is six times faster on the shipped presets
 _STRING = re.compile(rb'"[^"\\]*+(?:\\.[^"\\]*+)*+"?', re.DOTALL)
 _NO_BRACKET = bytes(sorted({*range(256)} - {*b"[]{}"}))
 _OPENING = b"[{"
@@ -33,12 +35,12 @@ _MIN_INTEGER, _END_INTEGER = -(1 << 63), 1 << 64
 
 
 def why(error: OSError | ValueError) -> str:
-    """Why a file could not be read, in a few words."""
+    """Return why a file could not be read, in a few words."""
     return (error.strerror if isinstance(error, OSError) else None) or one_line(error)
 
 
 def check_regular(path: Path, max_bytes: int = MAX_BYTES) -> int:
-    """The bytes of a regular file of limited size. Raises OSError, and ValueError on anything else."""
+    """Return the size of a regular file in bytes. Raises OSError, or ValueError if it is too large or not regular."""
     status = path.stat()
     if not stat.S_ISREG(status.st_mode):
         kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe, socket or device"
@@ -49,35 +51,35 @@ def check_regular(path: Path, max_bytes: int = MAX_BYTES) -> int:
 
 
 def read_bytes(path: Path, max_bytes: int = MAX_BYTES) -> bytes:
-    """The content of a regular file of limited size. Raises OSError, and ValueError on anything else."""
+    """Return the content of a regular file. Raises OSError, or ValueError if it is too large or not regular."""
     check_regular(path, max_bytes)
     with path.open("rb") as file:
         content = file.read(max_bytes + 1)
-    if len(content) > max_bytes:  # files of /proc say that they are empty
-        raise ValueError(f"it has more than {max_bytes} bytes, expected at most as many")
+    if len(content) > max_bytes:  # files in /proc report a size of 0
+        raise ValueError(f"it has more than {max_bytes} bytes, expected at most {max_bytes}")
     return content
 
 
 def read_start(path: Path, max_bytes: int) -> bytes:
-    """What a regular file of any size begins with. Raises OSError, and ValueError on anything else."""
+    """Return the first bytes of a regular file of any size. Raises OSError, or ValueError if it is not regular."""
     check_regular(path, sys.maxsize)
     with path.open("rb") as file:
         return file.read(max_bytes)
 
 
 def parse_json(content: bytes) -> Any:
-    """The value of a JSON text in UTF-8, its numbers finite and its integers of 64 bits. Raises ValueError."""
-    if sum(map(content.count, (b"[", b"{"))) > DEEPEST:
+    """Parse JSON in UTF-8 with finite numbers and 64-bit integers. Raises ValueError if it is invalid."""
+    if sum(map(content.count, (b"[", b"{"))) > MAX_DEPTH:
         brackets = _STRING.sub(b"", content).translate(None, _NO_BRACKET)
         _check_depth(max(accumulate(1 if bracket in _OPENING else -1 for bracket in brackets), default=0))
     value = json.loads(content.decode(), parse_int=_integer, parse_float=_finite, parse_constant=_finite)
     if b"\\ud" in content or b"\\uD" in content:
-        json.dumps(value, ensure_ascii=False).encode()  # half a character, which no file or terminal takes
+        json.dumps(value, ensure_ascii=False).encode()  # raises on a lone surrogate, which cannot be encoded
     return value
 
 
 def parse_yaml(content: bytes | str) -> Any:
-    """The value of a YAML document without tags: what JSON has, and keys that are integers. Raises ValueError."""
+    """Parse a YAML document with the types of JSON, and integer keys. Raises ValueError if it is invalid."""
     try:
         _check_events(content)
         value = yaml.load(content, Loader=_SAFE)
@@ -88,8 +90,8 @@ def parse_yaml(content: bytes | str) -> Any:
 
 
 def _check_depth(depth: int) -> None:
-    if depth > DEEPEST:
-        raise ValueError(f"{depth} levels of lists and mappings in one another, expected at most {DEEPEST}")
+    if depth > MAX_DEPTH:
+        raise ValueError(f"{depth} levels of lists and mappings, expected at most {MAX_DEPTH}")
 
 
 def _finite(text: str) -> float:
@@ -101,45 +103,47 @@ def _finite(text: str) -> float:
 
 def _integer(text: str) -> int:
     if len(text) > 20 or not _MIN_INTEGER <= (value := int(text)) < _END_INTEGER:
-        raise ValueError(f"the integer {shorten(text, 40)}, expected one of 64 bits")
+        raise ValueError(f"the integer {shorten(text, 40)}, expected at most 64 bits")
     return value
 
 
 def _check_events(content: bytes | str) -> None:
-    """Raises ValueError on a document that has tags, is too deep, holds itself, or whose aliases make too much of it.
-    Looks at no more than the parser's events: what composes them recurses."""
+    """Raise ValueError if a document has tags, recursive aliases, or too many levels or values.
+
+    Uses only the events of the parser, because the composer is recursive.
+    """
     counts: dict[str | None, int | None] = {}
-    open_: list[tuple[str | None, int]] = []
+    stack: list[tuple[str | None, int]] = []
     nodes = 0
     for event in yaml.parse(content, Loader=_SAFE):
         anchor = getattr(event, "anchor", None)
         if tag := getattr(event, "tag", None):
             raise ValueError(f"the tag {shorten(tag, 40)}, expected none")
         if isinstance(event, yaml.AliasEvent):
-            repeated = counts.get(anchor, 0)
-            if repeated is None:
-                raise ValueError(f"*{anchor} stands inside &{anchor}, expected no value that holds itself")
-            nodes += repeated
+            count = counts.get(anchor, 0)
+            if count is None:
+                raise ValueError(f"*{anchor} is inside &{anchor}, expected no recursive alias")
+            nodes += count
         elif isinstance(event, yaml.ScalarEvent):
             nodes += 1
             if anchor:
                 counts[anchor] = 1
         elif isinstance(event, yaml.CollectionStartEvent):
-            open_.append((anchor, nodes))
+            stack.append((anchor, nodes))
             nodes += 1
-            _check_depth(len(open_))
+            _check_depth(len(stack))
             if anchor:
                 counts[anchor] = None
         elif isinstance(event, yaml.CollectionEndEvent):
-            anchor, before = open_.pop()
+            anchor, before = stack.pop()
             if anchor:
                 counts[anchor] = nodes - before
         if nodes > MAX_NODES:
-            raise ValueError(f"more than {MAX_NODES} values, those that aliases repeat among them")
+            raise ValueError(f"more than {MAX_NODES} values including aliases, expected at most {MAX_NODES}")
 
 
 def _check_plain(value: Any) -> None:
-    """Raises ValueError on what JSON has not: dates, numbers that are not finite, integers of more than 64 bits."""
+    """Raise ValueError on values that JSON does not have: dates, non-finite numbers, integers of over 64 bits."""
     if isinstance(value, dict):
         for key, part in value.items():
             if isinstance(key, bool) or not isinstance(key, str | int):
@@ -150,10 +154,10 @@ def _check_plain(value: Any) -> None:
         for part in value:
             _check_plain(part)
     elif isinstance(value, str):
-        value.encode()  # no half of a character
+        value.encode()  # raises on a lone surrogate
     elif isinstance(value, int):
         if not _MIN_INTEGER <= value < _END_INTEGER:
-            raise ValueError("an integer of more than 64 bits")
+            raise ValueError("an integer of more than 64 bits, expected at most 64 bits")
     elif isinstance(value, float):
         _finite(str(value))
     elif value is not None:

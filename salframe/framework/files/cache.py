@@ -1,4 +1,4 @@
-"""What was computed once: named arrays by the content of their key."""
+"""Cache of computed arrays, addressed by the content of their key."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from salframe.framework.files.hashes import digest
 from salframe.framework.files.writing import write_bytes
 
 LIMIT, DEFAULT_LIMIT_GB = "SALFRAME_CACHE_GB", 20.0
-"""The environment variable that limits the cache, and what it is without, in gigabytes (1e9 bytes)."""
-ROOM = 0.9
-"""A cache that is full is emptied to this share of its limit, so that it is not looked through at every entry."""
+"""Environment variable with the maximum size of the cache, and its default, in gigabytes (1e9 bytes)."""
+TARGET_FILL = 0.9
+"""A full cache is reduced to this fraction of its limit, so that it is not scanned for each new entry."""
 _SHA256_BYTES = 32
 
 
 def cache_home() -> Path:
-    """Where salframe keeps what it can make again: $SALFRAME_CACHE, else the user's cache folder."""
+    """Return the cache folder of salframe: $SALFRAME_CACHE, or the cache folder of the user."""
     if "SALFRAME_CACHE" in os.environ:
         return Path(os.environ["SALFRAME_CACHE"])
     from platformdirs import user_cache_path
@@ -36,7 +36,7 @@ def cache_home() -> Path:
 
 @dataclass(frozen=True)
 class CacheState:
-    """How full a cache is: its folder, its entries, their bytes, and how many they may have."""
+    """The folder of a cache, the number and total size of its entries, and the maximum size."""
 
     directory: Path
     entries: int
@@ -45,14 +45,18 @@ class CacheState:
 
 
 class Cache:
-    """Named arrays by the content of their key; the seconds that computing took stay with them.
+    """Cache of named arrays, addressed by the content of their key, with the time that their computation took.
 
-    An entry that is damaged, by its checksum, is computed again and replaced. Where entries take more than
-    `limit_bytes` ($SALFRAME_CACHE_GB unless given, else 20 GB), the least recently used go first.
+    A damaged entry, detected by its checksum, counts as missing. If the entries exceed the maximum size, the least
+    recently used are removed.
+
+    Args:
+        directory: The folder. None for the folder of panorama descriptions in the cache of salframe.
+        limit_bytes: The maximum size in bytes. None for $SALFRAME_CACHE_GB, or 20 GB if it is not set.
     """
 
     def __init__(self, directory: Path | None = None, limit_bytes: int | None = None) -> None:
-        """Raises ConfigError on a limit in the environment that is no number."""
+        """Open the cache. Raises ConfigError if the limit in the environment is invalid."""
         self.directory = cache_home() / "descriptions" if directory is None else directory
         self.limit_bytes = _limit_bytes() if limit_bytes is None else limit_bytes
         self._size_bytes: int | None = None
@@ -62,24 +66,26 @@ class Cache:
         return self.directory / name[:2] / f"{name}.npz"
 
     def get(self, key: Any) -> tuple[dict[str, np.ndarray], float] | None:
-        """The arrays of `key` (JSON-serialisable) and the seconds it took to compute them when they were, or None."""
+        """Return the arrays of a JSON-serializable key and their computation time in seconds, or None if missing."""
         path = self._path(key)
         try:
             content = read_bytes(path, MAX_BYTES)
-            whole, checksum = content[:-_SHA256_BYTES], content[-_SHA256_BYTES:]
-            if hashlib.sha256(whole).digest() != checksum:
+            packed, checksum = content[:-_SHA256_BYTES], content[-_SHA256_BYTES:]
+            if hashlib.sha256(packed).digest() != checksum:
                 return None
-            arrays = parse_arrays(whole)
+            arrays = parse_arrays(packed)
             seconds = float(arrays.pop("_seconds"))
         except (OSError, ValueError, KeyError):
             return None
-        with suppress(OSError):  # it may be read-only, or gone by now
+        with suppress(OSError):  # the file may be read-only, or removed by another process
             os.utime(path)
         return arrays, seconds
 
     def put(self, key: Any, arrays: Mapping[str, np.ndarray], seconds: float) -> None:
-        """Keep arrays and the seconds they took, in the place of what was there; nothing where the folder is read-only
-        or the disk full."""
+        """Store arrays and their computation time in seconds, replacing the entry of this key.
+
+        Does nothing if the folder is read-only or the disk is full.
+        """
         content = pack_arrays({**arrays, "_seconds": np.array(seconds)})
         try:
             write_bytes(self._path(key), content + hashlib.sha256(content).digest())
@@ -93,12 +99,12 @@ class Cache:
             self._make_room()
 
     def state(self) -> CacheState:
-        """How full it is."""
+        """Return the number and total size of the entries."""
         sizes = [size for _, _, size in self._entries()]
         return CacheState(self.directory, len(sizes), sum(sizes), self.limit_bytes)
 
     def clear(self) -> CacheState:
-        """Remove all entries; how full it was."""
+        """Remove all entries. Return the state before."""
         before = self.state()
         for path, _, _ in self._entries():
             path.unlink(missing_ok=True)
@@ -106,17 +112,18 @@ class Cache:
         return before
 
     def _make_room(self) -> None:
+        """Remove the least recently used entries until the cache is at TARGET_FILL."""
         entries = sorted(self._entries(), key=lambda entry: entry[1])
         size = sum(bytes_ for _, _, bytes_ in entries)
         for path, _, bytes_ in entries:
-            if size <= ROOM * self.limit_bytes:
+            if size <= TARGET_FILL * self.limit_bytes:
                 break
             path.unlink(missing_ok=True)
             size -= bytes_
         self._size_bytes = size
 
     def _entries(self) -> list[tuple[Path, int, int]]:
-        """Each entry, when it was last used (ns), and its bytes. Other processes may remove some meanwhile."""
+        """Return the path, time of last use (ns) and size in bytes of each entry. Skips entries removed meanwhile."""
         entries = []
         for path in self.directory.glob("??/[!.]*.npz"):
             try:

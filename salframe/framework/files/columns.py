@@ -1,4 +1,4 @@
-"""Rows of named arrays as packed columns: one .npy file a name, read by mapping it into memory."""
+"""Rows of named arrays, stored as packed columns: one memory-mapped .npy file per name."""
 
 from __future__ import annotations
 
@@ -21,14 +21,20 @@ from salframe.framework.validation import Settings
 
 TABLE, SHAPES = "columns.json", "shapes.npy"
 _CHUNK = 1024
-"""So many rows of a stream are held at once."""
+"""Number of rows of a stream that are in memory at once."""
 
 Row = Mapping[str, np.ndarray]
 
 
 class _Declared(Settings):
-    """A name in columns.json: the shape of its arrays, None along an axis where rows differ, see shapes.npy; the words
-    that the numbers of a column of strings stand for; the rows that have no such array."""
+    """A column in columns.json.
+
+    Attributes:
+        name: The name of the column.
+        shape: The shape of its arrays. None for an axis along which rows differ; shapes.npy has their lengths.
+        words: The words that the numbers of a column of strings stand for. None for a column of numbers.
+        absent: The rows without an array of this name.
+    """
 
     name: str
     shape: tuple[Annotated[int, Field(ge=0)] | None, ...]
@@ -43,34 +49,36 @@ class _Table(Settings):
     @model_validator(mode="after")
     def _check(self) -> _Table:
         names = [column.name for column in self.columns]
-        if twice := [name for name in names if names.count(name) > 1]:
-            raise ValueError(f"the column {twice[0]!r} stands in it twice")
+        if duplicates := [name for name in names if names.count(name) > 1]:
+            raise ValueError(f"the column {duplicates[0]!r} is listed twice")
         for column in self.columns:
             if len(set(column.absent)) < len(column.absent) or max(column.absent, default=-1) >= self.rows:
-                raise ValueError(f"{column.name} is absent in rows that there are not, or twice in one")
+                raise ValueError(f"{column.name} has invalid absent rows, expected distinct rows below {self.rows}")
         return self
 
 
 class PackedColumn:
-    """The arrays of one name in R rows, their values mapped into memory, one row's after the other's.
+    """The arrays of one name in R rows. Their values are concatenated and memory-mapped.
 
-    values (V,), read-only, numbers of `words` where the arrays are of strings; words: None where they are not; absent:
-    the rows that have no such array.
+    Attributes:
+        values: (V,) read-only values. For strings, indices of `words`.
+        words: The words of a column of strings. None for a column of numbers.
+        absent: The rows without an array of this name.
     """
 
     def __init__(self, values: np.ndarray, words: tuple[str, ...] | None, absent: Iterable[int], shapes: np.ndarray):
-        """shapes (R, axes): of the array in each row."""
+        """Create a column. `shapes` (R, axes) are the shapes of the arrays."""
         self.values, self.words, self.absent = values, words, frozenset(absent)
         self._shapes = shapes
 
     @cached_property
     def start(self) -> np.ndarray:
-        """(R + 1,) int64: where each row's values begin, and where the last row's end."""
+        """(R + 1,) int64: the index of the first value of each row, and of the end of the last row."""
         sizes = self._shapes.prod(1, dtype=np.int64)
         return np.concatenate([[0], sizes.cumsum()])
 
     def __getitem__(self, row: int) -> np.ndarray:
-        """The array of a row: of numbers a view, of strings a new one."""
+        """Return the array of a row: a view of numbers, or a new array of strings."""
         values = self.values[self.start[row] : self.start[row + 1]]
         if self.words is not None:
             values = np.array([self.words[number] for number in values.tolist()], np.str_)
@@ -78,7 +86,12 @@ class PackedColumn:
 
 
 class Columns(Sequence[dict[str, np.ndarray]]):
-    """The rows that `write_columns` wrote to `folder`, each made when it is asked for; columns: by their names."""
+    """The rows in a folder written by `write_columns`. Rows are created on access.
+
+    Attributes:
+        folder: The folder.
+        columns: The columns by name.
+    """
 
     def __init__(self, folder: Path, rows: int, columns: Mapping[str, PackedColumn]) -> None:
         self.folder, self.columns, self._rows = folder, columns, rows
@@ -94,11 +107,15 @@ class Columns(Sequence[dict[str, np.ndarray]]):
 
 
 def write_columns(folder: Path, rows: Iterable[Row]) -> None:
-    """Write a stream of named arrays to a new folder: columns.json, the values of each name in NAME.npy, one row after
-    the other, and the lengths along axes where rows differ in shapes.npy, (rows, axes).
+    """Write a stream of rows of named arrays to a new folder.
 
-    Strings are stored as numbers of words. Memory holds the words, and the shapes of all rows. Raises DataError on
-    arrays of one name that differ in dimensions, hold strings and numbers, or Python objects.
+    The folder has columns.json, the concatenated values of each name in NAME.npy, and in shapes.npy the lengths along
+    the axes where rows differ, (rows, axes). Strings are stored as indices of words. Only the words and the shapes of
+    all rows are in memory.
+
+    Raises:
+        DataError: Arrays of one name have different numbers of dimensions, mix strings and numbers, or hold Python
+            objects.
     """
     folder.mkdir()
     count, spools = 0, dict[str, _Spool]()
@@ -115,25 +132,25 @@ def write_columns(folder: Path, rows: Iterable[Row]) -> None:
     columns, lengths = [], [np.zeros((count, 0), np.int64)]
     for name, spool in spools.items():
         shapes, words = spool.finish()
-        fixed = (shapes == shapes[0]).all(0)
-        lengths.append(shapes[:, ~fixed])
-        shape = [int(n) if same else None for n, same in zip(shapes[0], fixed, strict=True)]
+        is_fixed = (shapes == shapes[0]).all(0)
+        lengths.append(shapes[:, ~is_fixed])
+        shape = [int(n) if same else None for n, same in zip(shapes[0], is_fixed, strict=True)]
         columns.append({"name": name, "shape": shape, "words": words, "absent": spool.absent})
-    ragged = np.concatenate(lengths, 1)
-    if ragged.size:
-        np.save(folder / SHAPES, ragged.astype(np.min_scalar_type(ragged.max())), allow_pickle=False)
+    varying_lengths = np.concatenate(lengths, 1)
+    if varying_lengths.size:
+        np.save(folder / SHAPES, varying_lengths.astype(np.min_scalar_type(varying_lengths.max())), allow_pickle=False)
     write_text(folder / TABLE, json.dumps({"rows": count, "columns": columns}, separators=(",", ":")) + "\n")
 
 
 class _Spool:
-    """The values of one name on their way into its file: of which type they are together is known at the end."""
+    """Buffer file of the values of one name. Their common type is known only after the last row."""
 
     def __init__(self, path: Path, name: str, first: np.ndarray) -> None:
-        """first: one of its arrays."""
+        """Create the buffer file. `first` is the first array of this name."""
         self.absent: list[int] = []
         self._path, self._name = path, name
-        self._spooled = path.with_suffix(".spool")
-        self._spooled.touch()
+        self._spool_path = path.with_suffix(".spool")
+        self._spool_path.touch()
         self._empty = first[:0] if first.ndim else np.zeros_like(first)
         self._shapes: list[np.ndarray] = []
         self._parts: list[tuple[np.dtype, int]] = []
@@ -142,36 +159,40 @@ class _Spool:
         self._rows = 0
 
     def append(self, arrays: Sequence[np.ndarray | None]) -> None:
-        """Take the arrays of the next rows, None where a row has none."""
+        """Append the arrays of the next rows, None for a row without one."""
         complete = [self._empty if array is None else np.asarray(array) for array in arrays]
         dimensions = sorted({self._empty.ndim, *(array.ndim for array in complete)})
         if len(dimensions) > 1:
             raise DataError(
-                f"arrays of the name {self._name!r} have {dimensions} dimensions, expected the same number in all"
+                f"arrays named {self._name!r} have {dimensions} dimensions, expected the same number in all"
             )
         self._shapes.append(np.array([array.shape for array in complete], np.int64).reshape(len(arrays), *dimensions))
         self.absent += [self._rows + i for i, array in enumerate(arrays) if array is None]
         self._rows += len(arrays)
-        if held := [array.ravel() for array in complete if array.size]:
-            self._contents |= {_content(array) for array in held}
+        if parts := [array.ravel() for array in complete if array.size]:
+            self._contents |= {_content(array) for array in parts}
             if len(self._contents) > 1 or "Python objects" in self._contents:
                 received = " and ".join(sorted(self._contents))
-                raise DataError(f"arrays of the name {self._name!r} hold {received}, expected numbers or strings")
-            self._write(np.concatenate(held))
+                raise DataError(f"arrays named {self._name!r} hold {received}, expected numbers or strings")
+            self._write(np.concatenate(parts))
 
     def _write(self, values: np.ndarray) -> None:
-        """Spool values, of strings the numbers of words, in the order in which these came."""
+        """Append values to the buffer file. Strings become indices of words, in the order of first occurrence."""
         if self._contents == {"strings"}:
-            words, place = np.unique(values, return_inverse=True)
+            words, index = np.unique(values, return_inverse=True)
             numbers = [self._numbers.setdefault(word, len(self._numbers)) for word in words.tolist()]
-            values = np.array(numbers, np.uint32)[place]
+            values = np.array(numbers, np.uint32)[index]
         self._parts.append((values.dtype, len(values)))
-        with self._spooled.open("ab") as file:
+        with self._spool_path.open("ab") as file:
             values.tofile(file)
 
     def finish(self) -> tuple[np.ndarray, list[str] | None]:
-        """Write the file; the shapes (R, axes) int64 of all rows' arrays, of empty ones where there was none, and the
-        words that strings are the numbers of, in order."""
+        """Write the .npy file and remove the buffer file.
+
+        Returns:
+            The shapes (R, axes) int64 of the arrays, empty shapes for rows without one, and the sorted words of a
+            column of strings (None for numbers).
+        """
         dtype, words = np.result_type(*(part for part, _ in self._parts or [(self._empty.dtype, 0)])), None
         if self._contents == {"strings"} or dtype.kind == "U":
             words = sorted(self._numbers)
@@ -179,27 +200,32 @@ class _Spool:
             order = np.array([rank[word] for word in self._numbers], np.int64)
             dtype = np.min_scalar_type(max(len(words) - 1, 0))
         shape = (sum(length for _, length in self._parts),)
-        with self._path.open("xb") as file, self._spooled.open("rb") as spooled:
+        with self._path.open("xb") as file, self._spool_path.open("rb") as spool_file:
             header = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
             np.lib.format.write_array_header_1_0(file, header)
             for part, length in self._parts:
-                values = np.fromfile(spooled, part, length)
+                values = np.fromfile(spool_file, part, length)
                 (values if words is None else order[values]).astype(dtype).tofile(file)
-        self._spooled.unlink()
+        self._spool_path.unlink()
         return np.concatenate(self._shapes), words
 
 
 def _content(array: np.ndarray) -> str:
+    """Return the type of the elements, in words."""
     if array.dtype.hasobject:
         return "Python objects"
     return "strings" if array.dtype.kind == "U" else "numbers"
 
 
 def read_columns(folder: Path, expected: Mapping[str, ArrayKind] | None = None) -> Columns:
-    """The rows that `write_columns` wrote, mapped into memory.
+    """Open a folder written by `write_columns` as memory maps.
 
-    expected: the columns that all rows must have, and no others; None: any. Raises DataError on whatever is damaged or
-    not as expected.
+    Args:
+        folder: The folder.
+        expected: The kind of each column. All rows must have exactly these columns. None for any columns.
+
+    Raises:
+        DataError: A file is damaged or a column is not as expected.
     """
     table = read_model(folder / TABLE, _Table)
     if expected is not None and table.rows:
@@ -211,13 +237,13 @@ def read_columns(folder: Path, expected: Mapping[str, ArrayKind] | None = None) 
     columns = {}
     for column in table.columns:
         path = _path(folder, column.name)
-        with reading(path, "an array of numpy"):
+        with reading(path, "a numpy array"):
             values = np.asarray(map_array(path))
         shapes = np.empty((table.rows, len(column.shape)), np.int64)
         for axis, length in enumerate(column.shape):
             shapes[:, axis] = next(lengths) if length is None else min(length, MAX_AXIS)
         if values.ndim != 1 or shapes.prod(1, dtype=float).sum() != len(values):
-            raise DataError(f"{path} has values {values.shape}, expected as many as {folder / TABLE} says")
+            raise DataError(f"{path} has values {values.shape}, expected the number in {folder / TABLE}")
         if expected is not None and column.words is None:
             _check_values(path, values, expected[column.name])
         if column.words is not None:
@@ -227,8 +253,8 @@ def read_columns(folder: Path, expected: Mapping[str, ArrayKind] | None = None) 
 
 
 def _read_lengths(path: Path, shape: tuple[int, int]) -> np.ndarray:
-    """(axes, rows) the lengths along axes where rows differ."""
-    with reading(path, "an array of numpy"):
+    """Return the lengths (axes, rows) along the axes where rows differ."""
+    with reading(path, "a numpy array"):
         lengths = np.asarray(map_array(path))
     if lengths.shape != shape or lengths.dtype.kind != "u" or lengths.max(initial=0) > MAX_AXIS:
         raise DataError(f"{path} is {lengths.dtype} {lengths.shape}, expected lengths {shape}")
@@ -256,7 +282,7 @@ def _check_values(path: Path, values: np.ndarray, kind: ArrayKind) -> None:
 
 def _check_words(path: Path, numbers: np.ndarray, words: Sequence[str]) -> None:
     if numbers.dtype.kind != "u" or (len(numbers) and numbers.max() >= len(words)):
-        raise DataError(f"{path} holds {numbers.dtype}, expected the numbers of {len(words)} words")
+        raise DataError(f"{path} holds {numbers.dtype}, expected indices of {len(words)} words")
 
 
 def _path(folder: Path, name: str) -> Path:

@@ -16,7 +16,7 @@ _MAX_HASHED = 1 << 40
 
 
 def file_sha256(path: Path) -> str:
-    """Sha256 (hex) of a regular file, remembered until it changes. Raises DataError."""
+    """Return the sha256 (hex) of a regular file, cached until the file changes. Raises DataError."""
     with reading(path, "a regular file"):
         check_regular(path, _MAX_HASHED)
         status = path.stat()
@@ -30,5 +30,5 @@ def _hash(path: Path, size: int, modified_ns: int) -> str:
 
 
 def digest(value: Any) -> str:
-    """Sha256 (hex) of a JSON-serialisable value, the same for the same content."""
+    """Return the sha256 (hex) of a JSON-serializable value. Equal values have equal digests."""
     return hashlib.sha256(json.dumps(value, sort_keys=True, separators=(",", ":")).encode()).hexdigest()

@@ -1,7 +1,7 @@
-"""Reading files: within bounds, and checked to be what they should be.
+"""Validated reading of files of limited size.
 
-Every reader raises DataError, in one line: which file, where in it, what was received, what was expected. Settings in
-YAML are read by `salframe.framework.config`; `salframe.framework.files.bounded` has the bounds.
+Every reader raises DataError with one line: the file, the location in it, the received and the expected value. Settings
+in YAML are read by `salframe.framework.config`. The limits are in `salframe.framework.files.bounded`.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from salframe.framework.validation import describe_faults, validate
 _Model = TypeVar("_Model", bound=BaseModel)
 
 _MAX_LOG, _MAX_NETWORK = 1 << 30, 1 << 31
-"""Bytes of a .jsonl file, and of a network."""
+"""Maximum sizes of a .jsonl file and of a network, in bytes."""
 _MAX_ROWS, _MAX_PIXELS = 1 << 20, 1 << 26
+"""Maximum number of rows of a table, and of pixels of an image."""
 _END_OF_JPEG, _SCAN_OF_JPEG = b"\xff\xd9", b"\xff\xda"
 _END_OF_PNG = b"\0\0\0\0IEND\xaeB`\x82"
 
 
 @contextmanager
 def reading(path: Path, expected: str) -> Iterator[None]:
-    """Say in one line which file cannot be read, or is not what was expected: DataError in place of OSError,
-    ValueError."""
+    """Replace an OSError or ValueError of the block by a DataError that names the file and what was expected."""
     try:
         yield
     except OSError as error:
@@ -43,24 +43,36 @@ def reading(path: Path, expected: str) -> Iterator[None]:
 
 
 def read_text(path: Path, expected: str = "a text file") -> str:
-    """Read text in UTF-8. Raises DataError where the file is missing or is not the text `expected`."""
+    """Read text in UTF-8. Raises DataError if the file cannot be read. `expected` names its content in messages."""
     with reading(path, expected):
         return read_bytes(path).decode("utf-8-sig")
 
 
 def read_json(path: Path) -> Any:
-    """Read JSON. Raises DataError where the file is missing or is no JSON."""
+    """Read JSON. Raises DataError if the file cannot be read or is not JSON."""
     with reading(path, "JSON"):
         return parse_json(read_bytes(path))
 
 
 def read_as(path: Path, kind: Any) -> Any:
-    """Read JSON as a type that pydantic knows. Raises DataError, in one line, on whatever does not fit."""
+    """Read JSON and validate it as a type that pydantic supports. Raises DataError if it is invalid."""
     return check_as(read_json(path), kind, path)
 
 
 def check_as(content: Any, kind: Any, where: object) -> Any:
-    """A value as a type that pydantic knows. Raises DataError, in one line, on whatever does not fit."""
+    """Validate a value as a type that pydantic supports.
+
+    Args:
+        content: The value.
+        kind: The type.
+        where: The location of the value, for messages.
+
+    Returns:
+        The validated value.
+
+    Raises:
+        DataError: The value is invalid.
+    """
     try:
         return _adapter(kind).validate_python(content)
     except ValidationError as error:
@@ -71,7 +83,7 @@ _adapter = lru_cache(maxsize=64)(TypeAdapter)
 
 
 def read_model(path: Path, model: type[_Model]) -> _Model:
-    """Read JSON as an instance of a pydantic model. Raises DataError, in one line, on whatever does not fit."""
+    """Read JSON as an instance of a pydantic model. Raises DataError if it is invalid."""
     content = read_json(path)
     if not isinstance(content, Mapping):
         raise DataError(f"{path} holds {type(content).__name__}, expected an object")
@@ -82,32 +94,44 @@ def read_model(path: Path, model: type[_Model]) -> _Model:
 
 
 def read_lines(path: Path) -> Iterator[Any]:
-    """The values of a .jsonl file, one a line; what follows the last newline was cut off by a kill, and is left out.
-    Raises DataError."""
+    """Yield the values of a .jsonl file, one per line.
+
+    Text after the last newline is skipped: it is the incomplete line of a process that was killed.
+
+    Raises:
+        DataError: The file cannot be read, or a line is not JSON.
+    """
     with reading(path, "a file of JSON lines"):
         lines = read_bytes(path, _MAX_LOG).split(b"\n")[:-1]
     for number, line in enumerate(lines, 1):
         try:
             yield parse_json(line)
         except ValueError:
-            raise DataError(f"{path}, line {number}, is not JSON: remove the line to have it asked again") from None
+            raise DataError(f"{path}, line {number}, is not JSON: remove the line to compute it again") from None
 
 
 def whole_lines_bytes(path: Path) -> int:
-    """How many bytes of a .jsonl file are whole lines. Raises DataError."""
+    """Return the total size of the complete lines of a .jsonl file, in bytes. Raises DataError."""
     with reading(path, "a file of JSON lines"):
         return read_bytes(path, _MAX_LOG).rfind(b"\n") + 1
 
 
 def read_arrays(path: Path) -> dict[str, np.ndarray]:
-    """Read named arrays from .npz, never unpickling. Raises DataError."""
+    """Read named arrays from a .npz file without unpickling. Raises DataError."""
     with reading(path, "an array archive"):
         return parse_arrays(read_bytes(path, MAX_BYTES))
 
 
 def read_table(path: Path, row: type[_Model]) -> list[_Model]:
-    """The rows of a Parquet table, of which only the columns that `row` has are read. Raises DataError on a file that
-    is none, on an absent column and on values of another type, null or out of range."""
+    """Read the rows of a Parquet table.
+
+    Args:
+        path: The file.
+        row: The model of a row. Only the columns in its fields are read.
+
+    Raises:
+        DataError: The file is not a Parquet table, a column is missing, or a value is invalid.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -123,13 +147,20 @@ def read_table(path: Path, row: type[_Model]) -> list[_Model]:
             rows = table.read(columns=list(row.model_fields), use_threads=False).to_pylist()
     except (pa.ArrowException, MemoryError, KeyError) as error:
         raise DataError(f"{path} is not a Parquet table: {one_line(error)}") from None
-    checked: list[_Model] = check_as(rows, list[row], path)  # type: ignore[valid-type]
-    return checked
+    validated: list[_Model] = check_as(rows, list[row], path)  # type: ignore[valid-type]
+    return validated
 
 
 def read_image(path: Path, mode: int) -> np.ndarray:
-    """The pixels of a JPEG or PNG in one of OpenCV's reading modes (cv2.IMREAD_COLOR gives blue first). Raises
-    DataError on a missing file, and on one that is damaged, cut off or too large."""
+    """Read the pixels of a JPEG or PNG.
+
+    Args:
+        path: The file.
+        mode: Reading mode of OpenCV. cv2.IMREAD_COLOR gives BGR.
+
+    Raises:
+        DataError: The file is missing, damaged, truncated or too large.
+    """
     import cv2
     from PIL import Image
 
@@ -138,33 +169,33 @@ def read_image(path: Path, mode: int) -> np.ndarray:
     try:
         with Image.open(io.BytesIO(content), formats=("PNG", "JPEG")) as picture:
             width, height = picture.size
-            whole = content.rfind(_END_OF_JPEG) > content.rfind(_SCAN_OF_JPEG)
-            if picture.format == "PNG":  # of what is wrong with its checksums, or its end, libpng would write to stderr
-                whole = _END_OF_PNG in content
+            is_complete = content.rfind(_END_OF_JPEG) > content.rfind(_SCAN_OF_JPEG)
+            if picture.format == "PNG":  # libpng would print errors of a truncated file to stderr
+                is_complete = _END_OF_PNG in content
             picture.verify()
-    except Exception:  # Pillow raises whatever it stumbles over
-        whole, width, height = False, 0, 0
+    except Exception:  # Pillow raises many types of exceptions
+        is_complete, width, height = False, 0, 0
     if width * height > _MAX_PIXELS:
         raise DataError(f"{path} is {width} x {height}, expected at most {_MAX_PIXELS} pixels")
-    image = cv2.imdecode(np.frombuffer(content, np.uint8), mode) if whole else None
+    image = cv2.imdecode(np.frombuffer(content, np.uint8), mode) if is_complete else None
     if image is None:
-        raise DataError(f"{path} is no readable image ({len(content)} bytes), expected a JPEG or PNG that is whole")
+        raise DataError(f"{path} is not a readable image ({len(content)} bytes), expected a complete JPEG or PNG")
     return image
 
 
 def image_notes(path: Path) -> dict[str, Any]:
-    """What is written into a PNG beside its pixels; nothing of a file that is none."""
+    """Return the text metadata of a PNG, empty if the file is not a PNG."""
     from PIL import Image
 
     try:
         with Image.open(io.BytesIO(read_bytes(path)), formats=("PNG",)) as picture:
             return {str(key): value for key, value in picture.info.items()}
-    except Exception:  # Pillow raises whatever it stumbles over
+    except Exception:  # Pillow raises many types of exceptions
         return {}
 
 
 def read_network(path: Path) -> bytes:
-    """The bytes of a network's file. Raises WeightsMissing where it is missing or too large."""
+    """Read the file of a network as bytes. Raises WeightsMissing if it cannot be read or is too large."""
     try:
         return read_bytes(path, _MAX_NETWORK)
     except (OSError, ValueError) as error:

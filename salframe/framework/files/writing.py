@@ -1,4 +1,4 @@
-"""Writing files: each file appears whole or not at all."""
+"""Atomic writing of files: a file is written completely or not at all."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from salframe.framework.files.array_files import pack_arrays
 from salframe.framework.files.bounded import read_start
 
 PNG = b"\x89PNG\r\n\x1a\n"
-"""What every PNG begins with."""
+"""The first bytes of every PNG file."""
 
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Let what the system says against writing to `path` name it: where the disk is full it names nothing."""
+    """Add `path` to an OSError of the block that names no file, as on a full disk."""
     try:
         yield
     except OSError as error:
@@ -34,8 +34,10 @@ def naming(path: Path) -> Iterator[None]:
 
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
-    """A temporary path beside `path`, of the same suffix; renamed to it when the block ends well, removed when it does
-    not."""
+    """Yield a temporary path in the folder of `path`, with the same suffix.
+
+    The temporary file is renamed to `path` if the block succeeds and removed if it fails.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.stem}-{os.getpid()}-{time.monotonic_ns()}{path.suffix}")
     try:
@@ -48,10 +50,15 @@ def atomic_path(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def new_folder(path: Path) -> Iterator[Path]:
-    """A temporary folder beside `path`, renamed to it when the block ends well, removed when it does not. Raises
-    ConfigError where `path` is there."""
+    """Yield a temporary folder next to `path`.
+
+    The temporary folder is renamed to `path` if the block succeeds and removed if it fails.
+
+    Raises:
+        ConfigError: `path` exists.
+    """
     if path.exists():
-        raise ConfigError(f"{path} is there already: name a new folder, or remove it")
+        raise ConfigError(f"{path} exists already: name a new folder, or remove it")
     temporary = path.with_name(f".{path.name}-{os.getpid()}-{time.monotonic_ns()}")
     temporary.mkdir(parents=True)
     try:
@@ -64,13 +71,20 @@ def new_folder(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def alone(folder: Path, instead: str) -> Iterator[None]:
-    """Hold a folder's lock, which the system gives back when the process ends; nothing where it has no such locks.
+    """Lock a folder for the block. The system releases the lock if the process ends.
 
-    Raises ConfigError where another process holds it; `instead`: what the user could do but wait.
+    Does nothing on systems without such locks.
+
+    Args:
+        folder: The folder.
+        instead: What the user can do instead of waiting, for the message.
+
+    Raises:
+        ConfigError: Another process has locked the folder.
     """
     try:
         import fcntl
-    except ImportError:  # Windows has none
+    except ImportError:  # Windows has no fcntl
         yield
         return
     descriptor = os.open(folder, os.O_RDONLY)
@@ -79,7 +93,7 @@ def alone(folder: Path, instead: str) -> Iterator[None]:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise ConfigError(f"another process writes to {folder}: wait for it, or {instead}") from None
-        except OSError:  # some network file systems have none
+        except OSError:  # some network file systems have no locks
             pass
         yield
     finally:
@@ -87,25 +101,27 @@ def alone(folder: Path, instead: str) -> Iterator[None]:
 
 
 def share_file(source: Path, target: Path) -> None:
-    """Let a file be found under another path too: a hard link, or a copy where there can be none. A file that is
-    already there stays."""
+    """Make a file available at a second path, by a hard link or, if this is not possible, a copy.
+
+    An existing `target` is not replaced.
+    """
     target.parent.mkdir(parents=True, exist_ok=True)
     try:
         os.link(source, target)
-    except OSError:  # it is there, or on another file system, or on one that has no hard links
+    except OSError:  # the target exists, or the file system does not support this link
         if not target.exists():
             with atomic_path(target) as temporary:
                 shutil.copyfile(source, temporary)
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file atomically, the same bytes on every system."""
+    """Write a text file atomically, with the same bytes on every system."""
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
 
 
 def write_json(path: Path, value: Any) -> None:
-    """Write JSON atomically, indented, keys in the order given; NaN is refused."""
+    """Write indented JSON atomically, with keys in their original order. Raises ValueError on NaN."""
     write_text(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
 
 
@@ -116,11 +132,11 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 
 def write_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
-    """Write named arrays to a compressed .npz, atomically."""
+    """Write named arrays to a compressed .npz file atomically."""
     write_bytes(path, pack_arrays(arrays))
 
 
 def check_picture_output(path: Path) -> None:
-    """Raises ConfigError where a PNG would replace something else than a PNG."""
+    """Raise ConfigError if `path` exists and is not a PNG."""
     if path.exists() and not (path.is_file() and read_start(path, len(PNG)) == PNG):
-        raise ConfigError(f"{path} is there and is no PNG, expected the name of a new file or of a picture to replace")
+        raise ConfigError(f"{path} exists and is not a PNG, expected a new file, or a PNG to replace")

@@ -40,13 +40,13 @@ def taken(*settings):
 
 
 def test_annotations_come_first(detectors):
-    assert taken() == ("annotations", ("objects: auto took the detector annotations",))
+    assert taken() == ("annotations", ("objects: auto selected the detector annotations",))
 
 
 def test_segments_come_next_where_their_weights_are(detectors):
-    assert taken(BARE) == ("segments", ("objects: auto took the detector segments",))
+    assert taken(BARE) == ("segments", ("objects: auto selected the detector segments",))
     ABSENT.touch()
-    assert taken(BARE) == ("panoseg", (f"objects: auto took the detector panoseg, which {REMARK}",))
+    assert taken(BARE) == ("panoseg", (f"objects: auto selected the detector panoseg, which {REMARK}",))
 
 
 def test_a_name_that_nobody_brings_is_left_out(plugins):
@@ -62,12 +62,12 @@ def test_where_none_can_one_line_says_why_for_each(detectors):
     row = result.row("objects")
     assert not row.available
     assert row.reason == (
-        "no detector of 'auto' can run on furnished: annotations: needs annotations, which the data does not have; "
+        "no detector for 'auto' can run on furnished: annotations: needs annotations, which the data does not have; "
         "segments: no file ade20k.tflite; get it with: salframe weights fetch ade20k; "
         "panoseg: needs range, which the data does not have"
     )
     assert result.row("named").measured
-    with pytest.raises(InputMissing, match=r"no detector of 'auto' .*; segments: no file"):
+    with pytest.raises(InputMissing, match=r"no detector for 'auto' .*; segments: no file"):
         resolve(request(settings=(BARE, NO_RANGE, "detector.noise=none")))
 
 
@@ -76,9 +76,9 @@ def test_settings_go_to_what_it_became_or_are_refused_in_its_name(detectors):
     ABSENT.touch()
     found = resolve(request(settings=(BARE, "detector.min_score=0.5")))
     assert found.methods["objects"].detector.min_score == 0.5
-    with pytest.raises(ConfigError, match=r"unknown key detector\.noise .*; auto took the detector 'panoseg' here"):
+    with pytest.raises(ConfigError, match=r"unknown key detector\.noise .*; auto selected the detector 'panoseg'"):
         resolve(request(settings=(BARE, "detector.noise=none")))
-    with pytest.raises(ConfigError, match=r"detector\.min_score: received 'x'.*; auto took the detector 'panoseg'"):
+    with pytest.raises(ConfigError, match=r"detector\.min_score: received 'x'.*; auto selected the detector 'panoseg'"):
         resolve(request(settings=(BARE, "detector.min_score=x")))
 
 
@@ -88,11 +88,11 @@ def test_a_named_detector_is_taken_as_it_is(detectors):
     Path("mine.yaml").write_text("kind: objects\ndetector: {kind: auto, noise: none}\n")
     found = resolve(request("mine.yaml", "objects"))
     assert found.methods["mine"].detector.noise == "none"
-    assert found.notes == ("mine, objects: auto took the detector annotations",)
+    assert found.notes == ("mine, objects: auto selected the detector annotations",)
 
 
 def test_it_is_told_in_table_json_and_report_and_is_what_ran(detectors):
-    note = "objects: auto took the detector annotations"
+    note = "objects: auto selected the detector annotations"
     asked = ("compare", "--methods", "objects", "--data", "furnished", "--engine", "inline")
     printed = salframe(*asked)
     assert printed.code == 0
@@ -120,7 +120,7 @@ def test_a_run_is_another_one_once_it_becomes_another(detectors):
 
 def test_a_map_holds_what_it_became_and_opens_without_the_data(detectors):
     done = salframe("build", "furnished", "-o", "map", "--method", "objects")
-    assert (done.code, done.err) == (0, "objects: auto took the detector annotations\n")
+    assert (done.code, done.err) == (0, "objects: auto selected the detector annotations\n")
     assert map_config(Path("map")).detector.kind == "annotations"
     assert open_map(Path("map")).localizer.config.detector.kind == "annotations"
     asked = salframe("localize", "map", "bedroom-query", "--data", "furnished")
@@ -128,7 +128,7 @@ def test_a_map_holds_what_it_became_and_opens_without_the_data(detectors):
     ABSENT.touch()
     refused = salframe("build", "furnished", "-o", "none", "--method", "objects", "--set", BARE, "--set", NO_RANGE)
     assert (refused.code, refused.out, refused.err.count("\n")) == (2, "", 1)
-    assert "no detector of 'auto' can run on furnished: annotations: needs annotations" in refused.err
+    assert "no detector for 'auto' can run on furnished: annotations: needs annotations" in refused.err
 
 
 def test_it_is_varied_by_an_ablation(detectors):
@@ -136,15 +136,19 @@ def test_it_is_varied_by_an_ablation(detectors):
     Path("kinds.yaml").write_text(yaml.safe_dump(plan))
     done = salframe("ablate", "kinds.yaml", "--engine", "inline", "--json")
     assert [row["input"] for row in done.json["rows"]] == [["annotations"], ["rgb", "range"]]
-    assert "objects[detector.kind=auto]: auto took the detector annotations" in done.json["notes"]
+    assert "objects[detector.kind=auto]: auto selected the detector annotations" in done.json["notes"]
 
 
 def test_without_data_it_stays_undecided_and_is_not_built(detectors):
     config = configure_default("localizer", "objects")
     assert config.detector.kind == "auto"
-    with pytest.raises(ConfigError, match=r"the detector is 'auto', and no data is known .*\(annotations, seg"):
+    with pytest.raises(
+        ConfigError, match=r"the detector is 'auto', which needs data to choose from.*\(annotations, seg"
+    ):
         registry().build("localizer", config)
-    with pytest.raises(ConfigError, match=r"received detector\.noise, and no data is known .* name one of annotations"):
+    with pytest.raises(
+        ConfigError, match=r"received detector\.noise, but detector 'auto' needs data .* name one of annotations"
+    ):
         configure("localizer", "objects", {"detector": {"noise": "none"}})
     choice = Choice("mine", lambda: frozenset({"annotations"}))
     decided = configure("localizer", "objects", {}, [{"detector": {"noise": "none"}}], choice)
@@ -157,7 +161,7 @@ def test_a_listing_says_whether_anything_could_run(detectors, plugins):
     assert entry["available"]
     plugins("salframe_objects")
     (entry,) = [one for one in salframe("methods", "--json").json if one["name"] == "objects"]
-    assert entry["missing"] == "no detector of 'auto' can run here: none is installed"
+    assert entry["missing"] == "no detector for 'auto' can run on this machine: none is installed"
     with pytest.raises(RequirementMissing, match="none is installed"):
         registry().build("localizer", configure_default("localizer", "objects"))
 
@@ -165,7 +169,9 @@ def test_a_listing_says_whether_anything_could_run(detectors, plugins):
 def test_no_component_may_be_called_so():
     from auto_plugin import Named
 
-    with pytest.raises(SalframeError, match="name is 'auto', which slots say that leave their component to the data"):
+    with pytest.raises(
+        SalframeError, match="name is 'auto', which is reserved for slots whose component is chosen by the data"
+    ):
         registry().add(type("Auto", (Named,), {"name": "auto"}), "a-package")
 
 
@@ -179,7 +185,7 @@ def test_where_agents_walk_and_topologies_are_made_the_same_is_said(plugins):
         folders=(".", "navigation"),
     )
     reason = (
-        "no detector of 'auto' can run on apartment: annotations: needs annotations, which the data does not have; "
+        "no detector for 'auto' can run on apartment: annotations: needs annotations, which the data does not have; "
     )
     walked = navigate(Request(("objects",), "apartment", engine="inline"), episodes=2)
     assert walked.row("objects").reason.startswith(reason)

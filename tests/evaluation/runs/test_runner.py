@@ -80,7 +80,7 @@ def test_an_interrupt_ends_the_command(faults, where):
     asked = ("compare", "--methods", "faulty,reader", "--data", "rooms", "--engine", "inline")
     done = salframe(*asked, "--set", f"where={where}", "--set", "what=interrupt")
     assert (done.code, done.out) == (130, "")
-    assert done.err == "interrupted: finished frames and answers are kept, run the same command again to resume\n"
+    assert done.err == "interrupted: finished work is stored; run the same command again to resume\n"
 
 
 NONSENSE = {

@@ -181,7 +181,7 @@ def test_the_command_prints_measured_and_reported_apart(rooms):
     measured, reported = done.out.split("reported, not measured")
     assert "100.0 (68-100)" in measured
     assert "106 rooms" in reported
-    assert done.out.rstrip().endswith("kept in results/rooms.json")
+    assert done.out.rstrip().endswith("stored in results/rooms.json")
     told = run("experiment", "rooms.yaml", "--engine", "inline", "--results", "results", "--json").json
     assert told[0]["tables"]["first"]["rows"][0]["accuracy"] == 1.0
 

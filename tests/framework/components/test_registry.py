@@ -58,7 +58,10 @@ class Nameless(SaliencyModel):
 @pytest.mark.parametrize(
     ("component", "message"),
     [
-        (declared(name="My model"), "Changed.name is 'My model', expected words of small letters and digits joined by"),
+        (
+            declared(name="My model"),
+            "Changed.name is 'My model', expected words of lower-case letters and digits joined by",
+        ),
         (declared(name="two--hyphens"), "Changed.name is 'two--hyphens'"),
         (declared(name=7), "Changed.name is 7, expected words"),
         (Nameless, "Nameless has no name and no version"),
@@ -82,9 +85,9 @@ class Nameless(SaliencyModel):
             declared(Config=config(tool=(object, object()))),
             "Changed.Config has a default that cannot be written as JSON",
         ),
-        (Path, "is no component: it must subclass one of Dataset, RangeModel, Detector, SaliencyModel"),
-        (Declared(), "is no component"),
-        (SaliencyModel.score, "is no component"),
+        (Path, "is not a component: it must subclass one of Dataset, RangeModel, Detector, SaliencyModel"),
+        (Declared(), "is not a component"),
+        (SaliencyModel.score, "is not a component"),
     ],
 )
 def test_a_declaration_that_would_break_a_listing_is_refused(found, component, message):
@@ -120,7 +123,7 @@ def test_a_role_that_is_taken_is_refused(found):
 
         role = "saliency"
 
-    with pytest.raises(SalframeError, match=r"the role 'saliency' of a-package is already there: .*SaliencyModel"):
+    with pytest.raises(SalframeError, match=r"the role 'saliency' of a-package is already registered: .*SaliencyModel"):
         found.add(Saliency, "a-package")
 
 
@@ -168,7 +171,7 @@ def test_what_a_plugin_declares_badly_is_its_packages_failure(found, plugin):
     found.load(plugin("a_plugin", "class Loud(Even):\n    name = 'LOUD'\n", "Loud"))
     (failure,) = found.failures
     assert failure.package == "a_plugin"
-    assert failure.reason.startswith("Loud.name is 'LOUD', expected words of small letters")
+    assert failure.reason.startswith("Loud.name is 'LOUD', expected words of lower-case letters")
 
 
 def test_a_hook_that_is_not_marked_is_a_failure(found, plugin, tmp_path):
@@ -176,7 +179,7 @@ def test_a_hook_that_is_not_marked_is_a_failure(found, plugin, tmp_path):
     path = tmp_path / "a_plugin.py"
     path.write_text(path.read_text().replace("@salframe.hookimpl", ""))
     found.load(entry_point)
-    reason = "salframe_provides of a_plugin is no hook: mark it with @salframe.hookimpl"
+    reason = "salframe_provides of a_plugin is not a hook: mark it with @salframe.hookimpl"
     assert found.failures == [Failure("a_plugin", "a_plugin", reason)]
 
 
@@ -235,7 +238,8 @@ def test_a_preset_whose_name_is_taken_is_refused(found, tmp_path):
         (tmp_path / package / "methods" / "calm.yaml").write_text("kind: even\n")
     found.add(Presets(tmp_path / "one"), "one")
     with pytest.raises(
-        SalframeError, match=r"the preset .*two/methods/calm\.yaml of two is already there: .*one/methods/calm\.yaml"
+        SalframeError,
+        match=r"the preset .*two/methods/calm\.yaml of two is already registered: .*one/methods/calm\.yaml",
     ):
         found.add(Presets(tmp_path / "two"), "two")
     assert found.list_presets("methods") == {"calm": "one"}
@@ -269,7 +273,7 @@ def test_a_faulty_preset_costs_only_itself(found, tmp_path, name, content, reaso
     assert (failure.plugin, failure.package) == (f"{folder}/odd.yaml", "a-package")
     assert re.search(reason, failure.reason)
     assert [path.stem for path, _ in found.preset_files()] == ["calm"]
-    with pytest.raises(PluginFailed, match=f"the preset {folder}/odd.yaml of a-package is faulty: .*{reason}"):
+    with pytest.raises(PluginFailed, match=f"the preset {folder}/odd.yaml of a-package is invalid: .*{reason}"):
         found.find_preset(folder, "odd")
 
 
@@ -360,7 +364,7 @@ def test_commands_that_fail_cost_only_their_plugin(monkeypatch, plugin):
     assert reasons["again"] == "the command 'greet' of again is already provided by first"
     assert reasons["leaving"] == "SystemExit: 4"
     assert "expected a kebab-case name and a function" in reasons["loud"]
-    assert reasons["hollow"].startswith("'wave': None is no command")
+    assert reasons["hollow"].startswith("'wave': None is not a command")
 
 
 def test_an_interrupt_passes_while_commands_are_loaded(monkeypatch, plugin):

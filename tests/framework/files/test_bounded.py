@@ -11,7 +11,7 @@ import pytest
 
 from salframe.framework.errors import DataError
 from salframe.framework.files.array_files import map_array, parse_arrays
-from salframe.framework.files.bounded import DEEPEST, MAX_NODES, parse_json, parse_yaml, read_bytes
+from salframe.framework.files.bounded import MAX_DEPTH, MAX_NODES, parse_json, parse_yaml, read_bytes
 from salframe.framework.files.reading import read_image
 
 PARSERS = {"json": parse_json, "yaml": parse_yaml}
@@ -19,9 +19,9 @@ PARSERS = {"json": parse_json, "yaml": parse_yaml}
 
 @pytest.mark.parametrize("parse", PARSERS.values(), ids=PARSERS.keys())
 def test_nesting_is_bounded(parse):
-    assert parse(b"[" * DEEPEST + b"]" * DEEPEST) != 0
-    with pytest.raises(ValueError, match=rf"{DEEPEST + 1} levels"):
-        parse(b"[" * (DEEPEST + 1) + b"]" * (DEEPEST + 1))
+    assert parse(b"[" * MAX_DEPTH + b"]" * MAX_DEPTH) != 0
+    with pytest.raises(ValueError, match=rf"{MAX_DEPTH + 1} levels"):
+        parse(b"[" * (MAX_DEPTH + 1) + b"]" * (MAX_DEPTH + 1))
 
 
 def test_brackets_in_text_do_not_nest():
@@ -53,7 +53,7 @@ def test_json_that_is_none(text):
         ("a: !!python/object/apply:os.system [ls]", "tag"),
         ("a: 2020-01-01", "the date 2020-01-01, expected text"),
         ("a: .nan", "finite"),
-        ("a: &b [*b]", r"\*b stands inside &b"),
+        ("a: &b [*b]", r"\*b is inside &b"),
         ("? [1]\n: 2", "key"),
         ("1.5: a", "the key 1.5, expected text or an integer"),
     ],
