@@ -34,7 +34,7 @@ class ObjectNoise(Settings):
 class AnnotationNoise(ObjectNoise):
     """Rates and sizes of simulated errors in the annotations of a panorama, independent of its pixels."""
 
-    made_up: float = Field(
+    false_positives: float = Field(
         0.0,
         ge=0,
         le=1,
@@ -82,7 +82,7 @@ def spoil_annotations(panorama: Panorama, noise: AnnotationNoise, seed: int) -> 
 
     def draw(key: int, label: str) -> _Draw:
         rng = np.random.default_rng((seed, frame, key))
-        missed, mislabelled, doubled = rng.random(3) < (noise.missed, noise.mislabelled, noise.made_up)
+        missed, mislabelled, doubled = rng.random(3) < (noise.missed, noise.mislabelled, noise.false_positives)
         factor = max(1 + noise.range_share * rng.standard_normal(), MIN_FACTOR)
         turn_rad = rng.uniform(0, 2 * np.pi)
         wrong = [another_label(label, vocabulary, rng) for _ in range(2)]

@@ -121,26 +121,26 @@ def test_what_is_made_up_has_the_outline_of_another_on_what_is_no_object() -> No
     instance_id[20:24, 30:36] = 5
     range_m = np.full(instance_id.shape, 3, np.float32)
     one = Panorama("p", range_m=range_m, annotations=Annotations(instance_id, {5: "bed", 9: "lamp"}))
-    spoilt = spoil_annotations(one, AnnotationNoise(made_up=1), 0)
-    made_up = spoilt.annotations.instance_id == 10
+    spoilt = spoil_annotations(one, AnnotationNoise(false_positives=1), 0)
+    false_positives = spoilt.annotations.instance_id == 10
     assert spoilt.annotations.labels == {5: "bed", 9: "lamp", 10: "lamp"}
     assert (spoilt.annotations.instance_id[instance_id == 5] == 5).all()
-    rows, columns = np.nonzero(made_up)
+    rows, columns = np.nonzero(false_positives)
     assert set(rows) == {20, 21, 22, 23}
-    assert made_up.sum() == 24
+    assert false_positives.sum() == 24
     assert len(set(columns)) == 6
     np.testing.assert_array_equal(spoilt.range_m, range_m)
-    twice = [spoil_annotations(replace(one, id=name), AnnotationNoise(made_up=1), 0) for name in ("a", "b")]
+    twice = [spoil_annotations(replace(one, id=name), AnnotationNoise(false_positives=1), 0) for name in ("a", "b")]
     assert not np.array_equal(*(other.annotations.instance_id for other in twice))
 
 
 def test_what_is_made_up_in_a_list_stands_as_high_and_far_as_another() -> None:
     before = listed().annotations.objects
-    after = spoil_annotations(listed(), AnnotationNoise(made_up=0.5), 0).annotations.objects
-    made_up = [i for i, key in enumerate(after.keys) if key.endswith("made up")]
-    assert len(made_up) == pytest.approx(400, abs=43)
-    assert len(set(after.keys)) == len(after.keys) == 800 + len(made_up)
-    for i in made_up[:50]:
+    after = spoil_annotations(listed(), AnnotationNoise(false_positives=0.5), 0).annotations.objects
+    false_positives = [i for i, key in enumerate(after.keys) if key.endswith("made up")]
+    assert len(false_positives) == pytest.approx(400, abs=43)
+    assert len(set(after.keys)) == len(after.keys) == 800 + len(false_positives)
+    for i in false_positives[:50]:
         source = before.keys.index(after.keys[i].removesuffix(" made up"))
         assert after.labels[i] != before.labels[source]
         assert after.centroid_m[i, 2] == before.centroid_m[source, 2]
@@ -150,7 +150,7 @@ def test_what_is_made_up_in_a_list_stands_as_high_and_far_as_another() -> None:
 
 def test_a_panorama_without_annotations_or_objects_stays() -> None:
     plain = Panorama("p", np.zeros((8, 16, 3), np.uint8))
-    noise = AnnotationNoise(missed=0.5, made_up=0.5)
+    noise = AnnotationNoise(missed=0.5, false_positives=0.5)
     assert spoil_annotations(plain, noise, 0) is plain
     bare = Panorama("p", annotations=Annotations(np.zeros((8, 16), np.int32)))
     assert not spoil_annotations(bare, noise, 0).annotations.instance_id.any()

@@ -202,7 +202,11 @@ def test_a_network_without_a_card_says_what_to_write(tmp_path):
         ({"labels": ["wall", "tv"]}, WeightsMissing, "gives .* 5, expected 4 axes with 2 classes, one for each label"),
         ({"labels": ["wall", "sofa"]}, ConfigError, "the label 'sofa' is in none of structure, fixed and objects"),
         ({"structure": ["wall", "tv"]}, ConfigError, "the label 'tv' is in structure and objects of structure"),
-        ({"output": {"name": "gone", "layout": "nchw", "values": "logits"}}, WeightsMissing, "no ONNX network with a"),
+        (
+            {"output": {"name": "gone", "layout": "nchw", "values": "logits"}},
+            WeightsMissing,
+            "not an ONNX network with a",
+        ),
         ({"output": {"layout": "nchw", "values": "logits"}}, WeightsMissing, "gives int64, expected scores as floats"),
         ({"input": {"layout": "nhwc", "size_px": [96, 96]}}, WeightsMissing, r"takes views float32 \(1, 3, 96, 96\)"),
         ({"colour": 1}, ConfigError, "unknown key .*colour"),
