@@ -173,7 +173,9 @@ class Weightless(Reader):
 
     @classmethod
     def check(cls, config: ComponentConfig) -> None:
-        raise WeightsMissing("weightless.pth is not at hand: salframe weights fetch weightless")
+        raise WeightsMissing(
+            "weightless.pth is not at hand: salframe weights fetch weightless", "salframe weights fetch weightless"
+        )
 
 
 class Ranger(Reader):

@@ -38,7 +38,9 @@ class Pretrained:
         address = f"https://huggingface.co/{self.repository} ({self.licence})"
         where = f"a folder with config.json and model.safetensors of {address}"
         if folder is None:
-            raise WeightsMissing(f"salframe does not ship {self.model_type}: set checkpoint to {where}")
+            raise WeightsMissing(
+                f"salframe does not ship {self.model_type}: set checkpoint to {where}", "checkpoint=FOLDER"
+            )
         config, weights = folder / "config.json", folder / "model.safetensors"
         for path in (config, weights):
             if not path.is_file():

@@ -114,7 +114,9 @@ class OnnxDepth(RangeModel):
     def check(cls, config: Any) -> None:
         super().check(config)
         if config.model is None:
-            raise WeightsMissing(f"{cls.name} has no network, expected the path of an ONNX file as `model`")
+            raise WeightsMissing(
+                f"{cls.name} has no network, expected the path of an ONNX file as `model`", "model=PATH"
+            )
         if not config.model.is_file():
             raise WeightsMissing(f"no file {config.model}, expected the path of an ONNX file")
 

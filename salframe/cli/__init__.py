@@ -126,29 +126,25 @@ def _options(
     _debug = debug
 
 
-app.command()(compare.compare)
-app.command()(compare.ablate)
-app.command()(compare.evaluate)
-app.command()(experiment.experiment)
-app.command()(report.report)
-app.command()(matching.matching)
-app.command()(detection.detection)
-app.command()(fit.fit)
-app.command()(sensor.sensor)
-app.command()(build.build)
-app.command()(localize.localize)
-app.command()(show_objects.show_objects)
-app.command()(navigate.navigate)
-app.command()(score.score)
-app.command()(inspect.methods)
-app.command()(inspect.plugins)
-app.command()(inspect.show)
-app.command()(inspect.doctor)
-app.command()(docs.docs)
-app.add_typer(cache.app, name="cache")
-app.add_typer(data.app, name="data")
-app.add_typer(map.app, name="map")
-app.add_typer(weights.app, name="weights")
+PANELS: dict[str, tuple[Any, ...]] = {
+    "Compare": (
+        *(compare.compare, compare.ablate, compare.evaluate, report.report, experiment.experiment),
+        *(matching.matching, detection.detection, navigate.navigate, score.score),
+    ),
+    "Maps and localization": (build.build, localize.localize, show_objects.show_objects, ("map", map.app)),
+    "Data": (("data", data.app), sensor.sensor, fit.fit, ("cache", cache.app)),
+    "Plugins and installation": (
+        *(inspect.methods, inspect.plugins, inspect.show, ("weights", weights.app)),
+        *(inspect.doctor, docs.docs),
+    ),
+}
+"""Commands, or names and groups of commands, by the panel of `salframe --help`."""
+for _panel, _commands in PANELS.items():
+    for _command in _commands:
+        if isinstance(_command, tuple):
+            app.add_typer(_command[1], name=_command[0], rich_help_panel=_panel)
+        else:
+            app.command(rich_help_panel=_panel)(_command)
 
 
 def main() -> None:

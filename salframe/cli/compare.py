@@ -38,7 +38,7 @@ def ablate(
     *,
     options: CommonOptions,
 ) -> None:
-    """Run a method with every combination of the values under `vary:`.
+    """Compare all combinations of settings of a method.
 
     Prints one table with a row for each combination.
     """

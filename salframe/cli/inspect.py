@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
+import textwrap
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -12,10 +15,14 @@ from salframe.cli.options import Json
 from salframe.cli.output import print_json
 
 if TYPE_CHECKING:
+    from salframe.framework.components.installation import ComponentStatus
     from salframe.framework.components.settings import Setting
 
 
-def methods(as_json: Json = False) -> None:
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Show full messages, versions and paths")]
+
+
+def methods(verbose: Verbose = False, as_json: Json = False) -> None:
     """List the presets and localizers that `--methods` accepts.
 
     Each line has the name, the package, and what is missing to run it.
@@ -26,18 +33,22 @@ def methods(as_json: Json = False) -> None:
     if as_json:
         print_json([{**dataclasses.asdict(method), "available": method.missing is None} for method in entries])
         return
-    widths = [max((len(getattr(method, key)) for method in entries), default=0) for key in ("name", "package")]
-    for method in entries:
-        state = "available" if method.missing is None else f"cannot run: {method.missing}"
-        print(f"{method.name:{widths[0]}}  {method.package:{widths[1]}}  {state}")
+    _print_statuses(entries, verbose)
 
 
-def plugins(as_json: Json = False) -> None:
+def _print_statuses(entries: Sequence[ComponentStatus], verbose: bool, indent: str = "") -> None:
+    """Print a line per component: name, package, and a short status or the full message."""
+    widths = [max((len(getattr(entry, key)) for entry in entries), default=0) for key in ("name", "package")]
+    for entry in entries:
+        status = entry.missing or f"ready, version {entry.version}" if verbose else entry.short
+        print(f"{indent}{entry.name:{widths[0]}}  {entry.package:{widths[1]}}  {status}")
+
+
+def plugins(verbose: Verbose = False, as_json: Json = False) -> None:
     """List every component, preset and command.
 
-    Each row has the role, name, version, package, and what is missing to run it.
+    Components are grouped by role. Each line has the name, the package, and what is missing to run it.
     """
-    from salframe.cli.tables import print_table
     from salframe.framework.components.installation import list_components
     from salframe.framework.components.registry import load_commands, registry
 
@@ -57,23 +68,29 @@ def plugins(as_json: Json = False) -> None:
             }
         )
         return
-    rows = [[item.role, item.name, item.version, item.package, item.missing or "available"] for item in components]
-    rows += [[folder, name, "", package, "preset"] for folder, name, package in presets]
-    rows += [["command", name, "", package, "available"] for name, package in plugin_commands]
-    print_table(("role", "name", "version", "package", ""), rows)
+    for role, group in itertools.groupby(components, lambda status: status.role):
+        print(role)
+        _print_statuses(list(group), verbose, "  ")
+    listed = [*presets, *(("commands", name, package) for name, package in plugin_commands)]
+    for (folder, package), items in itertools.groupby(listed, lambda item: (item[0], item[2])):
+        names = ", ".join(name for _, name, _ in items)
+        print(f"{folder} of {package}" if folder == "commands" else f"presets: {folder} of {package}")
+        print(textwrap.fill(names, 78, initial_indent="  ", subsequent_indent="  ", break_on_hyphens=False))
     for failure in failures:
         print(f"{failure.plugin} of {failure.package} failed to load: {failure.reason}")
 
 
 def show(
-    name: Annotated[str, typer.Argument(help="Method, dataset or any other component")], as_json: Json = False
+    name: Annotated[str, typer.Argument(help="Method, dataset or any other component, or a role")],
+    verbose: Verbose = False,
+    as_json: Json = False,
 ) -> None:
-    """Show the settings of a preset or component.
+    """Show the settings of a component, or the components of a role.
 
     Each row has the value, type and help of a setting. The settings of a component in a slot follow the slot.
     """
     from salframe.cli.tables import print_table
-    from salframe.framework.components.installation import summary_of
+    from salframe.framework.components.installation import list_names, summary_of
     from salframe.framework.components.presets import configure_default, names
     from salframe.framework.components.registry import registry, unknown
     from salframe.framework.components.settings import list_settings
@@ -81,9 +98,16 @@ def show(
 
     roles = registry().roles
     configs = {role: configure_default(role, name) for role in roles if name in names(role)}
+    if not configs and name in roles:
+        entries = list(list_names(name))
+        if as_json:
+            print_json([{**dataclasses.asdict(entry), "available": entry.missing is None} for entry in entries])
+        else:
+            _print_statuses(entries, verbose)
+        return
     if not configs:
-        known = sorted({entry for role in roles for entry in names(role)})
-        raise UnknownName(unknown("preset or component", name, known, registry().failures))
+        known = sorted({entry for role in roles for entry in [role, *names(role)]})
+        raise UnknownName(unknown("preset, component or role", name, known, registry().failures))
     if as_json:
         print_json(
             [
@@ -109,8 +133,8 @@ def _value(setting: Setting) -> str:
     return value if value == default else f"{value} (default {default})"
 
 
-def doctor(as_json: Json = False) -> None:
-    """Check the installation: versions, plugins, cache and weights.
+def doctor(verbose: Verbose = False, as_json: Json = False) -> None:
+    """Check versions, plugins, cache and weights.
 
     The exit status is 1 if a plugin failed to load.
     """
@@ -123,10 +147,12 @@ def doctor(as_json: Json = False) -> None:
     else:
         machine = diagnosis.environment["machine"]
         print(f"python {diagnosis.environment['python']} on {machine['platform']}, {machine['cpus']} cpus")
-        print(", ".join(f"{package} {version}" for package, version in diagnosis.environment["packages"].items()))
+        packages = [f"{package} {version}" for package, version in diagnosis.environment["packages"].items()]
+        print(textwrap.fill(", ".join(packages), 78, subsequent_indent="  ", break_on_hyphens=False))
         print(f"cache {diagnosis.cache}: {format_bytes(diagnosis.cache_bytes)}")
         for name, missing in diagnosis.weights.items():
-            print(f"weights {name}: {missing or 'at hand'}")
+            short = missing if verbose else f"needs: salframe weights fetch {name}"
+            print(f"weights {name}: {'ready' if missing is None else short}")
         print(f"{len(diagnosis.environment['plugins'])} components, {len(diagnosis.failures)} plugin(s) failed to load")
         for failure in diagnosis.failures:
             print(f"  {failure.plugin} of {failure.package}: {failure.reason}")

@@ -8,7 +8,7 @@ from salframe.cli.output import show
 
 @with_common_options(without=["seed"])
 def matching(methods: Methods = MATCHING_METHODS, *, options: CommonOptions) -> None:
-    """Measure how many point or object matches of a method are correct.
+    """Measure how many matches of a method are correct.
 
     Each query is matched with the nearest reference frame of its own place. Run the same command again to resume an
     interrupted run.

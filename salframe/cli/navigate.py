@@ -35,7 +35,7 @@ def navigate(
     *,
     options: CommonOptions,
 ) -> None:
-    """Navigate an agent from room to room with each method as its localizer.
+    """Send an agent from room to room with each method.
 
     With --positioning off, the agent uses the place only and takes its heading from odometry. "both" runs each method
     once with and once without its poses. "all" also runs an agent that knows its true place. In the episodes of a

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from salframe.cli.inspect import Verbose
 from salframe.cli.options import Json
 from salframe.cli.output import print_json
 
@@ -14,27 +15,30 @@ Name = Annotated[str, typer.Argument(help="Name in `salframe weights list`")]
 
 
 @app.command("list")
-def list_(as_json: Json = False) -> None:
+def list_(verbose: Verbose = False, as_json: Json = False) -> None:
     """List the weights that components use.
 
-    Each row has the licence, the size, the source and the folder. The licence includes the training data if that has
-    terms of its own. Only `salframe weights fetch` downloads weights.
+    The state is `ready`, `absent`, or `another file` if a hash is wrong. `--verbose` adds the source, the folder, and
+    the terms of the training data. Only `salframe weights fetch` downloads weights.
     """
     from salframe.cli.tables import print_table
     from salframe.evaluation.tables.text import format_bytes
     from salframe.framework.components.installation import list_weights
     from salframe.framework.components.registry import registry
-    from salframe.framework.errors import failure_of
 
     rows = []
     for weights in list_weights(registry()):
-        state = "not at hand" if failure_of(weights.paths) else str(weights.paths()[0].parent)
-        rows.append([weights.name, weights.terms, format_bytes(weights.size_bytes), str(weights.source), state])
-    headings = ("name", "licence", "size", "source", "where")
+        state = weights.state
+        folder = "" if state == "absent" else str(weights.find()[0].parent)
+        licence = weights.terms if as_json or verbose else weights.licence
+        rows.append([weights.name, licence, format_bytes(weights.size_bytes), state, str(weights.source), folder])
+    headings = ("name", "licence", "size", "state", "source", "folder")
     if as_json:
         print_json([dict(zip(headings, row, strict=True)) for row in rows])
-    else:
+    elif verbose:
         print_table(headings, rows)
+    else:
+        print_table(headings[:4], [row[:4] for row in rows])
 
 
 @app.command()

@@ -22,11 +22,23 @@ class PluginFailed(SalframeError):
     """The package that would provide a component could not be imported."""
 
 
-class RequirementMissing(SalframeError):
+class _Remediable(SalframeError):
+    """An error that a command or a setting fixes.
+
+    Attributes:
+        remedy: The command or setting, such as "salframe weights fetch xfeat"; None if none is known.
+    """
+
+    def __init__(self, message: str, remedy: str | None = None) -> None:
+        super().__init__(message)
+        self.remedy = remedy
+
+
+class RequirementMissing(_Remediable):
     """A component needs a package that is not installed."""
 
 
-class WeightsMissing(SalframeError):
+class WeightsMissing(_Remediable):
     """The weights of a network are not installed, or are invalid."""
 
 

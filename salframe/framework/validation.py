@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+import difflib
+from collections.abc import Mapping, Sequence
+from typing import Any, get_args
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -53,8 +54,11 @@ def _problem(model: type[BaseModel] | None, problem: Any, where: str) -> str:
     prefix = f"{where} " if where.endswith(":") else f"{where}."
     key = prefix + ".".join(map(str, problem["loc"])) if problem["loc"] else where.rstrip(":")
     if problem["type"] == "extra_forbidden":
-        known = ", ".join(name for name in model.model_fields if name != "kind") if model else ""
-        return f"unknown key {key}" + (f" (known: {known})" if known and len(problem["loc"]) == 1 else "")
+        *above, name = map(str, problem["loc"])
+        fields = [field for field in _fields_below(model, above) if field != "kind"]
+        close = difflib.get_close_matches(name, fields, 1)
+        hint = f", did you mean {close[0]!r}" if close else ""
+        return f"unknown key {key}{hint}" + (f" (known: {', '.join(fields)})" if fields else "")
     if problem["type"] == "missing":
         return f"{key} is missing"
     if isinstance(cause := problem.get("ctx", {}).get("error"), Exception):
@@ -62,3 +66,13 @@ def _problem(model: type[BaseModel] | None, problem: Any, where: str) -> str:
     return (
         f"{key}: received {shorten(repr(problem['input']))}, expected {problem['msg'].removeprefix('Input should be ')}"
     )
+
+
+def _fields_below(model: type[BaseModel] | None, keys: Sequence[str]) -> list[str]:
+    """Return the names of the fields of the model at nested keys; an empty list where it is not known."""
+    for key in keys:
+        field = model.model_fields.get(key) if model else None
+        parts = [] if field is None else [field.annotation, *get_args(field.annotation)]
+        models = [part for part in parts if isinstance(part, type) and issubclass(part, BaseModel)]
+        model = models[0] if len(models) == 1 else model if key.isdecimal() else None
+    return list(model.model_fields) if model else []

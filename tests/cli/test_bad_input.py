@@ -88,7 +88,7 @@ SPOILT_FOLDERS = {
     ),
     "unknown key": (
         change_manifest(lambda manifest: manifest.update(frame=[])),
-        r"unknown key .*manifest\.json: frame \(known: .*frames",
+        r"unknown key .*manifest\.json: frame, did you mean 'frames' \(known: .*frames",
     ),
     "wrong format": (
         change_manifest(lambda manifest: manifest.update(format="coco")),
@@ -241,7 +241,7 @@ def test_a_yaml_with_an_unknown_key(data):
         ("method: objects\nvary: {lables: [set]}", r"vary holds lables: unknown key 'lables', did you mean 'labels'"),
         (
             "method: objects\nset: {detector.noize: none}\nvary: {labels: [set]}",
-            r"unknown key detector\.noize \(known: noise, seed\)",
+            r"unknown key detector\.noize, did you mean 'noise' \(known: noise, seed\)",
         ),
         ("method: objects\nvary: [labels", r"sweep\.yaml is not YAML"),
         ("- objects", r"sweep\.yaml holds list, expected a mapping"),

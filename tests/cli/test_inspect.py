@@ -34,11 +34,14 @@ def shipped(fakes, monkeypatch, tmp_path):
 def test_methods_are_listed_a_line_each_with_what_they_lack(shipped):
     lines = {line.split()[0]: line.split(maxsplit=2)[1:] for line in run("methods").out.splitlines()}
     assert list(lines) == sorted(lines)
-    assert lines["reader"] == ["fake_plugin", "available"]
-    assert lines["shifted"] == ["shipped_presets", "available"]
-    missing = "cannot run: weightless.pth is not at hand: salframe weights fetch weightless"
-    assert lines["weightless"] == ["fake_plugin", missing]
-    assert lines["foreign"][1].startswith("cannot run: unknown localizer 'out-of-map'.")
+    assert lines["reader"] == ["fake_plugin", "ready"]
+    assert lines["shifted"] == ["shipped_presets", "ready"]
+    assert lines["weightless"] == ["fake_plugin", "needs: salframe weights fetch weightless"]
+    assert lines["foreign"][1] == "cannot run (see -v)"
+    full = {line.split()[0]: line.split(maxsplit=2)[2] for line in run("methods", "-v").out.splitlines()}
+    assert full["reader"] == "ready, version 1"
+    assert full["weightless"] == "weightless.pth is not at hand: salframe weights fetch weightless"
+    assert full["foreign"].startswith("unknown localizer 'out-of-map'.")
     assert not {"rooms", "large", "inline"} & set(lines)
     listed = {entry["name"]: entry for entry in run("methods", "--json").json}
     assert (listed["shifted"]["available"], listed["weightless"]["available"]) == (True, False)
@@ -48,7 +51,7 @@ def test_a_method_whose_check_breaks_is_listed_with_the_others(fakes, monkeypatc
     monkeypatch.setenv("SALFRAME_PLUGINS", "fake_plugin,faulty_plugin,salframe_engines")
     registry.cache_clear()
     for command in ("methods", "plugins"):
-        done = run(command)
+        done = run(command, "-v")
         assert done.code == 0
         assert "ValueError: the driver is odd" in done.out
         assert "reader" in done.out
@@ -62,9 +65,20 @@ def test_plugins_lists_presets_and_commands_by_their_package(shipped):
         {"folder": "data", "name": "large", "package": "shipped_presets"},
     ]
     assert listed["commands"] == [{"name": "shout", "package": "noisy_plugin"}]
-    rows = [line.split() for line in run("plugins").out.splitlines()]
-    assert ["methods", "shifted", "shipped_presets", "preset"] in rows
-    assert ["command", "shout", "noisy_plugin", "available"] in rows
+    lines = run("plugins").out.splitlines()
+    assert lines[lines.index("presets: methods of shipped_presets") + 1] == "  foreign, shifted"
+    assert lines[lines.index("commands of noisy_plugin") + 1] == "  shout"
+
+
+def test_show_lists_the_components_of_a_role(fakes):
+    listed = {line.split()[0]: line.split(maxsplit=2)[2] for line in run("show", "localizer").out.splitlines()}
+    assert listed["reader"] == "ready"
+    assert {entry["name"] for entry in run("show", "localizer", "--json").json} == set(listed)
+
+
+def test_listings_fit_80_columns():
+    for command in (("--help",), ("methods",), ("plugins",), ("weights", "list"), ("doctor",)):
+        assert max(map(len, run(*command).out.splitlines())) <= 80, command
 
 
 def test_a_command_of_a_plugin_is_one_of_ours(shipped):
@@ -111,11 +125,12 @@ def test_plugins_tells_what_is_missing(fakes):
         "version": "1",
         "package": "fake_plugin",
         "missing": None,
+        "remedy": None,
         "available": True,
         "summary": "Reads the room's number off the image; `offset` makes it wrong by so many rooms.",
     }
     assert not components["weightless"]["available"]
-    assert "weightless.pth is not at hand" in run("plugins").out
+    assert "needs: salframe weights fetch weightless" in run("plugins").out
 
 
 def test_doctor_is_content_with_a_working_installation(fakes, tmp_path):

@@ -81,7 +81,7 @@ def test_every_command_has_help():
         (["navigate", "--episodes=-5", "--data", "rooms"], "received -5 episodes, expected at least 1"),
         (["navigate", "--episodes=--5", "--data", "rooms", "--methods", "reader"], "cannot read --5"),
         (["evaluate", "."], "is no run folder"),
-        (["show", "raeder"], "unknown preset or component 'raeder', did you mean 'reader'?"),
+        (["show", "raeder"], "unknown preset, component or role 'raeder', did you mean 'reader'?"),
         (["localize", ".", "query-0-0", "--data", "rooms"], ". holds no map: make one with salframe build DATA -o ."),
         (["build", "rooms", "-o", "map", "--method", "weightless"], "weightless.pth is not at hand"),
         (["weights", "where", "nothing"], "unknown weights 'nothing'"),

@@ -14,7 +14,14 @@ from typing import Any
 from salframe.framework.component import Component
 from salframe.framework.components.presets import configure, names, preset_names, settings
 from salframe.framework.components.registry import Failure, Registry, registry
-from salframe.framework.errors import SalframeError, UnknownName, failure_of, unknown
+from salframe.framework.errors import (
+    RequirementMissing,
+    SalframeError,
+    UnknownName,
+    WeightsMissing,
+    failure_of,
+    unknown,
+)
 from salframe.framework.files.cache import cache_home
 from salframe.framework.files.weights import ByteProgress, NetworkWeights
 
@@ -86,6 +93,7 @@ class ComponentStatus:
         package: The package that provides it.
         summary: The first paragraph of the docstring, on one line.
         missing: Why it cannot run with its settings on this machine. None if it can.
+        remedy: The command or setting that makes it run, None if none is known.
     """
 
     role: str
@@ -94,6 +102,14 @@ class ComponentStatus:
     package: str
     summary: str
     missing: str | None
+    remedy: str | None = None
+
+    @property
+    def short(self) -> str:
+        """The status in a few words."""
+        if self.missing is None:
+            return "ready"
+        return f"needs: {self.remedy}" if self.remedy else "cannot run (see -v)"
 
 
 def list_components() -> Iterator[ComponentStatus]:
@@ -117,8 +133,18 @@ def list_names(role: str) -> Iterator[ComponentStatus]:
 
 
 def _status(name: str, package: str, component: type[Component], content: Mapping[str, Any]) -> ComponentStatus:
-    missing = failure_of(lambda: component.check(configure(component.role, name, content)))
-    return ComponentStatus(component.role, name, component.version, package, summary_of(component), missing)
+    remedy = None
+
+    def check() -> None:
+        nonlocal remedy
+        try:
+            component.check(configure(component.role, name, content))
+        except (RequirementMissing, WeightsMissing) as error:
+            remedy = error.remedy
+            raise
+
+    missing = failure_of(check)
+    return ComponentStatus(component.role, name, component.version, package, summary_of(component), missing, remedy)
 
 
 def summary_of(component: type[Component]) -> str:

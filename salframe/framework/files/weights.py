@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Protocol
+from typing import Literal, Protocol
 
 from salframe.framework.errors import WeightsMissing
 from salframe.framework.files.cache import cache_home
@@ -257,6 +257,23 @@ class NetworkWeights:
         """The folder to which `fetch` downloads the files."""
         return cache_home() / "weights" / self.name
 
+    @property
+    def _fetch_command(self) -> str:
+        return f"salframe weights fetch {self.name}"
+
+    @property
+    def state(self) -> Literal["ready", "absent", "another file"]:
+        """Whether the files are installed, and have the right hashes."""
+        try:
+            self.find()
+        except WeightsMissing:
+            return "absent"
+        try:
+            self.paths()
+        except WeightsMissing:
+            return "another file"
+        return "ready"
+
     def paths(self, override: Path | None = None) -> tuple[Path, ...]:
         """Return the path of each of `files`, and verify their hashes.
 
@@ -270,7 +287,7 @@ class NetworkWeights:
         paths = self.find(override)
         if override is None:
             for path, file in zip(paths, self.files, strict=True):
-                _verify(path, file, f"get it again with: salframe weights fetch {self.name}")
+                _verify(path, file, f"get it again with: {self._fetch_command}")
         return paths
 
     def find(self, override: Path | None = None) -> tuple[Path, ...]:
@@ -292,8 +309,8 @@ class NetworkWeights:
         path = path if path.is_file() else self.source.installed(file) or path
         if not path.is_file():
             raise WeightsMissing(
-                f"weights {self.name!r}: no file {path} (sha256 {file.sha256}); "
-                f"get it with: salframe weights fetch {self.name}"
+                f"weights {self.name!r}: no file {path} (sha256 {file.sha256}); get it with: {self._fetch_command}",
+                self._fetch_command,
             )
         return path
 
@@ -301,7 +318,8 @@ class NetworkWeights:
         """Return the path of a local file. Raises WeightsMissing if there is none."""
         if not path.is_file():
             raise WeightsMissing(
-                f"weights {self.name!r}: no file {path}; use another path, or: salframe weights fetch {self.name}"
+                f"weights {self.name!r}: no file {path}; use another path, or: {self._fetch_command}",
+                self._fetch_command,
             )
         return path
 

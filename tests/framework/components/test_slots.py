@@ -115,7 +115,7 @@ def test_a_configuration_survives_json(models):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"modle": 1}, r"unknown key mine\.modle \(known: model, judge, grid\)"),
+        ({"modle": 1}, r"unknown key mine\.modle, did you mean 'model' \(known: model, judge, grid\)"),
         ({"grid": {"size": 1}}, r"unknown key mine\.grid\.size"),
         ({"grid": {"size_m": 0}}, r"mine\.grid\.size_m: received 0, expected greater than 0"),
         ({"grid": {"size_m": "wide"}}, r"mine\.grid\.size_m: received 'wide', expected a valid number"),
