@@ -7,7 +7,17 @@ from typing import Annotated
 
 import typer
 
-from salframe.cli.options import METHODS, CommonOptions, Json, Methods, Style, with_common_options
+from salframe.cli.options import (
+    METHODS,
+    Columns,
+    CommonOptions,
+    Json,
+    Methods,
+    Printing,
+    Style,
+    split_names,
+    with_common_options,
+)
 from salframe.cli.output import show
 
 
@@ -24,10 +34,11 @@ def compare(
 
     Prints the accuracy and the cost of each method. Run the same command again to resume an interrupted run.
     """
+    from salframe.evaluation.tasks.localization.task import LocalizationTask
     from salframe.evaluation.tasks.localization.task import compare as run
 
     request = options.request(methods)
-    show(lambda progress: run(request, reported=reported, progress=progress), options.as_json, options.style)
+    show(lambda progress: run(request, reported=reported, progress=progress), options.printing, LocalizationTask)
 
 
 @with_common_options(
@@ -43,13 +54,17 @@ def ablate(
     Prints one table with a row for each combination.
     """
     from salframe.evaluation.studies.study import ablate as run
+    from salframe.evaluation.studies.study import read_study
 
     request = options.request()
-    show(lambda progress: run(file, request, progress=progress), options.as_json, options.style)
+    show(lambda progress: run(file, request, progress=progress), options.printing, read_study(file).kind)
 
 
 def evaluate(
-    run: Annotated[Path, typer.Argument(help="Run folder")], style: Style = "table", as_json: Json = False
+    run: Annotated[Path, typer.Argument(help="Folder of an earlier run")],
+    style: Style = "table",
+    columns: Columns = None,
+    as_json: Json = False,
 ) -> None:
     """Compute the metrics of a run again from its recorded answers.
 
@@ -57,4 +72,4 @@ def evaluate(
     """
     from salframe.evaluation.finished_runs import evaluate as measure
 
-    show(lambda progress: measure(run), as_json, style)
+    show(lambda progress: measure(run), Printing(as_json, style, split_names(columns or "")))

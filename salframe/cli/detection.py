@@ -22,9 +22,9 @@ def detection(
     Runs the detectors on the query panoramas and compares the detections with the annotations. Run the same command
     again to resume an interrupted run.
     """
-    from salframe.evaluation.tasks.detection.task import measure_detection
+    from salframe.evaluation.tasks.detection.task import DetectionTask, measure_detection
 
     request = options.request(detectors)
     show(
-        lambda progress: measure_detection(request, progress=progress), options.as_json, options.style, details=classes
+        lambda progress: measure_detection(request, progress=progress), options.printing, DetectionTask, details=classes
     )

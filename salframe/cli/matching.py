@@ -13,7 +13,7 @@ def matching(methods: Methods = MATCHING_METHODS, *, options: CommonOptions) -> 
     Each query is matched with the nearest reference frame of its own place. Run the same command again to resume an
     interrupted run.
     """
-    from salframe.evaluation.tasks.matching.task import measure_matching
+    from salframe.evaluation.tasks.matching.task import MatchingTask, measure_matching
 
     request = options.request(methods)
-    show(lambda progress: measure_matching(request, progress=progress), options.as_json, options.style)
+    show(lambda progress: measure_matching(request, progress=progress), options.printing, MatchingTask)

@@ -43,6 +43,7 @@ def navigate(
     setting. Run the same command again to resume an interrupted run.
     """
     from salframe.evaluation.tasks.navigation.options import Positioning
+    from salframe.evaluation.tasks.navigation.task import NavigationTask
     from salframe.evaluation.tasks.navigation.task import navigate as run
 
     source: int | str
@@ -53,6 +54,6 @@ def navigate(
     request = options.request(methods)
     show(
         lambda progress: run(request, episodes=source, positioning=Positioning(positioning), progress=progress),
-        options.as_json,
-        options.style,
+        options.printing,
+        NavigationTask,
     )

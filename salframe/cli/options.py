@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, cast, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeVar, cast, get_type_hints
 
 import typer
 
@@ -52,6 +52,10 @@ Style = Annotated[
     Literal["table", "md", "latex", "csv"],
     typer.Option("--format", help="Format of tables; csv has all digits of every number"),
 ]
+Columns = Annotated[
+    str | None,
+    typer.Option("--columns", metavar="NAMES", help="Columns of the table, comma-separated (default: the usual ones)"),
+]
 Timeout = Annotated[
     float | None, typer.Option("--timeout", metavar="SECONDS", help="Time limit of a query, pair or episode")
 ]
@@ -69,6 +73,14 @@ def with_workers(overrides: list[str] | None, workers: int | None) -> tuple[str,
     return (*(overrides or ()), *(() if workers is None else (f"engine.workers={workers}",)))
 
 
+class Printing(NamedTuple):
+    """How a result is printed: as JSON, or as tables in a style of `--format` with the columns of these names."""
+
+    as_json: bool = False
+    style: str = "table"
+    columns: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True, kw_only=True)
 class CommonOptions:
     """Options of the commands that create runs."""
@@ -84,7 +96,13 @@ class CommonOptions:
     timeout: Timeout = None
     memory: Memory = None
     style: Style = "table"
+    columns: Columns = None
     as_json: Json = False
+
+    @property
+    def printing(self) -> Printing:
+        """How the result is printed."""
+        return Printing(self.as_json, self.style, split_names(self.columns or ""))
 
     @property
     def settings(self) -> tuple[str, ...]:

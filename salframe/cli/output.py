@@ -15,7 +15,8 @@ import typer
 if TYPE_CHECKING:
     from rich.progress import TaskID
 
-    from salframe.evaluation.runs.task import Result
+    from salframe.cli.options import Printing
+    from salframe.evaluation.runs.task import AnyTask, Result
     from salframe.evaluation.studies.study import StudyResult
     from salframe.panoramas.frames import QueryFrame, ReferenceFrame
     from salframe.panoramas.opening import Progress
@@ -120,7 +121,11 @@ class Bars:
 
 
 def show(
-    run: Callable[[Progress], Result[Any] | StudyResult], as_json: bool, style: str = TABLE, *, details: bool = False
+    run: Callable[[Progress], Result[Any] | StudyResult],
+    printing: Printing,
+    kind: type[AnyTask] | None = None,
+    *,
+    details: bool = False,
 ) -> None:
     """Run a task, and print its progress on stderr and its result on stdout.
 
@@ -128,19 +133,21 @@ def show(
 
     Args:
         run: Runs the task and returns its result.
-        as_json: Whether to print JSON instead of tables.
-        style: Format of the tables, as in `--format`.
+        printing: How to print the result.
+        kind: The task, if it is known, to check the names of the columns before the run.
         details: Whether to print the detailed tables too.
     """
     from salframe.cli.tables import format_result, print_result
 
+    if kind is not None:
+        kind.check_columns(printing.columns)
     with Bars() as bars:
         result = run(bars.update)
-    if as_json:
+    if printing.as_json:
         print_json(result.to_json())
-    elif style == TABLE:
-        print_result(result, details)
+    elif printing.style == TABLE:
+        print_result(result, printing.columns, details)
     else:
-        print(format_result(result, style), end="")
+        print(format_result(result, printing.style, printing.columns), end="")
     if result.crashed or not result.measured:
         raise typer.Exit(1)

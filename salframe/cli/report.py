@@ -7,11 +7,14 @@ from typing import Annotated
 
 import typer
 
+from salframe.cli.options import Columns, split_names
+
 
 def report(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Run folders of one task")],
     output: Annotated[Path, typer.Option("--output", "-o", help="HTML file to write")] = Path("report.html"),
     full: Annotated[bool, typer.Option("--full", help="Show full panoramas instead of thumbnails")] = False,
+    columns: Columns = None,
 ) -> None:
     """Write an HTML report that compares runs.
 
@@ -21,7 +24,7 @@ def report(
     from salframe.evaluation.finished_runs import write_report
 
     with Bars() as bars:
-        result = write_report(runs, output, full=full, progress=bars.update)
+        result = write_report(runs, output, full=full, columns=split_names(columns or ""), progress=bars.update)
     for note in result.notes:
         tell(note)
     print(f"{result.path}: {result.path.stat().st_size / 1e6:.1f} MB")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -39,9 +40,9 @@ def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     _console().print(table)
 
 
-def print_result(result: Result[Any] | StudyResult, details: bool = False) -> None:
+def print_result(result: Result[Any] | StudyResult, columns: Sequence[str] = (), details: bool = False) -> None:
     """Print the tables of a result, their notes, and its location. `details` adds the detailed tables."""
-    for table in result.tables():
+    for table in result.tables(columns):
         print_measured(table)
     for table in result.kind.details(result.rows) if details else ():
         print_table(table.headings, table.rows)
@@ -108,15 +109,18 @@ def _rich(table: Table) -> rich_table.Table:
     return rich
 
 
-def format_result(result: Result[Any] | StudyResult, style: str) -> str:
-    """Return the tables of a result as "md", "latex" or "csv"; csv has all digits of every number."""
-    from salframe.evaluation.tables.formats import to_csv, to_latex, to_markdown
+def format_result(result: Result[Any] | StudyResult, style: str, columns: Sequence[str] = ()) -> str:
+    """Return the tables of a result as "md", "latex" or "csv"; csv has every column and all digits of every number."""
+    from salframe.evaluation.tables.formats import to_csv, to_markdown
     from salframe.evaluation.tables.reported import reported_tables
 
     if style == "csv":
         return to_csv([row.to_json() for row in result.rows], getattr(result, "settings", ()))
-    draw = {"md": to_markdown, "latex": to_latex}[style]
-    return "\n".join(map(draw, [*result.tables(), *reported_tables(result.reported)]))
+    tables = [*result.tables(columns), *reported_tables(result.reported)]
+    if style == "md":
+        return "\n".join(map(to_markdown, tables))
+    captions = [str(table.title or result.task.capitalize()) for table in tables]
+    return "\n".join(map(_floating, tables, captions))
 
 
 def format_experiment(result: ExperimentResult, style: str) -> str:
@@ -125,7 +129,7 @@ def format_experiment(result: ExperimentResult, style: str) -> str:
     In "md" and "latex" each table has its title, and tables reported in papers come last. "csv" has only the measured
     tables, with all digits of every number.
     """
-    from salframe.evaluation.tables.formats import to_csv, to_latex, to_markdown
+    from salframe.evaluation.tables.formats import to_csv, to_markdown
     from salframe.evaluation.tables.reported import reported_table
 
     if style == "csv":
@@ -134,11 +138,19 @@ def format_experiment(result: ExperimentResult, style: str) -> str:
             to_csv(stored.rows, [{"table": name, **settings} for settings in stored.settings])
             for name, stored in tables
         )
-    draw, heading = {"md": (to_markdown, "**{}**\n\n"), "latex": (to_latex, "% {}\n")}[style]
     parts = [part for table in result.tables for part in table.tables()]
     tables_by_title = [(str(part.title), part) for part in parts]
     tables_by_title += [(f"reported, not measured: {part.title}", reported_table(part)) for _, part in result.reported]
-    return "\n".join(heading.format(title) + draw(table) for title, table in tables_by_title)
+    if style == "md":
+        return "\n".join(f"**{title}**\n\n{to_markdown(table)}" for title, table in tables_by_title)
+    return "\n".join(_floating(table, title) for title, table in tables_by_title)
+
+
+def _floating(table: Table, caption: str) -> str:
+    """Return a table as LaTeX with a caption, and a label made of it."""
+    from salframe.evaluation.tables.formats import to_latex
+
+    return to_latex(table, caption, f"tab:{'-'.join(re.findall(r'[a-z0-9]+', caption.lower())[:6])}")
 
 
 def print_sensor(measurement: SensorMeasurement) -> None:

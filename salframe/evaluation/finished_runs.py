@@ -48,6 +48,7 @@ def write_report(
     output: str | Path = "report.html",
     *,
     full: bool = False,
+    columns: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Report:
     """Write a report of runs of one task to a self-contained HTML file.
@@ -59,10 +60,11 @@ def write_report(
         runs: Run folders, at least one.
         output: The file to write.
         full: Whether to show panoramas in full resolution instead of thumbnails.
+        columns: Names of the columns of the first table; by default the usual ones.
         progress: Reports the progress.
 
     Raises:
-        ConfigError: A folder is not a run, or the runs are of several tasks.
+        ConfigError: A folder is not a run, the runs are of several tasks, or a column is unknown.
         DataError: A data set differs from the one that a run was made on, or the file cannot be written.
     """
     folders = list(dict.fromkeys(Path(run).resolve() for run in runs))
@@ -75,7 +77,7 @@ def write_report(
         raise ConfigError(f"received runs of the tasks {' and '.join(tasks)}, expected runs of one task")
     entries, task = find_entries(views), opened[0].task
     arms = name_arms(views, entries, _pool(opened, entries))
-    content = task.content(views, arms)
+    content = task.content(views, arms, columns)
     islands = task.islands(views, arms, full, progress)
     notes = () if islands is None else islands.notes
     content |= {"pictures": islands is not None, "notes": [*content["notes"], *notes]}

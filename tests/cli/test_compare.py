@@ -91,3 +91,16 @@ def test_a_wrong_ablation_file_is_one_line(fakes, tmp_path, content, message):
     done = run("ablate", "wrong.yaml", "--data", "rooms")
     assert (done.code, done.err.count("\n")) == (2, 1)
     assert message in done.err
+
+
+def test_columns_are_chosen_and_checked_before_the_run(fakes, tmp_path):
+    options = ("compare", "--methods", "reader", "--data", "rooms", "--engine", "inline")
+    refused = run(*options, "--columns", "acuracy")
+    assert refused.code == 2
+    assert refused.err.startswith("error: unknown column 'acuracy', did you mean 'accuracy'?")
+    assert not (tmp_path / "runs").exists()
+    table = run(*options, "--columns", "accuracy,bytes", "--format", "md").out.splitlines()
+    assert table[0] == "| method | accuracy % (95 % CI) | bytes /scene |"
+    latex = run(*options, "--columns", "accuracy", "--format", "latex").out.splitlines()
+    assert latex[0] == r"\begin{table}"
+    assert latex[5] == r"\begin{tabular}{lr}"

@@ -16,13 +16,16 @@ FIRST_SHOWN = 8
 """Number of arms whose curves are drawn by default."""
 
 
-def make_content(views: Sequence[RunView[Any, Any]], arms: Sequence[Arm], about: str) -> dict[str, Any]:
+def make_content(
+    views: Sequence[RunView[Any, Any]], arms: Sequence[Arm], about: str, columns: Sequence[str] = ()
+) -> dict[str, Any]:
     """Return the content of a page that all tasks share, as JSON.
 
     Args:
         views: The runs, of one task.
         arms: The arms of the runs.
         about: A note on the columns of the tables.
+        columns: Names of the columns of the first table; by default the usual ones.
     """
     runs = [describe_run(view) for view in views]
     return {
@@ -31,7 +34,7 @@ def make_content(views: Sequence[RunView[Any, Any]], arms: Sequence[Arm], about:
         "task": views[0].result.task,
         "runs": runs,
         "notes": list_notes(views, arms),
-        "tables": make_tables(views[0].result.kind, arms, about),
+        "tables": make_tables(views[0].result.kind, arms, about, columns),
         "reported": [paper.model_dump(mode="json") for view in views for paper in view.result.reported],
         "arms": [{"name": arm.name, "label": arm.label} for arm in arms],
         "chosen": [number for number, arm in enumerate(arms) if arm.row.measured][:FIRST_SHOWN],

@@ -58,9 +58,11 @@ class PagedTask(Task[Piece, Surveyed, PieceRowT, LineT]):
         return None
 
     @classmethod
-    def content(cls, views: Sequence[RunView[PieceRowT, LineT]], arms: Sequence[Arm]) -> dict[str, Any]:
-        """Return the content of a page of these views, as JSON."""
-        return {**make_content(views, arms, cls.about), **cls.part(views, arms)}
+    def content(
+        cls, views: Sequence[RunView[PieceRowT, LineT]], arms: Sequence[Arm], columns: Sequence[str] = ()
+    ) -> dict[str, Any]:
+        """Return the content of a page of these views, as JSON; `columns` names those of the first table."""
+        return {**make_content(views, arms, cls.about, columns), **cls.part(views, arms)}
 
     def write_page(self, result: Result[LineT], records: Sequence[Record[PieceRowT]], survey: Surveyed) -> Path:
         view = self.view(result, records, survey)

@@ -11,8 +11,8 @@ from salframe.evaluation.runs.task import AnyTask
 from salframe.evaluation.tables.table import Table
 
 
-def make_tables(kind: type[AnyTask], arms: Sequence[Arm], about: str) -> dict[str, Any]:
-    """Return the tables of arms for JSON: `usual`, `all` with every column, and notes `about` them."""
+def make_tables(kind: type[AnyTask], arms: Sequence[Arm], about: str, columns: Sequence[str] = ()) -> dict[str, Any]:
+    """Return the tables of arms for JSON: `usual` with the chosen columns, `all` with every column, and notes."""
     keys = list(dict.fromkeys(key for arm in arms for key in arm.varied))
     bases = [arm.base for arm in arms]
     leading = {} if keys and len(set(bases)) == 1 else {"method": bases}
@@ -20,7 +20,7 @@ def make_tables(kind: type[AnyTask], arms: Sequence[Arm], about: str) -> dict[st
     if any(len(arm.entries) > 1 for arm in arms):
         leading["seeds"] = [str(len(arm.entries)) for arm in arms]
     rows = [replace(arm.row, method=arm.name) for arm in arms]
-    usual = [_as_json(table) for table in kind.tables(rows, (), leading)]
+    usual = [_as_json(table) for table in kind.tables(rows, columns, leading)]
     return {
         "usual": usual,
         "all": [_as_json(table) for table in kind.tables(rows, list(kind.columns), leading)],

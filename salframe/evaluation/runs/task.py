@@ -17,6 +17,7 @@ from salframe.evaluation.runs.run_folder import ROWS, Run
 from salframe.evaluation.tables.columns import SEED_RANGE, Column
 from salframe.evaluation.tables.reported import Reported
 from salframe.evaluation.tables.table import Table, draw_table
+from salframe.framework.errors import ConfigError, unknown
 from salframe.framework.validation import Settings
 from salframe.panoramas.dataset import Dataset
 
@@ -124,8 +125,16 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
         return [draw_table(cls.select_columns(rows, columns), rows, leading)]
 
     @classmethod
+    def check_columns(cls, names: Sequence[str]) -> None:
+        """Raise ConfigError if one of the names is not a column of the task."""
+        for name in names:
+            if name not in cls.columns:
+                raise ConfigError(unknown("column", name, list(cls.columns)))
+
+    @classmethod
     def select_columns(cls, rows: Sequence[LineT], names: Sequence[str] = ()) -> list[Column[Any]]:
-        """Return the columns of these names; by default the usual ones."""
+        """Return the columns of these names; by default the usual ones. Raises ConfigError on an unknown name."""
+        cls.check_columns(names)
         selected = [cls.columns[name] for name in names or cls.usual]
         spread = bool(names) or any(row.by_part for row in rows)
         return [column for column in selected if spread or column is not SEED_RANGE]

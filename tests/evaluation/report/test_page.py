@@ -72,6 +72,15 @@ def test_runs_side_by_side_pool_seeds(fakes, read, tmp_path):
     assert {id for id in islands if id.startswith("pq")} == {f"pq{s}-{i}" for s in range(2) for i in range(10)}
 
 
+def test_the_columns_of_the_first_table_are_chosen(comparison, read, tmp_path):
+    output = tmp_path / "page.html"
+    assert salframe("report", str(comparison.run), "-o", str(output), "--columns", "accuracy,p").code == 0
+    content, _ = read(output)
+    assert content["tables"]["usual"][0]["headings"] == ["method", "accuracy %\n(95 % CI)", "p\n(Holm)"]
+    refused = salframe("report", str(comparison.run), "-o", str(output), "--columns", "acuracy")
+    assert refused.err.startswith("error: unknown column 'acuracy'")
+
+
 def test_the_command_says_where_the_page_lies(comparison, tmp_path):
     output = tmp_path / "new" / "page.html"
     done = salframe("report", str(comparison.run), "-o", str(output))

@@ -192,9 +192,9 @@ def test_the_command_prints_measured_and_reported_apart(rooms):
         ("md", "**Which room**\n\n| method |", "| right | **100.0 (68-100)** | ", "**reported, not measured: Rooms"),
         (
             "latex",
-            "% Which room\n\\begin{tabular}",
+            "\\begin{table}\n\\centering\n\\small\n\\caption{Which room}\n\\label{tab:which-room}",
             "right & \\textbf{100.0 (68-100)} & ",
-            "% reported, not measured: Rooms",
+            "\\caption{reported, not measured: Rooms",
         ),
         ("csv", "table,method,", "first,one off,", "0.25"),
     ],
