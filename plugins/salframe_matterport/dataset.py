@@ -87,7 +87,7 @@ class MatterportAnnotations(NavigableDataset):
     def _root(self) -> Path:
         if self.config.root is None:
             raise DataError(
-                f"{self.name} has no folder, expected that of the official files (docs/how-to/matterport.md): "
+                f"{self.name} has no folder, expected that of the official files (salframe docs matterport): "
                 "pass --data-dir DIR"
             )
         return self.config.root

@@ -64,7 +64,7 @@ class Matterport3D(Dataset):
         if self.config.root is None:
             raise DataError(
                 f"{self.name} has no folder, expected that of the Matterport3D release "
-                "(docs/how-to/real-buildings.md): pass --data-dir DIR"
+                "(salframe docs real-buildings): pass --data-dir DIR"
             )
         buildings = find_buildings(self.config.root)
         if self.config.scans == "all":

@@ -66,7 +66,7 @@ class MeshDataset(RenderedDataset[FrameSpec]):
     def _source(self) -> Path:
         if self.config.root is None:
             raise DataError(
-                f"{self.name} has no folder, expected one with a mesh (docs/how-to/real-buildings.md): "
+                f"{self.name} has no folder, expected one with a mesh (salframe docs real-buildings): "
                 "pass --data-dir DIR"
             )
         if not self.config.root.is_dir():

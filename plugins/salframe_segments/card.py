@@ -136,5 +136,5 @@ def shipped_card(model: Path) -> Card:
             return card
     raise WeightsMissing(
         f"no model card for {model}: salframe ships none for its sha256 {sha256[:12]}..., expected "
-        f"{model.with_suffix('.yaml')}, or another path as detector.card=PATH (docs/how-to/segments.md)"
+        f"{model.with_suffix('.yaml')}, or another path as detector.card=PATH (salframe docs segments)"
     )

@@ -26,7 +26,7 @@ def experiment(
     force: Annotated[bool, typer.Option("--force", help="Measure again even if a result is stored")] = False,
     results: Annotated[
         Path, typer.Option(metavar="DIR", help="Folder of stored results, one JSON file per experiment")
-    ] = Path("docs/results"),
+    ] = Path("results"),
     *,
     options: CommonOptions,
 ) -> None:

@@ -35,7 +35,7 @@ from salframe.panoramas.opening import Progress
 
 FOLDER = "experiments"
 """Folder of presets that holds the experiments."""
-RESULTS = Path("docs") / "results"
+RESULTS = Path("results")
 """Default folder of results."""
 
 
