@@ -49,7 +49,7 @@ def ablate(
 
 
 def evaluate(
-    run: Annotated[Path, typer.Argument(help="Run folder")], style: Style = "table", as_json: Json = False
+    run: Annotated[Path, typer.Argument(help="Folder of an earlier run")], style: Style = "table", as_json: Json = False
 ) -> None:
     """Compute the metrics of a run again from its recorded answers.
 

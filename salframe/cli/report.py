@@ -9,7 +9,7 @@ import typer
 
 
 def report(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Run folders of one task")],
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of earlier runs of one task")],
     output: Annotated[Path, typer.Option("--output", "-o", help="HTML file to write")] = Path("report.html"),
     full: Annotated[bool, typer.Option("--full", help="Show full panoramas instead of thumbnails")] = False,
 ) -> None:
