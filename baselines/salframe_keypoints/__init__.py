@@ -1,5 +1,8 @@
-"""Keypoint baselines: features of perspective views, matched against a shortlist, with a pose from matches lifted by
-range."""
+"""Keypoint baselines.
+
+Local features of perspective views are matched with a shortlist of reference frames. The matches are back-projected to
+3D with the range, which gives the pose.
+"""
 
 import salframe
 from salframe_keypoints.aliked import AlikedLightGlue, AlikedNearest

@@ -59,9 +59,13 @@ class OnnxDepth(RangeModel):
         )
         channels: Literal["bgr", "rgb"] = Field("rgb", description="order of the colour channels")
         scale: float = Field(1 / 255, gt=0, description="a colour from 0 to 255 becomes (colour * scale - mean) / std")
-        mean: tuple[float, float, float] = Field((0.485, 0.456, 0.406), description="mean, in the order of `channels`")
+        mean: tuple[float, float, float] = Field(
+            (0.485, 0.456, 0.406),
+            description="mean of each channel, subtracted after scaling, in the order of `channels`",
+        )
         std: tuple[float, float, float] = Field(
-            (0.229, 0.224, 0.225), description="standard deviation, in the order of `channels`"
+            (0.229, 0.224, 0.225),
+            description="standard deviation that each channel is divided by, in the order of `channels`",
         )
         views: int = Field(
             MIN_VIEWS, ge=MIN_VIEWS, le=24, description="number of horizontal views, in addition to eight tilted ones"

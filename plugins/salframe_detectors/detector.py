@@ -57,9 +57,12 @@ class OnnxDetector(Detector):
         )
         channels: Literal["bgr", "rgb"] = Field("bgr", description="order of the colour channels")
         scale: float = Field(1.0, gt=0, description="a colour from 0 to 255 becomes (colour * scale - mean) / std")
-        mean: tuple[float, float, float] = Field((0.0, 0.0, 0.0), description="mean, in the order of `channels`")
+        mean: tuple[float, float, float] = Field(
+            (0.0, 0.0, 0.0), description="mean of each channel, subtracted after scaling, in the order of `channels`"
+        )
         std: tuple[float, float, float] = Field(
-            (1.0, 1.0, 1.0), description="standard deviation, in the order of `channels`"
+            (1.0, 1.0, 1.0),
+            description="standard deviation that each channel is divided by, in the order of `channels`",
         )
         fill: int = Field(114, ge=0, le=255, description="grey value of invalid pixels of a partial panorama")
         min_score: float = Field(0.3, gt=0, le=1, description="minimum score of a detection")

@@ -61,7 +61,8 @@ class HouseConfig(QueryView):
         description="folder of Sweet Home 3D furniture libraries (.sh3f), whose models replace many of the objects",
     )
     models_part: Literal["training", "held-out"] | None = Field(
-        None, description="models to use: those that `panoseg` was trained on, or those held out; null: all"
+        None,
+        description="furniture models to use: those in the training data of `panoseg`, or the held-out ones; null: all",
     )
     rgb: bool = Field(True, description="render colour; false: range and instances only, 9 times faster")
     query_range: bool = Field(

@@ -56,13 +56,13 @@ def cause_of(query: ViewpointScene, region_scenes: list[ViewpointScene], answer_
     """Return the first of CAUSES that applies to a query.
 
     The query is compared with the viewpoint of its region that shares the most objects (by id) with it. "bad bearing or
-    range": the two viewpoints place fewer than two shared objects within MISPLACED_M of each other. "twin room": the
-    region of the answer shares at least as many labels with the query as the query's region does.
+    range": for fewer than two shared objects, the positions estimated from the two viewpoints agree within MISPLACED_M.
+    "twin room": the region of the answer shares at least as many labels with the query as the query's region does.
 
     Args:
         query: Scene of the query.
         region_scenes: The other viewpoints of the query's region.
-        answer_scenes: The viewpoints of the region that the method answered.
+        answer_scenes: The viewpoints of the region that the method returned.
     """
     shared = [np.intersect1d(query.object_id, scene.object_id, return_indices=True)[1:] for scene in region_scenes]
     best_scene, (in_query, in_own) = max(zip(region_scenes, shared, strict=True), key=lambda pair: len(pair[1][0]))
@@ -92,7 +92,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="salframe_matterport.diagnose", description="Count the wrong answers of a finished run by cause."
     )
-    parser.add_argument("run", type=Path, help="run folder of a comparison on matterport-annotations")
+    parser.add_argument("run", type=Path, help="folder of an earlier comparison on matterport-annotations")
     parser.add_argument("method", help="name of a method of that run")
     parser.add_argument("--queries", action="store_true", help="list the queries of each cause")
     options = parser.parse_args(arguments)

@@ -251,7 +251,7 @@ def _share(mask: np.ndarray, step: int) -> np.ndarray:
 def _label_cells(label: np.ndarray, step: int, free: np.ndarray) -> np.ndarray:
     """Return the most frequent label of each cell (rows, columns).
 
-    Stripes at thresholds and noise get the label of the nearest room.
+    Unassigned strips at door sills, and separate smaller patches of a label, get the label of the nearest room.
     """
     from scipy import ndimage
 

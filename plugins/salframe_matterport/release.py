@@ -51,8 +51,8 @@ class Viewpoint:
         name: Name of the viewpoint.
         folder: Folder of the building.
         shots: Its images and their cameras.
-        T_world_pano: Pose (4, 4) of its panorama: upright, at the mean position of the cameras, looking along the
-            first level picture.
+        T_world_pano: Pose (4, 4) of its panorama: upright, at the mean position of the cameras, with the
+            heading of the first image of the horizontal camera.
     """
 
     name: str

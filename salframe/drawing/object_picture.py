@@ -85,7 +85,10 @@ def draw_objects(
 
 
 def choose_colours(labels: Iterable[str]) -> dict[str, Colour]:
-    """Return a colour for each label, the same in every picture unless another label of the picture has that colour."""
+    """Return a colour for each label.
+
+    A label has the same colour in every picture, except if another label in the picture already has this colour.
+    """
     chosen: dict[str, int] = {}
     for label in sorted(set(labels)):
         first = zlib.crc32(label.encode()) % len(COLOURS)

@@ -22,12 +22,12 @@ class ObjectNoise(Settings):
 
     missed: float = Field(0.0, ge=0, le=1, description="share of objects that are missed")
     mislabelled: float = Field(
-        0.0, ge=0, le=1, description="share of objects with a wrong label, another one of the dataset"
+        0.0, ge=0, le=1, description="share of objects whose label is replaced by another label of the dataset"
     )
     range_share: float = Field(
         0.0,
         ge=0,
-        description="standard deviation of an object's range, relative to the range; one factor for each object",
+        description="relative standard deviation of the range of an object; one random factor for each object",
     )
 
 
@@ -38,8 +38,8 @@ class AnnotationNoise(ObjectNoise):
         0.0,
         ge=0,
         le=1,
-        description="number of false positives, relative to the number of objects: the outline of an object, moved "
-        "to another azimuth, with another label",
+        description="number of false positives divided by the number of objects; a false positive is the outline of an "
+        "object at another azimuth, with another label",
     )
 
 

@@ -84,8 +84,8 @@ def build_map(
     output = Path(output)
     if choose and not topology:
         raise ConfigError(
-            "received choose without topology: choose places the scene nodes of the topology, "
-            "so enable topology or drop choose"
+            "received the option `choose` without `topology`: `choose` sets the positions of the scene nodes of the "
+            "topology; enable `topology`, or omit `choose`"
         )
     check_output(output)
     name, dataset, localizer = prepare(data, method, data_dir, overrides, engine, progress, tell)

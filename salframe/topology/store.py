@@ -79,7 +79,9 @@ def _check_edges(path: Path, nodes: Sequence[MapNode], edges: Sequence[MapEdge])
         raise DataError(f"{path.with_name(NODES)} has {len(nodes)} nodes and {len(place)} different ids")
     for edge in edges:
         if edge.start not in place or edge.end not in place:
-            raise DataError(f"{path}: an edge from {edge.start!r} to {edge.end!r}, expected nodes of the map")
+            raise DataError(
+                f"{path}: received an edge from {edge.start!r} to {edge.end!r}, expected two nodes of the map"
+            )
         ends = np.stack([place[edge.start], place[edge.end]])
         x_m, y_m, _ = ends[1] - ends[0]
         error_rad = abs(wrap_angle(edge.azimuth_rad - np.arctan2(y_m, x_m))) if np.hypot(x_m, y_m) > _NEAR_M else 0.0

@@ -223,7 +223,7 @@ def test_floors_above_each_other_are_said_to_be_apart(rooms):
         ),
         (
             ["build", "doored", "-o", "new", "--method", "reader", "--choose", "--no-topology"],
-            "received choose without topology",
+            "received the option `choose` without `topology`",
         ),
         (
             ["build", "crooked", "-o", "new", "--method", "reader"],

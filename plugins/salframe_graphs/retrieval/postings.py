@@ -1,4 +1,7 @@
-"""The objects of a map's scenes on disk, in one list per label: written from a stream, read by memory mapping."""
+"""An inverted index on disk: for each label, the list of the objects with this label in all scenes of a map.
+
+The index is written as a stream and memory-mapped for reading.
+"""
 
 from __future__ import annotations
 

@@ -219,7 +219,10 @@ def pool(task: AnyTask, directories: Sequence[Path]) -> Sequence[MethodRow]:
 
 
 def records_of(task: AnyTask, directories: Sequence[Path]) -> list[Part[Any, Any]]:
-    """Return the survey and the records of each of several runs of a task. Runs no method."""
+    """Return a `Survey` (dataset and pieces of work) and the records of the methods for each of several runs of a task.
+
+    No method is run.
+    """
     parts: list[Part[Any, Any]] = []
     for run in map(Run.load, directories):
         survey = task.survey(open_dataset(run.data()))

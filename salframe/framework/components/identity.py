@@ -105,7 +105,7 @@ def settings_identity(model: BaseModel, *, describing: bool = False) -> dict[str
 
 
 def _value(value: Any, describing: bool) -> Any:
-    """Return the value of a setting as it appears in the identity, JSON-serializable."""
+    """Return a JSON-serializable form of the value of a setting, for the cache key."""
     if isinstance(value, ComponentConfig):
         return identity(value, describing=describing)
     if isinstance(value, BaseModel):

@@ -168,7 +168,10 @@ def _confidence(answer: AnswerRow | None) -> float:
 
 
 def pose_recalls(judged: Judged) -> dict[str, float | None]:
-    """Return the pose recalls by column, over all queries whose true pose is known."""
+    """Return the recall at each pose threshold, over all queries whose pose error is known.
+
+    The keys are the names of the columns in RECALLS. The values are None if no query has a pose error.
+    """
     has_pose = ~np.isnan(judged.translation_m)
     recalls: dict[str, float | None] = dict.fromkeys(RECALLS)
     for column, (translation_m, rotation_deg) in RECALLS.items() if has_pose.any() else ():
