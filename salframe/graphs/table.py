@@ -97,8 +97,8 @@ class GraphTable(Sequence[SaliencyGraph]):
 
     Attributes:
         sizes: (S,) int64, number of nodes of each graph.
-        labels: L names, sorted by number.
-        vocabulary: Number of each name.
+        labels: Names of the L labels; the index of a name is its label id.
+        vocabulary: Label id of each name.
         scenes: An open scene index of these graphs, None where there is none.
     """
 
