@@ -33,7 +33,7 @@ def percent(share: float) -> str:
 
 
 def pixels(printed: dict[str, Any]) -> Rows:
-    yield "pixels", "right %", "mean IoU %", "wall, floor, ceiling as one: right %", "mean IoU %"
+    yield "pixels", "correct %", "mean IoU %", "wall, floor, ceiling as one: correct %", "mean IoU %"
     for name, key in DETECTORS.items():
         parts = (printed[key].get(part) for part in ("pixels", "pixels_one_structure"))
         shares = (part and (part["accuracy"], part["mean_iou"]) for part in parts)
@@ -41,20 +41,20 @@ def pixels(printed: dict[str, Any]) -> Rows:
 
 
 def objects(printed: dict[str, Any]) -> Rows:
-    yield "objects", "score", "number", "named rightly %", "labelled parts found %", "precision %", "recall %"
+    yield "objects", "score", "number", "correctly labelled %", "segments covered %", "precision %", "recall %"
     for name, key in DETECTORS.items():
         for score, row in printed[key]["objects"].items():
             yield name, f"{score} and more", str(row["detected"]), *(_share(row[share]) for share in SHARES)
 
 
 def scores(printed: dict[str, Any]) -> Rows:
-    yield "mean score", "objects", "named rightly %"
+    yield "mean score", "objects", "correctly labelled %"
     for row in printed[ADE20K]["curve"]:
         yield f"{row['score']:.2f}", str(row["objects"]), _share([row["named"], row["low"], row["high"]])
 
 
 def views(printed: dict[str, Any]) -> Rows:
-    yield "views a panorama", "right %", "mean IoU %"
+    yield "views per panorama", "correct %", "mean IoU %"
     for name, row in printed["views"].items():
         yield name, percent(row["accuracy"]), percent(row["mean_iou"])
 

@@ -90,6 +90,7 @@ def test_the_tables_on_photographs_are_drawn_from_what_the_script_printed():
     drawn = runpy.run_path(str(REPOSITORY / "docs" / "generate_photographs.py"))
     text = (REPOSITORY / "docs" / "how-to" / "segments.md").read_text()
     assert drawn["page"](text) == text
-    found = tables(text.partition("## What it reaches on photographs")[2].partition("## In the loop")[0])
+    section = text.partition("## Accuracy on photographs")[2].partition("## Localization in rendered buildings")[0]
+    found = tables(section)
     assert [len(table) for table in found] == [5, 13, 6, 7]
     assert found[0][1][:2] == ["`segments`, `ade20k`", "71.8"]

@@ -123,7 +123,9 @@ class OwnNetwork(OnnxImageNetwork):
         mean: Colour = Field(
             (127.0, 127.0, 127.0), description="mean that is subtracted from red, green and blue (0 to 255)"
         )
-        std: Colour = Field((128.0, 128.0, 128.0), description="divisor of red, green and blue after the subtraction")
+        std: Colour = Field(
+            (128.0, 128.0, 128.0), description="divisor of red, green and blue after `mean` is subtracted"
+        )
 
     @classmethod
     def path(cls, config: Any) -> Path:

@@ -194,7 +194,16 @@ def lift_arcs(arcs: Arcs, distance_m: np.ndarray) -> Lines3d:
 
 
 def project_lines(lines: Lines3d, axis: int, position_m: np.ndarray) -> Arcs:
-    """Project lines along an axis to positions (..., 3), all in the principal frame. Return arcs (..., N)."""
+    """Project N lines that are parallel to an axis into panoramas at given positions, all in the principal frame.
+
+    Args:
+        lines: Lines parallel to the axis.
+        axis: Index of the axis.
+        position_m: (..., 3) positions of the panoramas in metres.
+
+    Returns:
+        The arcs (..., N) of the lines in each panorama.
+    """
     position_m = np.roll(position_m, -axis, axis=-1)[..., None, :]
     first_m, second_m = (lines.across_m[:, i] - position_m[..., i + 1] for i in (0, 1))
     along_m = lines.along_m[:, ::-1] - position_m[..., :1]

@@ -24,13 +24,13 @@ def ring_hop_histograms(
     Args:
         nodes: K graphs, N nodes together.
         adjacency: (K, m, m) bool, padded to the largest graph.
-        labels: (L,) numbers of the labels whose counts are returned.
+        labels: (L,) ids of the labels whose counts are returned.
         ring_edges_m: Outer radii of the rings in metres, ascending.
         hops: Maximum number of edges.
 
     Returns:
-        (N, (len(ring_edges_m) + hops) * L) float64, the columns of these labels. Each row is divided by the Euclidean
-        norm of its counts of all labels; a row without counts is 0.
+        (N, (len(ring_edges_m) + hops) * L) float64 counts of the requested labels. Each row is divided by the L2 norm
+        of the counts of all labels, not only of the requested ones. The row of a node without neighbours is 0.
     """
     is_node = np.arange(adjacency.shape[1]) < nodes.count[:, None]
     x, y, label = np.zeros(is_node.shape), np.zeros(is_node.shape), np.full(is_node.shape, -1)

@@ -94,7 +94,7 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("run", type=Path, help="folder of an earlier comparison on matterport-annotations")
     parser.add_argument("method", help="name of a method of that run")
-    parser.add_argument("--queries", action="store_true", help="list the queries of each cause")
+    parser.add_argument("--queries", action="store_true", help="list the ids of the failed queries under each cause")
     options = parser.parse_args(arguments)
     try:
         wrong = diagnose(Run.load(options.run), options.method)

@@ -83,7 +83,7 @@ class MeshDataset(RenderedDataset[FrameSpec]):
         if len(meshes) != 1:
             names = ", ".join(path.name for path in meshes) or "none"
             raise DataError(
-                f"{self._source} has {len(meshes)} meshes ({names}), expected one, or its name: --set data.mesh=FILE"
+                f"{self._source} has {len(meshes)} meshes ({names}), expected one; choose one with --set data.mesh=FILE"
             )
         return meshes[0]
 

@@ -42,7 +42,7 @@ class Output(Settings):
     """Output of the network: a score for each class and pixel, in any resolution.
 
     Integers are converted to numbers with the quantization of the TensorFlow Lite file. `name` may be any tensor of the
-    file, also an inner one; null: the first output of the file.
+    file, including intermediate tensors; null: the first output of the file.
     """
 
     name: str | None = None

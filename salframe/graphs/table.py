@@ -97,8 +97,8 @@ class GraphTable(Sequence[SaliencyGraph]):
 
     Attributes:
         sizes: (S,) int64, number of nodes of each graph.
-        labels: L names, sorted by number.
-        vocabulary: Number of each name.
+        labels: Names of the L labels; the index of a name is its label id.
+        vocabulary: Label id of each name.
         scenes: An open scene index of these graphs, None where there is none.
     """
 
@@ -108,10 +108,10 @@ class GraphTable(Sequence[SaliencyGraph]):
         """Create a table.
 
         Args:
-            labels: L names.
-            count: (S,) int64, number of nodes of each graph.
-            label: (P,), numbers of the nodes' labels.
-            edges: (B,) uint8, bits of each graph's edges as in `pack_graph`.
+            labels: Names of the L labels.
+            count: (S,) int64, number of nodes of each of the S graphs.
+            label: (P,), index in `labels` of the label of each node, graph by graph; P is the number of all nodes.
+            edges: (B,) uint8, edges of all graphs, B bytes packed as in `pack_graph`.
         """
         self.labels = tuple(labels)
         self.vocabulary = {name: number for number, name in enumerate(labels)}

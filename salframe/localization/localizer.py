@@ -147,7 +147,7 @@ class Localizer(Role):
         return True
 
     def count_objects(self, description: Description) -> int:
-        """Return the number of objects in a description, an input of the posterior; 0 for methods without objects."""
+        """Return the number of objects in a description, used by the posterior; 0 for methods without objects."""
         return 0
 
     def correspond(self, query: Description, reference: Description) -> PointMatches | NodeMatches | None:

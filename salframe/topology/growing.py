@@ -222,8 +222,8 @@ def _check_alike(first: Localizer, folder: Path, other: Localizer, other_folder:
         settings, other_settings = identity.get("settings", {}), other_identity.get("settings", {})
         differing = [key for key in settings if settings[key] != other_settings.get(key)]
         raise DataError(
-            f"{other_folder} was described with other {', '.join(differing) or 'weights'} than {folder}, "
-            f"expected the same settings of {first.name}"
+            f"{other_folder} and {folder} were built with different {', '.join(differing) or 'weights'}, "
+            f"expected the same settings of {first.name} in all maps to merge"
         )
 
 

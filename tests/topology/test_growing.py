@@ -281,7 +281,8 @@ def test_what_does_not_fit_is_one_line_and_changes_nothing(rooms):
         (
             lambda: merge_maps("sharp-1", ["sharp-2"]),
             DataError,
-            "sharp-2 was described with other sharpness than sharp-1, expected the same settings of sharp",
+            "sharp-2 and sharp-1 were built with different sharpness, expected the same settings of sharp in all maps "
+            "to merge",
         ),
     ):
         with pytest.raises(error, match=message) as caught:

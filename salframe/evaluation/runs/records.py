@@ -37,7 +37,7 @@ class Record(Generic[PieceRowT]):
 
     @property
     def done(self) -> bool:
-        """Whether all of its work is done."""
+        """Whether the method has processed all pieces of the run."""
         return self.outcome.status is MethodStatus.DONE
 
 

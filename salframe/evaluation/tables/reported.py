@@ -45,11 +45,11 @@ def read_reported() -> tuple[Reported, ...]:
 
 
 def reported_tables(papers: Sequence[Reported]) -> list[Table]:
-    """Return the tables of papers."""
+    """Return the tables published in papers, in order."""
     return [reported_table(part) for paper in papers for part in paper.tables]
 
 
 def reported_table(part: ReportedTable) -> Table:
-    """Return a table of a paper."""
+    """Return a table published in a paper, for comparison with measured results."""
     rows = [[method, *(f"{number:g}" for number in numbers)] for method, numbers in part.rows.items()]
     return Table(("reported, not measured", *part.figures), rows, title=part.title)

@@ -73,7 +73,7 @@ class DetectionTask(Task[QueryFrame, Survey[QueryFrame], PanoramaRow, DetectionR
         return _Detecting(method)
 
     def failed(self, piece: QueryFrame) -> Row:
-        """Return the annotated objects without detections; nothing where the panorama cannot be read."""
+        """Return the row of a failed panorama: annotated objects without detections; empty if it cannot be read."""
         try:
             truth = annotated_detections(piece.load())
         except FRAME_ERRORS:

@@ -30,16 +30,16 @@ PERCENT = {"range": [0, 1.02], "tickformat": ".0%"}
 
 @dataclass(frozen=True, eq=False)
 class ArmAnswers:
-    """The answers of a measured arm over all of its seeds.
+    """The answers of one arm (a method with its settings) over all of its seeds.
 
     Attributes:
-        number: Index of the arm.
+        number: Index of the arm in the comparison.
         arm: The arm.
-        line: Its row in the table.
-        accuracy: Its accuracy.
-        rows: Its answers.
-        truths: The ground truth of each answer.
-        judged: The answers compared with the ground truth.
+        line: Row of the arm in the results table.
+        accuracy: Accuracy of the arm.
+        rows: Answer to each query, None where there is none.
+        truths: Ground truth of each query.
+        judged: Errors of the answers, from the comparison with the ground truth.
     """
 
     number: int
@@ -70,7 +70,7 @@ def draw_figures(arms: Sequence[Arm], views: Sequence[LocalizationView]) -> list
     figures = [
         *_bars(arm_answers),
         *_costs(arm_answers, lambda row: row.query_ms, "time of a query (ms)", "Accuracy against time"),
-        *_costs(arm_answers, lambda row: row.bytes_per_scene, "bytes a scene", "Accuracy against memory"),
+        *_costs(arm_answers, lambda row: row.bytes_per_scene, "bytes per scene", "Accuracy against memory"),
         *_recalls(arm_answers),
         *_error_curves(arm_answers),
         *_histograms(arm_answers),

@@ -20,7 +20,7 @@ class Query:
 
 @dataclass(frozen=True, eq=False)
 class LocalizationSurvey(Survey[Query]):
-    """The queries of a data set."""
+    """All queries of a data set to localize, each with the fold that contains its map."""
 
     def truths(self) -> tuple[Truth, ...]:
         """Return the ground truth of each query, in order. Only measuring code may use it."""

@@ -1,1 +1,1 @@
-"""The task `navigation`: methods in closed loop, in the buildings of a dataset."""
+"""The task `navigation`: methods in closed-loop navigation, in the buildings of a dataset."""

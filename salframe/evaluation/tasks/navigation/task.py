@@ -1,4 +1,4 @@
-"""The task `navigation`: methods in closed loop, with the same episodes and the same noise for all."""
+"""The task `navigation`: methods in closed-loop navigation, all with the same episodes and the same noise."""
 
 from __future__ import annotations
 

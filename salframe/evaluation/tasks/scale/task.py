@@ -55,7 +55,7 @@ WINDOW = 2000
 class ScaleOptions(TaskOptions):
     """Options of a scale study."""
 
-    scenes: tuple[int, ...] = Field(min_length=1, description="numbers of scenes of the map, one row each")
+    scenes: tuple[int, ...] = Field(min_length=1, description="map sizes in scenes; one row of the table for each")
 
 
 @dataclass(frozen=True)

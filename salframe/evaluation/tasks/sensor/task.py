@@ -60,7 +60,7 @@ class SensorTask(Task[Frame, Survey[Frame], LookRow, SensorRow]):
         return _Looking(method)
 
     def failed(self, piece: Frame) -> Row:
-        """Return the annotated objects without detections; nothing where the panorama cannot be read."""
+        """Return the row of a failed panorama: annotated objects without detections; empty if it cannot be read."""
         try:
             truth, shown = annotated(piece.load())
         except FRAME_ERRORS:
