@@ -36,7 +36,7 @@ from .framework.errors import NoRoute as NoRoute
 from .framework.errors import RequirementMissing as RequirementMissing
 from .framework.errors import SalframeError as SalframeError
 from .framework.errors import UnknownName as UnknownName
-from .framework.errors import WeightsMissing as WeightsMissing
+from .framework.errors import WeightsError as WeightsError
 from .framework.files.cache import Cache as Cache
 from .framework.files.weights import NetworkWeights as NetworkWeights
 from .framework.hookspecs import Presets as Presets

@@ -9,7 +9,7 @@ import numpy as np
 
 import salframe
 from salframe.framework.component import ComponentConfig
-from salframe.framework.errors import WeightsMissing
+from salframe.framework.errors import WeightsError
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
 
@@ -44,7 +44,7 @@ class Segments(Named):
     @classmethod
     def check(cls, config):
         if ABSENT.exists():
-            raise WeightsMissing("no file ade20k.tflite; get it with: salframe weights fetch ade20k")
+            raise WeightsError("no file ade20k.tflite; get it with: salframe weights fetch ade20k")
 
 
 class Rooms(Named):

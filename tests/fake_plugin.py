@@ -16,7 +16,7 @@ from pydantic import Field
 
 import salframe
 from salframe.framework.component import ComponentConfig
-from salframe.framework.errors import DataError, WeightsMissing
+from salframe.framework.errors import DataError, WeightsError
 from salframe.framework.files.hashes import digest
 from salframe.localization.answers import Localization, LocalizationStatus
 from salframe.localization.localizer import Description, Localizer, posterior_slot
@@ -173,7 +173,7 @@ class Weightless(Reader):
 
     @classmethod
     def check(cls, config: ComponentConfig) -> None:
-        raise WeightsMissing(
+        raise WeightsError(
             "weightless.pth is not at hand: salframe weights fetch weightless", "salframe weights fetch weightless"
         )
 

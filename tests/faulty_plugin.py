@@ -16,7 +16,7 @@ from pydantic import Field
 import salframe
 from salframe.framework.component import ComponentConfig
 from salframe.framework.components.identity import UserFile, identity
-from salframe.framework.errors import ConfigError, WeightsMissing
+from salframe.framework.errors import ConfigError, WeightsError
 from salframe.localization.answers import Localization, LocalizationStatus, RankedPlace
 
 ERRORS = {
@@ -229,7 +229,7 @@ class Picky(Reader):
     @classmethod
     def check(cls, config: ComponentConfig) -> None:
         if config.offset < 0:
-            raise WeightsMissing("picky.pth is not at hand")
+            raise WeightsError("picky.pth is not at hand")
 
 
 @salframe.hookimpl

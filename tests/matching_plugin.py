@@ -9,7 +9,7 @@ from salframe_annotations.detector import AnnotationDetector
 import salframe
 from salframe.evaluation.tasks.matching.judging import PIXEL_RAD
 from salframe.framework.component import ComponentConfig
-from salframe.framework.errors import WeightsMissing
+from salframe.framework.errors import WeightsError
 from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches, PointMatches
 from salframe.localization.localizer import Localizer
 from salframe.panoramas.dataset import Dataset
@@ -164,7 +164,7 @@ class Weightless(Points):
 
     @classmethod
     def check(cls, config: ComponentConfig) -> None:
-        raise WeightsMissing("weightless.pth is not at hand: salframe weights fetch weightless")
+        raise WeightsError("weightless.pth is not at hand: salframe weights fetch weightless")
 
 
 @salframe.hookimpl

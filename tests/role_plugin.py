@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import salframe
 from salframe.framework.component import Role
-from salframe.testing.asking import ask, expect
+from salframe.testing.expectations import ask, expect
 
 
 class Greeter(Role):

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from salframe.framework.component import ComponentConfig, match_only
 from salframe.framework.components.identity import UserFile
-from salframe.framework.errors import WeightsMissing
+from salframe.framework.errors import WeightsError
 from salframe.framework.files.weights import Download, NetworkWeights, WeightsFile
 from salframe.framework.onnx import open_model
 from salframe.localization.answers import Localization, LocalizationStatus
@@ -126,14 +126,14 @@ class ClipRooms(Localizer):
         """Return the (1, D) unit-length embedding of a prompt.
 
         Raises:
-            WeightsMissing: The text encoder has inputs other than the tokens of a prompt and their mask.
+            WeightsError: The text encoder has inputs other than the tokens of a prompt and their mask.
         """
         if prompt not in self._prompt_embeddings:
             ids = np.array([self._tokenizer.encode(prompt).ids], np.int64)
             inputs = {"input_ids": ids, "attention_mask": np.ones_like(ids)}
             names = [tensor.name for tensor in self._text_model.inputs]
             if not set(names) <= set(inputs):
-                raise WeightsMissing(
+                raise WeightsError(
                     f"{self._text_path} has the inputs {', '.join(names)}; "
                     "expected input_ids and optionally attention_mask"
                 )
@@ -151,17 +151,17 @@ def room_type(place: str) -> str:
 
 def _unit(embeddings: np.ndarray, path: Path) -> np.ndarray:
     if embeddings.ndim != 2:
-        raise WeightsMissing(
+        raise WeightsError(
             f"{path} returned an array of shape {embeddings.shape}; expected (N, D), one embedding per image or prompt"
         )
     return embeddings / np.maximum(np.linalg.norm(embeddings, axis=1, keepdims=True), 1e-9)
 
 
 def _read_tokenizer(path: Path) -> Any:
-    """Return the tokenizer in a tokenizer.json. Raises WeightsMissing if the file is no tokenizer."""
+    """Return the tokenizer in a tokenizer.json. Raises WeightsError if the file is no tokenizer."""
     from tokenizers import Tokenizer
 
     try:
         return Tokenizer.from_file(str(path))
     except Exception as error:  # tokenizers raises Exception itself
-        raise WeightsMissing(f"{path} is not a tokenizer: {' '.join(str(error).split())[:200]}") from None
+        raise WeightsError(f"{path} is not a tokenizer: {' '.join(str(error).split())[:200]}") from None

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from salframe.panoramas.perspective import ViewRig
-from salframe.testing.asking import ask, expect, same
+from salframe.testing.expectations import ask, expect, same
 from salframe.testing.rooms import ROOMS, look, stand
 from salframe_image.image_network import ImageNetwork
 

@@ -40,7 +40,7 @@ class Converted:
 
         Raises:
             RequirementMissing: torch or onnx is not installed.
-            WeightsMissing: The checkpoint cannot be downloaded.
+            WeightsError: The checkpoint cannot be downloaded.
         """
         absent = [package for package in ("torch", "onnx") if importlib.util.find_spec(package) is None]
         if absent:

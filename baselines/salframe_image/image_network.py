@@ -31,7 +31,7 @@ class ImageNetwork(Role):
             float32 feature maps (V, C, h, w), or pooled features (V, C).
 
         Raises:
-            WeightsMissing: The output of the network has another shape.
+            WeightsError: The output of the network has another shape.
         """
 
     def pooled(self, views: np.ndarray, power: float) -> np.ndarray:

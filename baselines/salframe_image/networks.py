@@ -10,7 +10,7 @@ from pydantic import Field
 
 from salframe.framework.component import ComponentConfig
 from salframe.framework.components.identity import UserFile
-from salframe.framework.errors import WeightsMissing
+from salframe.framework.errors import WeightsError
 from salframe.framework.files.weights import Download, NetworkWeights, WeightsFile
 from salframe.framework.onnx import open_model
 from salframe_image.efficientnet import EFFICIENTNET_LITE0
@@ -44,19 +44,19 @@ class OnnxImageNetwork(ImageNetwork):
         size_px: int = Field(224, ge=32, le=1024, description="width and height of the network's input")
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
-        """Load the network. Raises WeightsMissing if it does not accept images of this size."""
+        """Load the network. Raises WeightsError if it does not accept images of this size."""
         super().__init__(config)
         self._path = self.path(self.config)
         self._model = open_model(self._path, [(None, 3, self.size_px, self.size_px)], self.outputs())
 
     @classmethod
     def path(cls, config: Any) -> Path:
-        """Return the verified file of the network. Raises WeightsMissing if it is not installed."""
+        """Return the verified file of the network. Raises WeightsError if it is not installed."""
         return cls.weights[0].paths()[0]
 
     @classmethod
     def check(cls, config: Any) -> None:
-        """Raise WeightsMissing if the network is not installed."""
+        """Raise WeightsError if the network is not installed."""
         super().check(config)
         if not cls.weights_in_use(config):
             cls.path(config)
@@ -79,7 +79,7 @@ class OnnxImageNetwork(ImageNetwork):
         features = self._model.run(as_batch(views, *self.colours()))[0]
         if features.ndim not in (2, 4):
             received = f"{self._model.outputs[0]} {features.shape}"
-            raise WeightsMissing(
+            raise WeightsError(
                 f"{self._path} has the output {received}; expected features of shape (N, C, h, w) or (N, C)"
             )
         return features
@@ -132,7 +132,7 @@ class OwnNetwork(OnnxImageNetwork):
         """See OnnxImageNetwork."""
         if config.model is None or not config.model.is_file():
             received = "no model" if config.model is None else f"no file {config.model}"
-            raise WeightsMissing(f"the image network 'onnx' received {received}; set model to the path of an ONNX file")
+            raise WeightsError(f"the image network 'onnx' received {received}; set model to the path of an ONNX file")
         return config.model
 
     def outputs(self) -> tuple[str, ...]:

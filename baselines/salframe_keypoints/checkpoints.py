@@ -9,7 +9,7 @@ from pydantic import Field
 
 from salframe.framework.component import ComponentConfig
 from salframe.framework.components.identity import UserFile
-from salframe.framework.errors import WeightsMissing
+from salframe.framework.errors import WeightsError
 from salframe.framework.files.bounded import check_regular
 from salframe.framework.files.weights import NetworkWeights
 from salframe_keypoints.feature_matcher import FeatureMatcher
@@ -31,7 +31,7 @@ class TrainedMatcher(FeatureMatcher):
 
     @classmethod
     def paths(cls, config: Any) -> tuple[Path, ...]:
-        """Return the verified files of the networks. Raises WeightsMissing if one is not installed."""
+        """Return the verified files of the networks. Raises WeightsError if one is not installed."""
         return tuple(path for weights in cls.weights for path in weights.paths(config.checkpoint))
 
     @classmethod
@@ -41,7 +41,7 @@ class TrainedMatcher(FeatureMatcher):
 
     @classmethod
     def check(cls, config: Any) -> None:
-        """Raise RequirementMissing or WeightsMissing if a package or the weights are not installed."""
+        """Raise RequirementMissing or WeightsError if a package or the weights are not installed."""
         super().check(config)
         if not cls.weights_in_use(config):
             cls.paths(config)
@@ -51,7 +51,7 @@ def read_checkpoint(path: Path) -> Any:
     """Load a torch checkpoint to the CPU without executing code from it.
 
     Raises:
-        WeightsMissing: The file is no torch checkpoint.
+        WeightsError: The file is no torch checkpoint.
     """
     import torch
 
@@ -59,7 +59,7 @@ def read_checkpoint(path: Path) -> Any:
         check_regular(path, MAX_BYTES)
         return torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:  # the unpickler of torch raises many types of exceptions
-        raise WeightsMissing(f"{path} is not a torch checkpoint: {type(error).__name__} {_one_line(error)}") from None
+        raise WeightsError(f"{path} is not a torch checkpoint: {type(error).__name__} {_one_line(error)}") from None
 
 
 def load_strictly(module: Any, state: Any, path: Path, computed: str | None = None) -> None:
@@ -72,12 +72,12 @@ def load_strictly(module: Any, state: Any, path: Path, computed: str | None = No
         computed: Name of a buffer of the module that is not learned. It is not loaded, and the state may lack it.
 
     Raises:
-        WeightsMissing: The state does not match the module.
+        WeightsError: The state does not match the module.
     """
     try:
         module.load_state_dict(dict(state) | ({computed: module.get_buffer(computed)} if computed else {}))
     except (RuntimeError, TypeError, ValueError) as error:
-        raise WeightsMissing(f"{path} does not fit {type(module).__name__}: {_one_line(error)}") from None
+        raise WeightsError(f"{path} does not fit {type(module).__name__}: {_one_line(error)}") from None
 
 
 def _one_line(error: Exception) -> str:

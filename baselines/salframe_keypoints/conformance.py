@@ -8,7 +8,7 @@ import numpy as np
 
 from salframe.framework.errors import ConfigError
 from salframe.panoramas.perspective import ViewRig
-from salframe.testing.asking import ask, attempt, expect, same
+from salframe.testing.expectations import ask, attempt, expect, same
 from salframe.testing.rooms import ROOMS, look, stand
 from salframe_keypoints.descriptors import DescriptorMatcher
 from salframe_keypoints.feature_matcher import FeatureMatcher, View

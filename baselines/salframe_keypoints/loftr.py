@@ -12,7 +12,7 @@ from pydantic import Field
 
 from salframe.framework.component import match_only
 from salframe.framework.config import merge
-from salframe.framework.errors import ConfigError, WeightsMissing
+from salframe.framework.errors import ConfigError, WeightsError
 from salframe.framework.files.weights import Download, NetworkWeights, WeightsFile
 from salframe_keypoints.checkpoints import load_strictly, read_checkpoint
 from salframe_keypoints.feature_matcher import View
@@ -86,7 +86,7 @@ def checkpoint_state(content: Any, path: Path) -> dict[str, Any]:
     """Return the state of the network in a checkpoint: the mapping itself, or its state_dict or model_state_dict.
 
     Raises:
-        WeightsMissing: The content is not a LoFTR checkpoint.
+        WeightsError: The content is not a LoFTR checkpoint.
     """
     for key in ("state_dict", "model_state_dict"):
         if isinstance(content, Mapping) and key in content:
@@ -94,7 +94,7 @@ def checkpoint_state(content: Any, path: Path) -> dict[str, Any]:
     if not isinstance(content, Mapping) or not any(
         name.removeprefix("matcher.").startswith("backbone.") for name in content
     ):
-        raise WeightsMissing(
+        raise WeightsError(
             f"{path} is not a LoFTR checkpoint; expected a state_dict or model_state_dict with keys backbone.*"
         )
     return {name.removeprefix("matcher."): value for name, value in content.items()}

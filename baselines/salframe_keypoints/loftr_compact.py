@@ -79,7 +79,7 @@ class Network:
     """The three parts of the network, and the steps of kornia's LoFTR between them in numpy."""
 
     def __init__(self, paths: tuple[Path, ...]) -> None:
-        """Load the network. Raises WeightsMissing if a file does not hold its part."""
+        """Load the network. Raises WeightsError if a file does not hold its part."""
         features, coarse, fine = paths
         self._features = open_model(features, [(1, 1, None, None)])
         self._coarse = open_model(coarse, [(1, None, None)] * 2)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.errors import WeightsMissing
+from salframe.framework.errors import WeightsError
 from salframe_keypoints.checkpoints import TrainedMatcher, load_strictly, read_checkpoint
 from salframe_keypoints.descriptors import DescriptorMatcher
 from salframe_keypoints.feature_matcher import View
@@ -71,7 +71,7 @@ class LightGlue:
             path: Checkpoint.
 
         Raises:
-            WeightsMissing: `path` holds no LightGlue for these features.
+            WeightsError: `path` holds no LightGlue for these features.
         """
         from kornia import feature
 
@@ -104,10 +104,10 @@ def lightglue_state(content: Any, path: Path) -> dict[str, Any]:
     """Return the state in a LightGlue checkpoint of the authors under kornia's names, without parts of other networks.
 
     Raises:
-        WeightsMissing: The content is not a LightGlue checkpoint.
+        WeightsError: The content is not a LightGlue checkpoint.
     """
     if not isinstance(content, Mapping):
-        raise WeightsMissing(
+        raise WeightsError(
             f"{path} is not a LightGlue checkpoint: received a {type(content).__name__}, expected a mapping of tensors"
         )
     if any(name.startswith("matcher.") for name in content):  # the file of XFeat also holds the feature network

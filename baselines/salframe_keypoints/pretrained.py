@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from salframe.framework.errors import DataError, WeightsMissing
+from salframe.framework.errors import DataError, WeightsError
 from salframe.framework.files.reading import read_json
 
 
@@ -33,29 +33,29 @@ class Pretrained:
         """Return the paths of config.json and model.safetensors in a local folder.
 
         Raises:
-            WeightsMissing: A file does not exist or belongs to another model.
+            WeightsError: A file does not exist or belongs to another model.
         """
         address = f"https://huggingface.co/{self.repository} ({self.licence})"
         where = f"a folder with config.json and model.safetensors of {address}"
         if folder is None:
-            raise WeightsMissing(
+            raise WeightsError(
                 f"salframe does not ship {self.model_type}: set checkpoint to {where}", "checkpoint=FOLDER"
             )
         config, weights = folder / "config.json", folder / "model.safetensors"
         for path in (config, weights):
             if not path.is_file():
-                raise WeightsMissing(f"no file {path}, expected {where}")
+                raise WeightsError(f"no file {path}, expected {where}")
         try:
             content = read_json(config)
         except DataError as error:
-            raise WeightsMissing(str(error)) from None
+            raise WeightsError(str(error)) from None
         received = content.get("model_type") if isinstance(content, dict) else None
         if received != self.model_type:
-            raise WeightsMissing(f"{config} has model_type {received!r}, expected {self.model_type!r}")
+            raise WeightsError(f"{config} has model_type {received!r}, expected {self.model_type!r}")
         return config, weights
 
     def load(self, folder: Path | None) -> Any:
-        """Load the model. Raises WeightsMissing if any tensor is missing, unexpected or of another shape."""
+        """Load the model. Raises WeightsError if any tensor is missing, unexpected or of another shape."""
         import transformers
 
         config, weights = self.files(folder)
@@ -66,11 +66,11 @@ class Pretrained:
             )
         except Exception as error:  # the parsers of the library raise many types of exceptions
             text = " ".join(str(error).split())
-            raise WeightsMissing(
+            raise WeightsError(
                 f"{weights} does not fit {self.model_class}: {type(error).__name__} {text[:200]}"
             ) from None
         for key in ("missing_keys", "unexpected_keys", "mismatched_keys"):
             if report[key]:
                 keys = sorted(map(str, report[key]))[:3]
-                raise WeightsMissing(f"{weights} does not fit {self.model_class}: {key.replace('_', ' ')} {keys}")
+                raise WeightsError(f"{weights} does not fit {self.model_class}: {key.replace('_', ' ')} {keys}")
         return model.eval()

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from salframe.framework.component import ComponentConfig
 from salframe.framework.components.identity import UserFile
-from salframe.framework.errors import ConfigError, InputMissing, WeightsMissing
+from salframe.framework.errors import ConfigError, InputMissing, WeightsError
 from salframe.panoramas.camera_height import camera_height
 from salframe.panoramas.geometry import equirectangular_rays
 from salframe.panoramas.panorama import Panorama
@@ -78,7 +78,7 @@ class OnnxDepth(RangeModel):
         """Open the network and run it once.
 
         Raises:
-            WeightsMissing: The file is not a network, or its input or output does not match the settings.
+            WeightsError: The file is not a network, or its input or output does not match the settings.
             ConfigError: The settings are incomplete, or do not determine the scale.
         """
         from salframe.framework.onnx import open_model
@@ -118,11 +118,9 @@ class OnnxDepth(RangeModel):
     def check(cls, config: Any) -> None:
         super().check(config)
         if config.model is None:
-            raise WeightsMissing(
-                f"{cls.name} has no network, expected the path of an ONNX file as `model`", "model=PATH"
-            )
+            raise WeightsError(f"{cls.name} has no network, expected the path of an ONNX file as `model`", "model=PATH")
         if not config.model.is_file():
-            raise WeightsMissing(f"no file {config.model}, expected the path of an ONNX file")
+            raise WeightsError(f"no file {config.model}, expected the path of an ONNX file")
 
     @from_bright_side
     def estimate(self, panorama: Panorama) -> np.ndarray:
@@ -236,4 +234,4 @@ class OnnxDepth(RangeModel):
             image = output if len(shape) == 3 else output[:, 0] if shape[1] == 1 else output[..., 0]
             return image.astype(np.float32, order="C")
         expected = "(1, 3, height, width) of points" if points else "(1, height, width) or (1, 1, height, width)"
-        raise WeightsMissing(f"{self.config.model} gives {shape} as first output, expected {expected}")
+        raise WeightsError(f"{self.config.model} gives {shape} as first output, expected {expected}")

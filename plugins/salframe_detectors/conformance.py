@@ -6,11 +6,11 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from salframe.framework.errors import WeightsMissing
-from salframe.testing.asking import ConformanceError, ask, expect, same
-from salframe_detectors.detection_decoder import DetectionDecoder, Found, Question
+from salframe.framework.errors import WeightsError
+from salframe.testing.expectations import ConformanceError, ask, expect, same
+from salframe_detectors.detection_decoder import DecodeRequest, DetectionDecoder, ImageDetections
 
-REQUEST = Question(width_px=96, height_px=64, classes=3, min_score=0.25)
+REQUEST = DecodeRequest(width_px=96, height_px=64, classes=3, min_score=0.25)
 CELLS = sum((REQUEST.width_px // stride) * (REQUEST.height_px // stride) for stride in (8, 16, 32))
 LAYOUTS: dict[str, tuple[tuple[int, ...], ...]] = {
     "a grid of three strides": ((CELLS, 5 + REQUEST.classes),),
@@ -26,25 +26,25 @@ BATCH = 2
 
 
 def check_detection_decoder(make: Callable[[], DetectionDecoder]) -> None:
-    """Check that a decoder returns valid boxes for any numbers, and WeightsMissing on other networks' shapes."""
+    """Check that a decoder returns valid boxes for any numbers, and WeightsError on other networks' shapes."""
     decoder = make()
     rng = np.random.default_rng(0)
     for layout, shapes in LAYOUTS.items():
         outputs = [rng.random((BATCH, *shape), np.float32) for shape in shapes]
         try:
             decoder.decode(outputs, REQUEST)
-        except WeightsMissing:
+        except WeightsError:
             continue
         except Exception as error:
             line = f"{type(error).__name__}: {error}"
-            raise ConformanceError(f"decode of {layout}: received {line}, expected boxes or WeightsMissing") from error
+            raise ConformanceError(f"decode of {layout}: received {line}, expected boxes or WeightsError") from error
         for scale in (0.0, 1.0, 30.0):
             _check_layout(make, f"decode of {layout} times {scale:g}", [np.float32(scale) * array for array in outputs])
 
 
 def _check_layout(make: Callable[[], DetectionDecoder], checked: str, outputs: Sequence[np.ndarray]) -> None:
     answer = ask(checked, make().decode, outputs, REQUEST)
-    expect(isinstance(answer, list), checked, type(answer).__name__, "a list of Found")
+    expect(isinstance(answer, list), checked, type(answer).__name__, "a list of ImageDetections")
     expect(len(answer) == BATCH, checked, f"{len(answer)} answers", f"one for each of {BATCH} images")
     for detections in answer:
         _check_found(checked, detections)
@@ -52,8 +52,8 @@ def _check_layout(make: Callable[[], DetectionDecoder], checked: str, outputs: S
     expect(same(alone, answer[1:]), f"{checked}, the second image alone", "another answer", "the same as in a batch")
 
 
-def _check_found(checked: str, detections: Found) -> None:
-    expect(isinstance(detections, Found), checked, type(detections).__name__, "Found")
+def _check_found(checked: str, detections: ImageDetections) -> None:
+    expect(isinstance(detections, ImageDetections), checked, type(detections).__name__, "ImageDetections")
     count = len(detections.score)
     shapes = [np.shape(part) for part in (detections.box_px, detections.score, detections.label)]
     expect(shapes == [(count, 4), (count,), (count,)], checked, f"shapes {shapes}", "(n, 4), (n,) and (n,)")

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from salframe.framework.errors import WeightsMissing
-from salframe_detectors.detection_decoder import DetectionDecoder, Found, Question
+from salframe.framework.errors import WeightsError
+from salframe_detectors.detection_decoder import DecodeRequest, DetectionDecoder, ImageDetections
 
 YOLOX_STRIDES_PX = (8, 16, 32)
 MASK_COEFFICIENTS = 32
@@ -20,7 +20,7 @@ class Yolox(DetectionDecoder):
     name = "yolox"
     version = "1"
 
-    def decode(self, outputs: Sequence[np.ndarray], request: Question) -> list[Found]:
+    def decode(self, outputs: Sequence[np.ndarray], request: DecodeRequest) -> list[ImageDetections]:
         """See DetectionDecoder."""
         cells = [(request.height_px // stride, request.width_px // stride, stride) for stride in YOLOX_STRIDES_PX]
         count = sum(rows * columns for rows, columns, _ in cells)
@@ -49,7 +49,7 @@ class Yolov5(DetectionDecoder):
     name = "yolov5"
     version = "1"
 
-    def decode(self, outputs: Sequence[np.ndarray], request: Question) -> list[Found]:
+    def decode(self, outputs: Sequence[np.ndarray], request: DecodeRequest) -> list[ImageDetections]:
         """See DetectionDecoder."""
         (raw,) = _select_outputs(self.name, outputs, (None, 5 + request.classes))
         return [_select(image[:, :2], image[:, 2:4], image[:, 4:5] * image[:, 5:], request) for image in raw]
@@ -61,7 +61,7 @@ class Yolov8(DetectionDecoder):
     name = "yolov8"
     version = "1"
 
-    def decode(self, outputs: Sequence[np.ndarray], request: Question) -> list[Found]:
+    def decode(self, outputs: Sequence[np.ndarray], request: DecodeRequest) -> list[ImageDetections]:
         """See DetectionDecoder."""
         (raw,) = _select_outputs(self.name, outputs, (4 + request.classes, None))
         return [_select(image[:2].T, image[2:4].T, image[4:].T, request) for image in raw]
@@ -76,7 +76,7 @@ class Yolov8Seg(DetectionDecoder):
     name = "yolov8-seg"
     version = "1"
 
-    def decode(self, outputs: Sequence[np.ndarray], request: Question) -> list[Found]:
+    def decode(self, outputs: Sequence[np.ndarray], request: DecodeRequest) -> list[ImageDetections]:
         """See DetectionDecoder."""
         import cv2
 
@@ -93,7 +93,7 @@ class Yolov8Seg(DetectionDecoder):
                 for w in weights[indices]
             ]
             mask = np.array(masks, bool).reshape(-1, request.height_px, request.width_px)
-            answers.append(Found(detections.box_px, detections.score, detections.label, mask))
+            answers.append(ImageDetections(detections.box_px, detections.score, detections.label, mask))
         return answers
 
 
@@ -106,7 +106,7 @@ class Detr(DetectionDecoder):
     name = "detr"
     version = "1"
 
-    def decode(self, outputs: Sequence[np.ndarray], request: Question) -> list[Found]:
+    def decode(self, outputs: Sequence[np.ndarray], request: DecodeRequest) -> list[ImageDetections]:
         """See DetectionDecoder."""
         logits, boxes = _select_outputs(self.name, outputs, (None, request.classes + 1), (None, 4))
         odds = np.exp(logits - logits.max(-1, keepdims=True))
@@ -119,7 +119,7 @@ class RtDetr(DetectionDecoder):
     name = "rt-detr"
     version = "1"
 
-    def decode(self, outputs: Sequence[np.ndarray], request: Question) -> list[Found]:
+    def decode(self, outputs: Sequence[np.ndarray], request: DecodeRequest) -> list[ImageDetections]:
         """See DetectionDecoder."""
         logits, boxes = _select_outputs(self.name, outputs, (None, request.classes), (None, 4))
         return _select_relative(boxes, 1 / (1 + np.exp(-logits)), request)
@@ -129,14 +129,14 @@ def _select_outputs(name: str, outputs: Sequence[np.ndarray], *shapes: tuple[int
     """Return the outputs that have these shapes after the batch axis, in this order; None matches any length.
 
     Raises:
-        WeightsMissing: No output has one of the shapes.
+        WeightsError: No output has one of the shapes.
     """
     matches, remaining = [], list(range(len(outputs)))
     for shape in shapes:
         candidates = [i for i in remaining if _fits(outputs[i].shape[1:], shape)]
         if not candidates:
             received = ", ".join(_format_shape(output.shape[1:]) for output in outputs)
-            raise WeightsMissing(
+            raise WeightsError(
                 f"the network gives {received} for each image, the decoder {name} expects "
                 f"{', '.join(map(_format_shape, shapes))}"
             )
@@ -155,7 +155,7 @@ def _format_shape(shape: Sequence[int | None]) -> str:
     return f"({', '.join('*' if length is None else str(length) for length in shape)})"
 
 
-def _select_relative(boxes: np.ndarray, scores: np.ndarray, request: Question) -> list[Found]:
+def _select_relative(boxes: np.ndarray, scores: np.ndarray, request: DecodeRequest) -> list[ImageDetections]:
     size_px = np.array([request.width_px, request.height_px])
     return [
         _select(box[:, :2] * size_px, box[:, 2:] * size_px, score, request)
@@ -163,13 +163,13 @@ def _select_relative(boxes: np.ndarray, scores: np.ndarray, request: Question) -
     ]
 
 
-def _select(centre_px: np.ndarray, size_px: np.ndarray, scores: np.ndarray, request: Question) -> Found:
+def _select(centre_px: np.ndarray, size_px: np.ndarray, scores: np.ndarray, request: DecodeRequest) -> ImageDetections:
     return _select_with_indices(centre_px, size_px, scores, request)[0]
 
 
 def _select_with_indices(
-    centre_px: np.ndarray, size_px: np.ndarray, scores: np.ndarray, request: Question
-) -> tuple[Found, np.ndarray]:
+    centre_px: np.ndarray, size_px: np.ndarray, scores: np.ndarray, request: DecodeRequest
+) -> tuple[ImageDetections, np.ndarray]:
     """Select the candidates whose best class scores at least min_score, and clip their boxes to the image.
 
     Args:
@@ -185,4 +185,4 @@ def _select_with_indices(
     indices = np.flatnonzero(score >= request.min_score)
     corners = np.hstack([centre_px - size_px / 2, centre_px + size_px / 2])[indices].astype(np.float64)
     box_px = np.clip(corners, 0, [request.width_px, request.height_px] * 2)
-    return Found(box_px, np.clip(score[indices], 0, 1), label[indices]), indices
+    return ImageDetections(box_px, np.clip(score[indices], 0, 1), label[indices]), indices

@@ -12,7 +12,7 @@ from salframe.framework.component import Role
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class ImageDetections:
     """Detections of a network in one image.
 
     Attributes:
@@ -27,9 +27,9 @@ class Found:
     label: np.ndarray
     mask: np.ndarray | None = None
 
-    def take(self, index: np.ndarray) -> Found:
+    def take(self, index: np.ndarray) -> ImageDetections:
         """Return the detections at these positions."""
-        return Found(
+        return ImageDetections(
             self.box_px[index], self.score[index], self.label[index], None if self.mask is None else self.mask[index]
         )
 
@@ -39,7 +39,7 @@ class Found:
 
 
 @dataclass(frozen=True)
-class Question:
+class DecodeRequest:
     """Parameters of a decoder.
 
     Attributes:
@@ -61,7 +61,7 @@ class DetectionDecoder(Role):
     conformance = "salframe_detectors.conformance:check_detection_decoder"
 
     @abstractmethod
-    def decode(self, outputs: Sequence[np.ndarray], request: Question) -> list[Found]:
+    def decode(self, outputs: Sequence[np.ndarray], request: DecodeRequest) -> list[ImageDetections]:
         """Decode the detections in each image of a batch, before suppression of overlapping boxes.
 
         Args:
@@ -72,5 +72,5 @@ class DetectionDecoder(Role):
             Detections of each image.
 
         Raises:
-            WeightsMissing: The outputs have other shapes than expected.
+            WeightsError: The outputs have other shapes than expected.
         """

@@ -12,7 +12,7 @@ from salframe.framework.component import ComponentConfig
 from salframe.framework.components.identity import UserFile
 from salframe.framework.components.registry import registry
 from salframe.framework.components.slots import slot
-from salframe.framework.errors import ConfigError, InputMissing, WeightsMissing
+from salframe.framework.errors import ConfigError, InputMissing, WeightsError
 from salframe.framework.files.weights import NetworkWeights
 from salframe.graphs.boxes import MIN_POINTS, detections_where_known
 from salframe.graphs.detections import Detections, unit_vectors
@@ -21,7 +21,7 @@ from salframe.graphs.turning import from_near_side
 from salframe.panoramas.panorama import Panorama
 from salframe_detectors.coverage import MIN_FOV_DEG, Grid, Rig
 from salframe_detectors.depth import foreground
-from salframe_detectors.detection_decoder import DetectionDecoder, Found, Question
+from salframe_detectors.detection_decoder import DecodeRequest, DetectionDecoder, ImageDetections
 from salframe_detectors.merging import group, outline, suppress
 from salframe_detectors.zoo import COCO_80, ZOO
 
@@ -77,7 +77,7 @@ class OnnxDetector(Detector):
         """Open the network and run it once.
 
         Raises:
-            WeightsMissing: The file is not a network, or its input or output does not match the settings.
+            WeightsError: The file is not a network, or its input or output does not match the settings.
             ConfigError: The input size is unknown.
         """
         from salframe.framework.onnx import open_model
@@ -96,7 +96,7 @@ class OnnxDetector(Detector):
             raise ConfigError(
                 f"{self._path} accepts images of any size, expected the size as a setting, such as size_px: [640, 640]"
             )
-        self._request = Question(width, height, len(self._labels), self.config.min_score)
+        self._request = DecodeRequest(width, height, len(self._labels), self.config.min_score)
         self._rig = Rig(width, height, np.radians(self.config.fov_deg))
         self._detect_views(np.full((1, height, width, 3), self.config.fill, np.uint8))
 
@@ -119,7 +119,7 @@ class OnnxDetector(Detector):
             None if panorama.range_m is None else grid.thin(panorama.range_m),
         )
 
-    def _join(self, detections: list[Found], grid: Grid, range_m: np.ndarray | None) -> Detections:
+    def _join(self, detections: list[ImageDetections], grid: Grid, range_m: np.ndarray | None) -> Detections:
         """Merge the detections of all views to objects; range_m (P,): ranges in metres at the grid's pixels."""
         view = np.repeat(np.arange(len(detections)), [len(view_detections.score) for view_detections in detections])
         label, score = (
@@ -153,7 +153,7 @@ class OnnxDetector(Detector):
         clouds = None if range_m is None else points
         return detections_where_known(labels, np.array(scores, float), clouds, towards, covered_sr, masks)
 
-    def _detect_views(self, views: np.ndarray) -> list[Found]:
+    def _detect_views(self, views: np.ndarray) -> list[ImageDetections]:
         """Run the network on views (V, height, width, 3) uint8 RGB and return the detections of each view."""
         detections = []
         ordered = views[..., ::-1] if self.config.channels == "bgr" else views
@@ -167,15 +167,15 @@ class OnnxDetector(Detector):
             batch /= std
             try:
                 detections += self._decoder.decode(self._model.run(batch), self._request)
-            except WeightsMissing as error:
-                raise WeightsMissing(f"{self._path}: {error}") from None
+            except WeightsError as error:
+                raise WeightsError(f"{self._path}: {error}") from None
         return [suppress(view_detections, self.config.overlap) for view_detections in detections]
 
 
 def _model_path(model: str | UserFile) -> Path:
-    """Return the path of a network: verified downloaded weights, or the user's file. Raises WeightsMissing."""
+    """Return the path of a network: verified downloaded weights, or the user's file. Raises WeightsError."""
     if isinstance(model, str):
         return ZOO[model].paths()[0]
     if not model.is_file():
-        raise WeightsMissing(f"no file {model}, expected the path of an ONNX file, or one of {', '.join(ZOO)}")
+        raise WeightsError(f"no file {model}, expected the path of an ONNX file, or one of {', '.join(ZOO)}")
     return model

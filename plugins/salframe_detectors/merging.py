@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from salframe_detectors.detection_decoder import Found
+from salframe_detectors.detection_decoder import ImageDetections
 
 AGREEMENT = 0.2
 """Minimum intersection over union of detections of the same object in two views. It is low because the box in a tilted
@@ -20,7 +20,7 @@ CANDIDATES, MAX_DETECTIONS = 1000, 100
 networks with more outputs."""
 
 
-def suppress(detections: Found, overlap: float) -> Found:
+def suppress(detections: ImageDetections, overlap: float) -> ImageDetections:
     """Suppress boxes of one class whose intersection over union exceeds `overlap`, except the one with the best score.
 
     At most CANDIDATES boxes are compared, and at most MAX_DETECTIONS returned, those with the best scores.

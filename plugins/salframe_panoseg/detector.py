@@ -10,7 +10,7 @@ from pydantic import Field
 
 from salframe.framework.component import ComponentConfig
 from salframe.framework.components.identity import UserFile
-from salframe.framework.errors import InputMissing, WeightsMissing
+from salframe.framework.errors import InputMissing, WeightsError
 from salframe.framework.files.reading import read_json
 from salframe.framework.files.weights import NetworkWeights, Shipped, WeightsFile
 from salframe.framework.onnx import open_model
@@ -103,7 +103,7 @@ def _labels(card: Path) -> list[str]:
     content = read_json(card)
     labels = content.get("labels") if isinstance(content, dict) else None
     if not isinstance(labels, list) or not all(isinstance(label, str) for label in labels):
-        raise WeightsMissing(f"{card} has no list of labels, expected the card that training wrote beside the network")
+        raise WeightsError(f"{card} has no list of labels, expected the card that training wrote beside the network")
     return ["", *labels]
 
 

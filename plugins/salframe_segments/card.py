@@ -9,7 +9,7 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from salframe.framework.config import read_yaml
-from salframe.framework.errors import WeightsMissing
+from salframe.framework.errors import WeightsError
 from salframe.framework.files.hashes import file_sha256
 from salframe.framework.validation import Settings, validate
 
@@ -128,13 +128,13 @@ def card_beside(model: Path) -> Path | None:
 
 
 def shipped_card(model: Path) -> Card:
-    """Return the card that salframe ships for the content of this file. Raises WeightsMissing if there is none."""
+    """Return the card that salframe ships for the content of this file. Raises WeightsError if there is none."""
     sha256 = file_sha256(model)
     for path in sorted(SHIPPED.glob("*.yaml")):
         card = read_card(path)
         if card.sha256 == sha256:
             return card
-    raise WeightsMissing(
+    raise WeightsError(
         f"no model card for {model}: salframe ships none for its sha256 {sha256[:12]}..., expected "
         f"{model.with_suffix('.yaml')}, or another path as detector.card=PATH (salframe docs segments)"
     )

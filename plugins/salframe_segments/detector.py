@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from salframe.framework.component import ComponentConfig
 from salframe.framework.components.identity import UserFile
-from salframe.framework.errors import InputMissing, WeightsMissing
+from salframe.framework.errors import InputMissing, WeightsError
 from salframe.framework.files.weights import Link, NetworkWeights, WeightsFile
 from salframe.graphs.boxes import detections_where_known
 from salframe.graphs.detections import Detections
@@ -118,7 +118,7 @@ class SegmentsDetector(Detector):
         """Open the network and run it once.
 
         Raises:
-            WeightsMissing: The network does not exist or does not match its card.
+            WeightsError: The network does not exist or does not match its card.
             ConfigError: The card is invalid.
         """
         super().__init__(config)
@@ -254,11 +254,11 @@ class Classes:
 
 
 def _model_path(model: str | UserFile) -> Path:
-    """Return the path of a network: verified downloaded weights, or the user's file. Raises WeightsMissing."""
+    """Return the path of a network: verified downloaded weights, or the user's file. Raises WeightsError."""
     if isinstance(model, str):
         return ADE20K.paths()[0]
     if not model.is_file():
-        raise WeightsMissing(f"no file {model}, expected the path of an ONNX or TensorFlow Lite file, or ade20k")
+        raise WeightsError(f"no file {model}, expected the path of an ONNX or TensorFlow Lite file, or ade20k")
     return model
 
 

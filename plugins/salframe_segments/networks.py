@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from salframe.framework.engines.worker import threads_allowed
-from salframe.framework.errors import WeightsMissing
+from salframe.framework.errors import WeightsError
 from salframe.framework.files.reading import read_network
 from salframe_segments.card import Card, Layout
 
@@ -43,13 +43,13 @@ class SegmentationNetwork(ABC):
             Probabilities (h, w, C) float32.
 
         Raises:
-            WeightsMissing: The network's output does not match its card.
+            WeightsError: The network's output does not match its card.
         """
         output = self.card.output
         for view in views:  # one by one, since most networks have a fixed batch size of 1
             scores = _channels_last(self.raw(self._as_input(view[None])), output.layout)
             if scores.ndim != 4 or scores.shape[-1] != len(self.card.labels):
-                raise WeightsMissing(
+                raise WeightsError(
                     f"{self.path} gives an output of {' x '.join(map(str, scores.shape))}, expected 4 axes with "
                     f"{len(self.card.labels)} classes, one for each label of its card ({output.layout})"
                 )
@@ -81,7 +81,7 @@ class OnnxNetwork(SegmentationNetwork):
     def raw(self, image: np.ndarray) -> np.ndarray:
         scores = self._model.run(image)[0]
         if scores.dtype.kind != "f":
-            raise WeightsMissing(
+            raise WeightsError(
                 f"{self.path} gives {scores.dtype}, expected scores as floats: set the tensor's name as output.name"
             )
         return np.asarray(scores, np.float32)
@@ -103,11 +103,11 @@ class TfliteNetwork(SegmentationNetwork):
             )
             self._interpreter.allocate_tensors()
         except _NoTensor:
-            raise WeightsMissing(
+            raise WeightsError(
                 f"{path} has no tensor {card.output.name!r}, expected the output that its card names"
             ) from None
         except Exception as error:  # the runtime raises ValueError, RuntimeError, and struct.error on other files
-            raise WeightsMissing(
+            raise WeightsError(
                 f"{path} is not a valid TensorFlow Lite network: {' '.join(str(error).split())[:200]}"
             ) from None
         inputs = self._interpreter.get_input_details()
@@ -116,12 +116,12 @@ class TfliteNetwork(SegmentationNetwork):
         shape = (1, 3, height, width) if card.input.layout == "nchw" else (1, height, width, 3)
         received = [(_dtype(details), tuple(map(int, details["shape"]))) for details in inputs]
         if received != [(card.input.dtype, shape)]:
-            raise WeightsMissing(
+            raise WeightsError(
                 f"{path} takes {_format_tensors(received)} as input, "
                 f"expected {_format_tensors([(card.input.dtype, shape)])}"
             )
         if self._output["dtype"] is not np.float32 and not self._output["quantization"][0]:
-            raise WeightsMissing(
+            raise WeightsError(
                 f"{path} gives {_dtype(self._output)} without quantization, expected scores: set the tensor's name as "
                 "output.name"
             )
@@ -138,7 +138,7 @@ class TfliteNetwork(SegmentationNetwork):
 
 
 def open_network(path: Path, card: Card) -> SegmentationNetwork:
-    """Open a network with the runtime for its suffix. Raises WeightsMissing if the file does not match its card."""
+    """Open a network with the runtime for its suffix. Raises WeightsError if the file does not match its card."""
     return (TfliteNetwork if path.suffix == TFLITE else OnnxNetwork)(path, card)
 
 

@@ -26,7 +26,7 @@ from salframe.framework.errors import (
     PluginFailed,
     RequirementMissing,
     UnknownName,
-    WeightsMissing,
+    WeightsError,
     describe_error,
 )
 from salframe.framework.files.reading import image_notes
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 SUFFIX, MARK = ".objects.png", ("Software", "salframe show-objects")
 """Suffix of the names of pictures, and the PNG text that marks a file as such a picture."""
-SETUP_ERRORS = (ConfigError, UnknownName, PluginFailed, RequirementMissing, WeightsMissing)
+SETUP_ERRORS = (ConfigError, UnknownName, PluginFailed, RequirementMissing, WeightsError)
 """Errors of the settings or the installation, which concern all images."""
 
 

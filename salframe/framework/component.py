@@ -122,7 +122,7 @@ class Component(ABC):
 
         Raises:
             RequirementMissing: A package is not installed.
-            WeightsMissing: A file of weights is missing.
+            WeightsError: A file of weights is missing.
         """
         absent = [package for package in cls.requires_in_use(config) if importlib.util.find_spec(package) is None]
         if absent:

@@ -38,7 +38,7 @@ class RequirementMissing(_Remediable):
     """A component needs a package that is not installed."""
 
 
-class WeightsMissing(_Remediable):
+class WeightsError(_Remediable):
     """The weights of a network are not installed, or are invalid."""
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from salframe.framework.engines.worker import threads_allowed
-from salframe.framework.errors import WeightsMissing
+from salframe.framework.errors import WeightsError
 from salframe.framework.files.reading import read_network
 
 Shape = tuple[int | None, ...]
@@ -68,7 +68,7 @@ def open_model(
         dtype: The expected dtype of all inputs.
 
     Raises:
-        WeightsMissing: The file is not an ONNX network with these inputs and outputs. The message is one line.
+        WeightsError: The file is not an ONNX network with these inputs and outputs. The message is one line.
     """
     import onnxruntime
 
@@ -85,7 +85,7 @@ def open_model(
         )
     except Exception as error:  # the exceptions of onnxruntime have no common base class
         tensor_names = f" with a tensor {', '.join(outputs)}" if outputs else ""
-        raise WeightsMissing(
+        raise WeightsError(
             f"{path} is not an ONNX network{tensor_names}: {' '.join(str(error).split())[:200]}"
         ) from None
     model = OnnxModel(
@@ -95,9 +95,7 @@ def open_model(
     )
     if inputs is not None and not _fits(model.inputs, inputs, dtype):
         received = ", ".join(map(str, model.inputs))
-        raise WeightsMissing(
-            f"{path} takes {received}, expected {', '.join(_layout(dtype, shape) for shape in inputs)}"
-        )
+        raise WeightsError(f"{path} takes {received}, expected {', '.join(_layout(dtype, shape) for shape in inputs)}")
     return model
 
 

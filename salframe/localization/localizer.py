@@ -141,7 +141,7 @@ class Localizer(Role):
         """Return why a frame with this description cannot be a reference frame, and what to do; None where it can."""
         return None
 
-    def fits_posterior(self, description: Description) -> bool:
+    def posterior_applies(self, description: Description) -> bool:
         """Return whether the scores of a query are of the kind that the posterior was fitted to. Queries of another
         kind are answered without probabilities."""
         return True

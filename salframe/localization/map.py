@@ -233,7 +233,7 @@ class LocalizationMap:
         if (
             posterior is None
             or answer.out_of_map_probability is not None
-            or not self.localizer.fits_posterior(description)
+            or not self.localizer.posterior_applies(description)
         ):
             return answer
         return posterior.apply(answer, self.localizer.count_objects(description))

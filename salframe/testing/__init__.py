@@ -14,11 +14,11 @@ from salframe.framework.component import Component, ComponentConfig
 from salframe.framework.components.auto import Choice
 from salframe.framework.components.registry import registry
 from salframe.framework.validation import validate
-from salframe.testing.asking import ConformanceError, DoesNotApply, expect
 from salframe.testing.datasets import DatasetRules
 from salframe.testing.declaration import check_config, check_declaration
 from salframe.testing.detectors import DetectorRules
 from salframe.testing.engines import EngineRules
+from salframe.testing.expectations import ConformanceError, DoesNotApply, expect
 from salframe.testing.identities import check_files
 from salframe.testing.localizers import LocalizerRules
 from salframe.testing.planners import PlannerRules
@@ -72,7 +72,7 @@ def check_component(component: type[Component], config: ComponentConfig | None =
 
     Raises:
         RequirementMissing: A package that the component requires is not installed.
-        WeightsMissing: The weights of the component are not installed.
+        WeightsError: The weights of the component are not installed.
     """
     configs: list[ComponentConfig] = []
     declared = check_all(

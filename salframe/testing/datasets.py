@@ -12,7 +12,7 @@ from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import Fold, QueryFrame, ReferenceFrame, Truth
 from salframe.panoramas.geometry import is_rigid
 from salframe.panoramas.panorama import Panorama
-from salframe.testing.asking import DoesNotApply, attempt, expect, same
+from salframe.testing.expectations import DoesNotApply, attempt, expect, same
 from salframe.testing.rooms import PARTS
 from salframe.testing.rules import Rules
 

@@ -11,7 +11,7 @@ from salframe.framework.components import registry
 from salframe.framework.components.identity import identity
 from salframe.framework.errors import SalframeError
 from salframe.framework.files.hashes import digest
-from salframe.testing.asking import ConformanceError, attempt, expect
+from salframe.testing.expectations import ConformanceError, attempt, expect
 
 
 def check_declaration(component: type[Component]) -> None:

@@ -12,7 +12,7 @@ from salframe.graphs.detector import Detector
 from salframe.graphs.turning import turned_detections
 from salframe.panoramas.geometry import wrap_angle
 from salframe.panoramas.panorama import Panorama
-from salframe.testing.asking import DoesNotApply, ask, attempt, expect, same
+from salframe.testing.expectations import DoesNotApply, ask, attempt, expect, same
 from salframe.testing.identities import check_identities
 from salframe.testing.rooms import HEIGHT_PX, PARTS, ROOMS, blind, halved, look, stand, turned
 from salframe.testing.rules import Rules

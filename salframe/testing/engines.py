@@ -8,7 +8,7 @@ from typing import Any
 
 from salframe.framework.engines.engine import Engine
 from salframe.framework.errors import WorkerDied
-from salframe.testing.asking import DoesNotApply, attempt, expect
+from salframe.testing.expectations import DoesNotApply, attempt, expect
 from salframe.testing.rules import Rules
 
 

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ValidationError
 from salframe.framework.component import Component, ComponentConfig, holds_components
 from salframe.framework.components.identity import UserFile, identity, matters_to_matching_only
 from salframe.framework.files.hashes import digest
-from salframe.testing.asking import attempt, expect, same
+from salframe.testing.expectations import attempt, expect, same
 
 
 def check_files(config: ComponentConfig) -> None:

@@ -17,8 +17,8 @@ from salframe.localization.map import LocalizationMap
 from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.geometry import pose_2d, pose_errors
 from salframe.panoramas.panorama import Panorama
-from salframe.testing.asking import ask, attempt, expect, same
 from salframe.testing.detectors import check_needs, turns
+from salframe.testing.expectations import ask, attempt, expect, same
 from salframe.testing.identities import check_identities
 from salframe.testing.rooms import HEIGHT_PX, PARTS, blind, halved, map_frames, query_frames, turned
 from salframe.testing.rules import Rules

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from salframe.framework.errors import NoRoute
-from salframe.testing.asking import ask, expect
+from salframe.testing.expectations import ask, expect
 from salframe.testing.rules import Rules
 from salframe.topology.planner import Planner, Route
 from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap

@@ -9,8 +9,8 @@ import numpy as np
 from salframe.framework.components.identity import identity
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.range_model import RangeModel
-from salframe.testing.asking import ask, attempt, expect, same
 from salframe.testing.detectors import check_needs, turns
+from salframe.testing.expectations import ask, attempt, expect, same
 from salframe.testing.identities import check_identities
 from salframe.testing.rooms import PARTS, ROOMS, blind, halved, look, stand, turned
 from salframe.testing.rules import Rules

@@ -8,7 +8,7 @@ from enum import StrEnum
 from types import FunctionType
 from typing import Generic, TypeVar
 
-from salframe.testing.asking import ConformanceError, DoesNotApply, attempt
+from salframe.testing.expectations import ConformanceError, DoesNotApply, attempt
 
 Made = TypeVar("Made")
 Rule = tuple[str, Callable[[], object]]

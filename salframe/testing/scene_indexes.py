@@ -14,7 +14,7 @@ import numpy as np
 from salframe.framework.errors import ConfigError, DataError
 from salframe.graphs.graph import SaliencyGraph, without_range
 from salframe.graphs.scene_index import SceneCandidates, SceneIndex
-from salframe.testing.asking import ask, attempt, expect, same
+from salframe.testing.expectations import ask, attempt, expect, same
 from salframe.testing.rooms import ROOMS, room_graph
 from salframe.testing.rules import Rules
 

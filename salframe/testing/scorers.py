@@ -7,7 +7,7 @@ from pathlib import Path
 
 from salframe.evaluation.scorer import Scorer
 from salframe.framework.errors import DataError
-from salframe.testing.asking import expect
+from salframe.testing.expectations import expect
 from salframe.testing.rules import Rules
 
 

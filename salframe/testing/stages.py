@@ -19,7 +19,7 @@ from salframe.graphs.saliency import SaliencyModel
 from salframe.graphs.table import MappedGraphs, write_graphs
 from salframe.localization.positioner import PoseEstimate, PoseStatus, Positioner
 from salframe.panoramas.geometry import invert_pose, is_rigid, pose_2d, pose_errors, transform_points
-from salframe.testing.asking import DoesNotApply, ask, attempt, expect, same
+from salframe.testing.expectations import DoesNotApply, ask, attempt, expect, same
 from salframe.testing.rooms import ROOMS, box_detections, room_graph
 from salframe.testing.rules import Rules
 

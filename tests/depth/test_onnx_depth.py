@@ -14,7 +14,7 @@ from salframe_depth.views import DepthRig
 
 from salframe.framework.components.identity import identity
 from salframe.framework.components.presets import configure
-from salframe.framework.errors import ConfigError, WeightsMissing
+from salframe.framework.errors import ConfigError, WeightsError
 from salframe.panoramas.geometry import equirectangular_rays
 from salframe.panoramas.panorama import Panorama
 from salframe.testing.rooms import EYE_M, ROOMS, halved, turned
@@ -180,13 +180,13 @@ def test_another_content_of_the_file_is_another_model(network):
     ],
 )
 def test_settings_that_do_not_fit_are_told_in_one_line(network, settings, message):
-    with pytest.raises((ConfigError, WeightsMissing), match=message) as caught:
+    with pytest.raises((ConfigError, WeightsError), match=message) as caught:
         build(network(), **settings)
     assert "\n" not in str(caught.value)
 
 
 def test_a_model_that_is_not_there_is_told(tmp_path):
-    with pytest.raises(WeightsMissing, match="onnx-depth has no network, expected the path of an ONNX file"):
+    with pytest.raises(WeightsError, match="onnx-depth has no network, expected the path of an ONNX file"):
         OnnxDepth(OnnxDepth.Config(metric=True))
-    with pytest.raises(WeightsMissing, match=r"no file .*nothing.onnx, expected the path"):
+    with pytest.raises(WeightsError, match=r"no file .*nothing.onnx, expected the path"):
         build(tmp_path / "nothing.onnx", metric=True)

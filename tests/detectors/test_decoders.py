@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from conformance import breaks, conforms
 from salframe_detectors.decoders import Yolov5
-from salframe_detectors.detection_decoder import DetectionDecoder, Found, Question
+from salframe_detectors.detection_decoder import DecodeRequest, DetectionDecoder, ImageDetections
 from salframe_detectors.merging import suppress
 
 from salframe.framework.components.registry import registry
-from salframe.framework.errors import WeightsMissing
+from salframe.framework.errors import WeightsError
 
-REQUEST = Question(width_px=96, height_px=64, classes=3, min_score=0.25)
+REQUEST = DecodeRequest(width_px=96, height_px=64, classes=3, min_score=0.25)
 BOXES = np.array([[10.0, 8.0, 30.0, 40.0], [50.0, 20.0, 90.0, 60.0]])
 LABEL, SCORE = np.array([2, 0]), np.array([0.9, 0.5])
 CENTRE, SIZE = (BOXES[:, :2] + BOXES[:, 2:]) / 2, BOXES[:, 2:] - BOXES[:, :2]
@@ -109,10 +109,10 @@ def test_candidates_that_score_less_are_left_out_and_boxes_end_at_the_border():
 
 
 def test_other_shapes_are_told():
-    with pytest.raises(WeightsMissing, match=r"gives \(8, 100\) for each image, the decoder yolox expects \(126, 8\)"):
+    with pytest.raises(WeightsError, match=r"gives \(8, 100\) for each image, the decoder yolox expects \(126, 8\)"):
         decoder("yolox").decode([np.zeros((1, 8, 100), np.float32)], REQUEST)
     with pytest.raises(
-        WeightsMissing, match=r"gives \(100, 3\) for each image, the decoder detr expects \(\*, 4\), \(\*, 4\)"
+        WeightsError, match=r"gives \(100, 3\) for each image, the decoder detr expects \(\*, 4\), \(\*, 4\)"
     ):
         decoder("detr").decode([np.zeros((1, 100, 3), np.float32)], REQUEST)
 
@@ -120,7 +120,7 @@ def test_other_shapes_are_told():
 def test_of_overlapping_boxes_of_a_class_the_best_is_kept():
     # 0 and 1 overlap by 90 / 110, 0 and 2 as much with another class, 3 stands apart.
     box = np.array([[0, 0, 10, 10], [1, 0, 11, 10], [1, 0, 11, 10], [30, 0, 40, 10]], float)
-    found = Found(box, np.array([0.6, 0.8, 0.7, 0.5]), np.array([1, 1, 0, 1]))
+    found = ImageDetections(box, np.array([0.6, 0.8, 0.7, 0.5]), np.array([1, 1, 0, 1]))
     kept = suppress(found, 0.45)
     assert sorted(zip(kept.label.tolist(), kept.score.tolist(), strict=True)) == [(0, 0.7), (1, 0.5), (1, 0.8)]
     assert len(suppress(found, 0.85).score) == 4
@@ -149,7 +149,7 @@ class Overflowing(Yolov5):
     name = "broken"
 
     def decode(self, outputs, request):
-        return [Found(one.box_px + 50, one.score, one.label) for one in super().decode(outputs, request)]
+        return [ImageDetections(one.box_px + 50, one.score, one.label) for one in super().decode(outputs, request)]
 
 
 class Doubtful(Yolov5):
@@ -175,7 +175,7 @@ class Surprised(Yolov5):
     [
         (Overflowing, r"received a box beyond the image, expected boxes within 96 x 64 pixels"),
         (Doubtful, r"received scores \[.*expected shares of at least 0\.25"),
-        (Surprised, r"received ValueError: cannot reshape .*, expected boxes or WeightsMissing"),
+        (Surprised, r"received ValueError: cannot reshape .*, expected boxes or WeightsError"),
     ],
 )
 def test_a_broken_decoder_is_told_in_one_line(component, message):
@@ -189,5 +189,5 @@ def test_of_too_many_boxes_the_best_are_kept():
     corner[:300] = np.stack([np.arange(300) * 20.0, np.full(300, 100.0)], 1)
     score = rng.uniform(0.3, 0.5, 200_000)
     score[:300] = np.linspace(0.99, 0.6, 300)
-    found = suppress(Found(np.hstack([corner, corner + 10]), score, np.zeros(200_000, int)), 0.45)
+    found = suppress(ImageDetections(np.hstack([corner, corner + 10]), score, np.zeros(200_000, int)), 0.45)
     np.testing.assert_array_equal(found.box_px[:, 0], np.arange(100) * 20.0)

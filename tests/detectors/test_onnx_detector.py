@@ -13,7 +13,7 @@ from tiny_network import COLOURS, settings, write_network
 from salframe.framework.components.identity import identity
 from salframe.framework.components.presets import configure
 from salframe.framework.components.registry import registry
-from salframe.framework.errors import ConfigError, InputMissing, UnknownName, WeightsMissing
+from salframe.framework.errors import ConfigError, InputMissing, UnknownName, WeightsError
 from salframe.localization.localizer import Localizer
 from salframe.localization.map import LocalizationMap
 from salframe.panoramas.frames import QueryFrame, ReferenceFrame
@@ -248,23 +248,23 @@ def test_a_network_of_any_size_is_given_the_declared_one(tmp_path):
     [
         (
             {"model": "nowhere.onnx"},
-            WeightsMissing,
+            WeightsError,
             "no file nowhere.onnx, expected the path of an ONNX file, or one of yolox-nano,",
         ),
         ({"decoder": "yolov4"}, UnknownName, "unknown detection-decoder 'yolov4', did you mean 'yolov[58]'"),
         (
             {"decoder": "yolov8"},
-            WeightsMissing,
+            WeightsError,
             r"colours.onnx: the network gives \(3, 8\) for each image, the decoder yolov8 expects \(7, \*\)",
         ),
         (
             {"labels": ["red"]},
-            WeightsMissing,
+            WeightsError,
             r"the network gives \(3, 8\) for each image, the decoder yolov5 expects \(\*, 6\)",
         ),
         (
             {"size_px": [640, 640]},
-            WeightsMissing,
+            WeightsError,
             r"takes images float32 \(\*, 3, 128, 128\), expected float32 \(\*, 3, 640, 640\)",
         ),
         ({"min_score": 0}, ConfigError, "onnx.min_score: received 0, expected greater than 0"),
@@ -281,7 +281,7 @@ def test_a_broken_file_is_one_line(network, tmp_path, content):
     path = tmp_path / "broken.onnx"
     whole = network.read_bytes()
     path.write_bytes(whole[: len(whole) // 2] if content == "half" else b"not found")
-    with pytest.raises(WeightsMissing, match=r"broken.onnx is not an ONNX network") as caught:
+    with pytest.raises(WeightsError, match=r"broken.onnx is not an ONNX network") as caught:
         build(path)
     assert "\n" not in str(caught.value)
 
@@ -314,5 +314,5 @@ def test_networks_to_fetch_are_told_where_they_are_not_at_hand(monkeypatch, tmp_
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
     assert len(COCO_80) == len(set(COCO_80)) == 80
     for name in ZOO:
-        with pytest.raises(WeightsMissing, match=f"get it with: salframe weights fetch {name}"):
+        with pytest.raises(WeightsError, match=f"get it with: salframe weights fetch {name}"):
             OnnxDetector.check(configure("detector", "onnx", {"model": name}))

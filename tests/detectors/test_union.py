@@ -17,7 +17,7 @@ from salframe.framework.components.identity import identity
 from salframe.framework.components.presets import configure
 from salframe.framework.components.registry import registry
 from salframe.framework.components.settings import list_settings
-from salframe.framework.errors import ConfigError, WeightsMissing
+from salframe.framework.errors import ConfigError, WeightsError
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
 from salframe.graphs.turning import turned_detections
@@ -55,7 +55,7 @@ class Weightless(Listed):
 
     @classmethod
     def check(cls, config):
-        raise WeightsMissing("no file; get it with: salframe weights fetch nothing")
+        raise WeightsError("no file; get it with: salframe weights fetch nothing")
 
 
 @pytest.fixture
@@ -212,7 +212,7 @@ def test_every_detector_in_it_is_checked_listed_and_part_of_the_identity(members
     other = configure("detector", "union", {"of": ["listed", {"kind": "onnx", "min_score": 0.6}]})
     assert identity(config) != identity(other)
     assert identity(config)["settings"]["of"][1] == identity(config.of[1])
-    with pytest.raises(WeightsMissing, match="salframe weights fetch nothing"):
+    with pytest.raises(WeightsError, match="salframe weights fetch nothing"):
         union("listed", "weightless")
 
 

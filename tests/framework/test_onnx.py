@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from salframe.framework.errors import WeightsMissing
+from salframe.framework.errors import WeightsError
 from salframe.framework.onnx import Tensor, open_model
 
 onnx = pytest.importorskip("onnx")
@@ -57,7 +57,7 @@ def test_an_inner_tensor_is_an_output_where_it_is_named(tmp_path):
 
 def test_a_tensor_that_is_not_there_is_one_line(tmp_path):
     with pytest.raises(
-        WeightsMissing, match=r"net\.onnx is not an ONNX network with a tensor feature: .*feature"
+        WeightsError, match=r"net\.onnx is not an ONNX network with a tensor feature: .*feature"
     ) as caught:
         open_model(write(tmp_path / "net.onnx"), outputs=["feature"])
     assert "\n" not in str(caught.value)
@@ -68,20 +68,20 @@ def test_a_file_that_is_no_network_is_one_line(tmp_path, content):
     path = tmp_path / "net.onnx"
     whole = write(path).read_bytes()
     path.write_bytes(whole[: len(whole) // 2] if content is None else content)
-    with pytest.raises(WeightsMissing, match=r"net\.onnx is not an ONNX network: .") as caught:
+    with pytest.raises(WeightsError, match=r"net\.onnx is not an ONNX network: .") as caught:
         open_model(path)
     assert "\n" not in str(caught.value)
 
 
 def test_a_file_that_is_not_there_is_one_line(tmp_path):
-    with pytest.raises(WeightsMissing, match=r"cannot read .*net\.onnx: No such file"):
+    with pytest.raises(WeightsError, match=r"cannot read .*net\.onnx: No such file"):
         open_model(tmp_path / "net.onnx")
 
 
 @pytest.mark.parametrize("shape", [("n", 4, 4, 3), ("n", 3, 8, 8), (2, 3, 4, 4), ("n", 3, 4)])
 def test_another_layout_names_what_was_received_and_expected(tmp_path, shape):
     received = ", ".join("*" if length == "n" else str(length) for length in shape)
-    with pytest.raises(WeightsMissing, match=re.escape(f"takes x float32 ({received}), expected float32 (*, 3, 4, 4)")):
+    with pytest.raises(WeightsError, match=re.escape(f"takes x float32 ({received}), expected float32 (*, 3, 4, 4)")):
         open_model(
             write(tmp_path / "net.onnx", shape, nodes=[onnx.helper.make_node("Identity", ["x"], ["y"])]),
             [(None, 3, 4, 4)],
@@ -90,7 +90,7 @@ def test_another_layout_names_what_was_received_and_expected(tmp_path, shape):
 
 def test_another_dtype_or_number_of_inputs_is_refused(tmp_path):
     path = write(tmp_path / "net.onnx")
-    with pytest.raises(WeightsMissing, match=r"takes x float32 \(\*, 3, 4, 4\), expected uint8 \(\*, 3, 4, 4\)"):
+    with pytest.raises(WeightsError, match=r"takes x float32 \(\*, 3, 4, 4\), expected uint8 \(\*, 3, 4, 4\)"):
         open_model(path, [(None, 3, 4, 4)], dtype="uint8")
-    with pytest.raises(WeightsMissing, match=r"expected float32 \(\*, 3, 4, 4\), float32 \(\*, 3, 4, 4\)"):
+    with pytest.raises(WeightsError, match=r"expected float32 \(\*, 3, 4, 4\), float32 \(\*, 3, 4, 4\)"):
         open_model(path, [(None, 3, 4, 4), (None, 3, 4, 4)])

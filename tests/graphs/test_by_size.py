@@ -17,7 +17,7 @@ from scene_scores import some_graph
 
 from salframe.framework.errors import DataError, RequirementMissing
 from salframe.graphs.scene_index import scene_index_notes
-from salframe.testing.asking import same
+from salframe.testing.expectations import same
 from salframe.topology.building_map import build_map
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from salframe.graphs.city import City
 from salframe.graphs.graph import SaliencyGraph
-from salframe.testing.asking import same
+from salframe.testing.expectations import same
 
 LABELS = ("bed", "sofa", "chair", "table", "lamp", "plant", "tv", "desk", "picture", "cabinet")
 

@@ -19,7 +19,7 @@ from salframe.framework.errors import DataError
 from salframe.graphs.city import City
 from salframe.graphs.graph import SaliencyGraph, without_range
 from salframe.panoramas.geometry import pose_2d, transform_points
-from salframe.testing.asking import same
+from salframe.testing.expectations import same
 
 pytest.importorskip("numba")
 MANY = 20_000

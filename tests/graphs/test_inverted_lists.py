@@ -10,7 +10,7 @@ from scene_scores import list_scores, some_graph
 
 from salframe.framework.errors import DataError
 from salframe.graphs.graph import without_range
-from salframe.testing.asking import same
+from salframe.testing.expectations import same
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ from salframe.framework.files.columns import read_columns, write_columns
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.packing import graph_from_arrays, graph_to_arrays, pack_graph, unpack_graph
 from salframe.graphs.table import HeldGraphs, MappedGraphs, write_graphs
-from salframe.testing.asking import same
+from salframe.testing.expectations import same
 
 
 def some_graph(rng):

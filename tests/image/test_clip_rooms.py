@@ -9,7 +9,7 @@ from conformance import conforms
 from salframe_image.clip import MEAN, STD, ClipRooms, room_type
 
 from salframe.framework.components.identity import identity
-from salframe.framework.errors import InputMissing, WeightsMissing
+from salframe.framework.errors import InputMissing, WeightsError
 from salframe.localization.map import LocalizationMap
 from salframe.panoramas.frames import FrameKind, QueryFrame, ReferenceFrame
 from salframe.panoramas.panorama import Panorama
@@ -171,14 +171,14 @@ def test_a_panorama_without_colour_is_refused(build):
 def test_without_clip_the_row_says_how_to_get_it(monkeypatch, tmp_path):
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
     with pytest.raises(
-        WeightsMissing, match=r"no file .*vision_model\.onnx .*get it with: salframe weights fetch clip-vit-b32"
+        WeightsError, match=r"no file .*vision_model\.onnx .*get it with: salframe weights fetch clip-vit-b32"
     ):
         ClipRooms.check(ClipRooms.Config())
 
 
 def test_a_file_that_is_no_tokenizer_is_one_line(folder, build):
     (folder / "tokenizer.json").write_text("{}")
-    with pytest.raises(WeightsMissing, match=r"tokenizer\.json is not a tokenizer: ."):
+    with pytest.raises(WeightsError, match=r"tokenizer\.json is not a tokenizer: ."):
         build(ROOMS)
 
 
@@ -187,7 +187,7 @@ def test_another_text_encoder_is_one_line(folder, build, write_network):
 
     write_network("onnx/text_model.onnx", [helper.make_node("Identity", ["pixel_values"], ["y"])], taken="pixel_values")
     with pytest.raises(
-        WeightsMissing,
+        WeightsError,
         match=r"text_model\.onnx has the inputs pixel_values; expected input_ids and optionally attention_mask",
     ):
         build(ROOMS)
@@ -198,7 +198,7 @@ def test_another_image_encoder_is_one_line(folder, build, write_network):
 
     write_network("onnx/vision_model.onnx", [helper.make_node("Identity", ["x"], ["y"])])
     with pytest.raises(
-        WeightsMissing, match=r"vision_model\.onnx returned an array of shape \(4, 3, 224, 224\); expected \(N, D\)"
+        WeightsError, match=r"vision_model\.onnx returned an array of shape \(4, 3, 224, 224\); expected \(N, D\)"
     ):
         build(ROOMS)
 

@@ -12,7 +12,7 @@ from salframe.framework.components.identity import identity
 from salframe.framework.components.presets import configure as configure_preset
 from salframe.framework.components.presets import settings
 from salframe.framework.components.registry import registry
-from salframe.framework.errors import InputMissing, WeightsMissing
+from salframe.framework.errors import InputMissing, WeightsError
 from salframe.localization.map import LocalizationMap
 from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 from salframe.panoramas.geometry import pose_2d, pose_yaw, wrap_angle
@@ -154,35 +154,35 @@ def test_another_networks_layout_is_one_line(write_network, configure):
 
     rows = write_network("rows.onnx", [helper.make_node("ReduceMean", ["x"], ["y"], axes=[3], keepdims=0)])
     with pytest.raises(
-        WeightsMissing, match=r"rows\.onnx has the output y \(12, 3, 32\); expected features of shape \(N, C, h, w\)"
+        WeightsError, match=r"rows\.onnx has the output y \(12, 3, 32\); expected features of shape \(N, C, h, w\)"
     ):
         ImageFeatures(configure({"model": rows})).describe(compass(HALL))
     large = write_network("large.onnx", [helper.make_node("Identity", ["x"], ["y"])], shape=("n", 3, 224, 224))
     with pytest.raises(
-        WeightsMissing, match=r"large\.onnx takes x float32 \(\*, 3, 224, 224\), expected float32 \(\*, 3, 32, 32\)"
+        WeightsError, match=r"large\.onnx takes x float32 \(\*, 3, 224, 224\), expected float32 \(\*, 3, 32, 32\)"
     ):
         ImageFeatures(configure({"model": large}))
-    with pytest.raises(WeightsMissing, match=r"same\.onnx is not an ONNX network with a tensor pool5"):
+    with pytest.raises(WeightsError, match=r"same\.onnx is not an ONNX network with a tensor pool5"):
         ImageFeatures(configure({"output": "pool5"}))
 
 
 def test_missing_and_damaged_weights_say_how_to_get_them(monkeypatch, tmp_path):
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
     with pytest.raises(
-        WeightsMissing,
+        WeightsError,
         match=r"no file .*efficientnet-lite0\.onnx .*get it with: salframe weights fetch efficientnet-lite0",
     ):
         ImageFeatures()
     (tmp_path / "weights" / "resnet101").mkdir(parents=True)
     (tmp_path / "weights" / "resnet101" / "resnet101-v1-7.onnx").write_bytes(b"half of it")
-    with pytest.raises(WeightsMissing, match=r"has sha256 .*, expected 760702f6.*salframe weights fetch resnet101"):
+    with pytest.raises(WeightsError, match=r"has sha256 .*, expected 760702f6.*salframe weights fetch resnet101"):
         ImageFeatures(ImageFeatures.Config(network="resnet101"))
 
 
 def test_without_a_file_the_users_own_network_says_what_it_wants(tmp_path):
-    with pytest.raises(WeightsMissing, match="received no model; set model to the path of an ONNX file"):
+    with pytest.raises(WeightsError, match="received no model; set model to the path of an ONNX file"):
         ImageFeatures(ImageFeatures.Config(network="onnx"))
-    with pytest.raises(WeightsMissing, match=r"received no file \S+none\.onnx; set model to the path of an ONNX file"):
+    with pytest.raises(WeightsError, match=r"received no file \S+none\.onnx; set model to the path of an ONNX file"):
         ImageFeatures(ImageFeatures.Config(network={"kind": "onnx", "model": tmp_path / "none.onnx"}))
 
 
@@ -236,6 +236,6 @@ def test_colours_are_shifted_and_scaled_as_declared(configure, same_network):
 def test_it_keeps_them_with_the_network_it_is_meant_for():
     try:
         assert conforms(EfficientNetLite0)
-    except WeightsMissing as error:
+    except WeightsError as error:
         pytest.skip(str(error))
     assert conforms(ImageFeatures)

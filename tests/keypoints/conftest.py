@@ -10,7 +10,7 @@ from scipy.ndimage import map_coordinates, zoom
 
 from salframe.framework.component import ComponentConfig
 from salframe.framework.components.registry import registry
-from salframe.framework.errors import RequirementMissing, WeightsMissing
+from salframe.framework.errors import RequirementMissing, WeightsError
 from salframe.framework.validation import validate
 from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 from salframe.panoramas.geometry import equirectangular_rays
@@ -66,7 +66,7 @@ def runnable(config: ComponentConfig) -> ComponentConfig:
     """Return the config. Skip the test if a package or weights of its component are not installed."""
     try:
         config.component.check(config)
-    except (RequirementMissing, WeightsMissing) as error:
+    except (RequirementMissing, WeightsError) as error:
         pytest.skip(str(error))
     if any("torch" in inner.component.requires for inner in (config, getattr(config, "features", config))):
         import torch

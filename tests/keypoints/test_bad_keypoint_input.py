@@ -15,7 +15,7 @@ from tiny_folder import write_tiny_folder
 from salframe.evaluation.runs.request import Request
 from salframe.evaluation.tasks.localization.task import compare
 from salframe.framework.components.presets import configure, settings
-from salframe.framework.errors import RequirementMissing, WeightsMissing
+from salframe.framework.errors import RequirementMissing, WeightsError
 from salframe.localization.map import LocalizationMap
 from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.geometry import pose_2d, pose_errors
@@ -103,5 +103,5 @@ def test_networks_of_kornia_keep_the_promises_of_a_localizer(method):
     config = configure("localizer", method, settings("localizer", method))
     try:
         assert conforms(config.component, config)
-    except (RequirementMissing, WeightsMissing) as error:
+    except (RequirementMissing, WeightsError) as error:
         pytest.skip(str(error))

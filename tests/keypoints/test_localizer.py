@@ -12,7 +12,7 @@ from salframe_keypoints.loftr_compact import FOLDER, STATE
 
 from salframe.framework.components.identity import identity
 from salframe.framework.components.registry import registry
-from salframe.framework.errors import ConfigError, RequirementMissing, UnknownName, WeightsMissing
+from salframe.framework.errors import ConfigError, RequirementMissing, UnknownName, WeightsError
 from salframe.framework.files.cache import Cache
 from salframe.framework.validation import validate
 from salframe.localization.describing import describe_frame
@@ -249,7 +249,7 @@ def test_weights_of_another_hash_are_told_with_both(kind, monkeypatch, tmp_path)
         (weights.directory / file.name).write_bytes(b"other")
     received = hashlib.sha256(b"other").hexdigest()
     with pytest.raises(
-        WeightsMissing, match=f"has sha256 {received}, expected {weights.files[0].sha256}; .*weights fetch {kind}$"
+        WeightsError, match=f"has sha256 {received}, expected {weights.files[0].sha256}; .*weights fetch {kind}$"
     ):
         Keypoints(Keypoints.Config(features=kind))
 
@@ -257,7 +257,7 @@ def test_weights_of_another_hash_are_told_with_both(kind, monkeypatch, tmp_path)
 def test_missing_weights_name_the_path_the_hash_and_the_command(monkeypatch, tmp_path):
     pytest.importorskip("kornia")
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
-    with pytest.raises(WeightsMissing) as caught:
+    with pytest.raises(WeightsError) as caught:
         Keypoints(Keypoints.Config(features="loftr"))
     expected = f"{tmp_path}/weights/loftr/loftr_indoor_ds_new.ckpt (sha256 be9ff88b"
     assert expected in str(caught.value)

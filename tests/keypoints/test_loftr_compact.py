@@ -12,7 +12,7 @@ import pytest
 from salframe_keypoints.localizer import Keypoints
 from salframe_keypoints.loftr_compact import ARCHITECTURE, FILES, FOLDER, STATE, LoftrCompact, mutual_maxima
 
-from salframe.framework.errors import ConfigError, WeightsMissing
+from salframe.framework.errors import ConfigError, WeightsError
 from salframe.panoramas.perspective import ViewRig
 
 SIZE_PX = 320, 240
@@ -110,11 +110,11 @@ def test_a_truncated_file_is_one_clear_line(name, tmp_path, monkeypatch):
     shutil.copytree(FOLDER, tmp_path / "weights" / "loftr-compact")
     path = tmp_path / "weights" / "loftr-compact" / name
     path.write_bytes(path.read_bytes()[:-1000])
-    with pytest.raises(WeightsMissing, match=rf"{name} is not an ONNX network: .*"):  # the user's own: by its layout
+    with pytest.raises(WeightsError, match=rf"{name} is not an ONNX network: .*"):  # the user's own: by its layout
         LoftrCompact(LoftrCompact.Config(checkpoint=path.parent))
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
     with pytest.raises(
-        WeightsMissing, match=rf"{name} has sha256 [0-9a-f]{{64}}, expected [0-9a-f]{{64}}; "
+        WeightsError, match=rf"{name} has sha256 [0-9a-f]{{64}}, expected [0-9a-f]{{64}}; "
     ):  # ours: by its hash
         Keypoints(Keypoints.Config(features="loftr-compact"))
 
@@ -122,9 +122,7 @@ def test_a_truncated_file_is_one_clear_line(name, tmp_path, monkeypatch):
 def test_a_network_of_another_layout_is_one_clear_line(tmp_path):
     shutil.copytree(FOLDER, tmp_path / "own")
     shutil.copy(tmp_path / "own" / FILES[1], tmp_path / "own" / FILES[0])
-    with pytest.raises(
-        WeightsMissing, match=r"features\.onnx takes first float32 .*, expected float32 \(1, 1, \*, \*\)"
-    ):
+    with pytest.raises(WeightsError, match=r"features\.onnx takes first float32 .*, expected float32 \(1, 1, \*, \*\)"):
         LoftrCompact(LoftrCompact.Config(checkpoint=tmp_path / "own"))
 
 

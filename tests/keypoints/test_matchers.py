@@ -16,7 +16,7 @@ from salframe_keypoints.networks import LightGlue
 from salframe_keypoints.sift import Sift
 
 from salframe.framework.components.registry import registry
-from salframe.framework.errors import ConfigError, RequirementMissing, WeightsMissing
+from salframe.framework.errors import ConfigError, RequirementMissing, WeightsError
 from salframe.localization.map import LocalizationMap
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.perspective import ViewRig
@@ -162,7 +162,7 @@ class TestLoftrCheckpoint:
 
     @pytest.mark.parametrize("change", [{"fine": True}, {"architecture": {}}])
     def test_another_architecture_is_one_clear_line(self, make_matcher, change):
-        with pytest.raises(WeightsMissing, match=r"loftr_coarse_distilled\.pt does not fit LoFTR: ") as caught:
+        with pytest.raises(WeightsError, match=r"loftr_coarse_distilled\.pt does not fit LoFTR: ") as caught:
             make_matcher("loftr", **{**DISTILLED_SETTINGS, **change})
         assert "\n" not in str(caught.value)
 
@@ -170,7 +170,7 @@ class TestLoftrCheckpoint:
 def test_a_file_that_is_no_loftr_checkpoint_is_one_clear_line(make_matcher, tmp_path):
     torch = pytest.importorskip("torch")
     torch.save({"state_dict": {"other.weight": torch.zeros(1)}}, tmp_path / "other.ckpt")
-    with pytest.raises(WeightsMissing, match="is not a LoFTR checkpoint"):
+    with pytest.raises(WeightsError, match="is not a LoFTR checkpoint"):
         make_matcher("loftr", checkpoint=tmp_path / "other.ckpt")
 
 
@@ -180,7 +180,7 @@ def test_another_networks_checkpoint_is_one_clear_line(name, content, make_match
     torch = pytest.importorskip("torch")
     for file in of_name(name).weights[0].files:
         torch.save(content, tmp_path / file.name)
-    with pytest.raises(WeightsMissing, match=r"(does not fit|is not a) [A-Z]") as caught:
+    with pytest.raises(WeightsError, match=r"(does not fit|is not a) [A-Z]") as caught:
         make_matcher(name, checkpoint=tmp_path)
     assert of_name(name).weights[0].files[0].name in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -191,7 +191,7 @@ def test_a_checkpoint_that_is_no_lightglue_is_one_clear_line(content, tmp_path):
     torch = pytest.importorskip("torch")
     pytest.importorskip("kornia")
     torch.save(content, tmp_path / "matcher.pth")
-    with pytest.raises(WeightsMissing, match=r"matcher\.pth (does not fit|is not a) LightGlue") as caught:
+    with pytest.raises(WeightsError, match=r"matcher\.pth (does not fit|is not a) LightGlue") as caught:
         LightGlue("aliked", tmp_path / "matcher.pth")
     assert "\n" not in str(caught.value)
 
@@ -199,7 +199,7 @@ def test_a_checkpoint_that_is_no_lightglue_is_one_clear_line(content, tmp_path):
 def test_a_file_that_is_no_checkpoint_is_one_clear_line(make_matcher, tmp_path):
     pytest.importorskip("torch")
     (tmp_path / "text.ckpt").write_text("hello")
-    with pytest.raises(WeightsMissing, match=r"text\.ckpt is not a torch checkpoint") as caught:
+    with pytest.raises(WeightsError, match=r"text\.ckpt is not a torch checkpoint") as caught:
         make_matcher("loftr", checkpoint=tmp_path / "text.ckpt")
     assert "\n" not in str(caught.value)
 
@@ -226,7 +226,7 @@ def test_views_without_a_point_have_no_matches(make_matcher, images):
 def test_it_keeps_the_promises_of_the_role(name):
     try:
         assert conforms(of_name(name))
-    except (RequirementMissing, WeightsMissing) as error:
+    except (RequirementMissing, WeightsError) as error:
         pytest.skip(str(error))
 
 

@@ -16,7 +16,7 @@ from salframe_keypoints.localizer import Keypoints
 from salframe_keypoints.superpoint import SuperPointNearest
 
 from salframe.framework.components.registry import registry
-from salframe.framework.errors import ConfigError, RequirementMissing, WeightsMissing
+from salframe.framework.errors import ConfigError, RequirementMissing, WeightsError
 from salframe.framework.files.cache import Cache
 from salframe.localization.map import LocalizationMap
 from salframe.panoramas.frames import QueryFrame
@@ -195,7 +195,7 @@ def test_a_checkpoint_that_is_not_given_is_told_with_its_address_and_licence(nam
     pytest.importorskip("torch")
     pytest.importorskip("transformers")
     with pytest.raises(
-        WeightsMissing,
+        WeightsError,
         match=r"set checkpoint to a folder with config\.json and model\.safetensors of https://huggingface\S+ \(",
     ):
         Keypoints.check(Keypoints.Config(features=name))
@@ -212,7 +212,7 @@ def test_what_is_not_installed_is_told_with_its_extra(monkeypatch):
 
 def test_another_model_a_damaged_file_and_another_architecture_are_one_clear_line(checkpoints, tmp_path, make):
     def refused(match):
-        with pytest.raises(WeightsMissing, match=match) as caught:
+        with pytest.raises(WeightsError, match=match) as caught:
             SuperPointNearest(SuperPointNearest.Config(checkpoint=tmp_path / "model"))
         assert "\n" not in str(caught.value)
 

@@ -15,7 +15,7 @@ from pydantic import Field
 
 import salframe
 from salframe.framework.component import ComponentConfig
-from salframe.framework.errors import WeightsMissing
+from salframe.framework.errors import WeightsError
 from salframe.localization.answers import Localization, LocalizationStatus
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.ranking import rank_places
@@ -140,7 +140,7 @@ class Weightless(Seer):
 
     @classmethod
     def check(cls, config: ComponentConfig) -> None:
-        raise WeightsMissing("weightless.pth is not at hand: salframe weights fetch weightless")
+        raise WeightsError("weightless.pth is not at hand: salframe weights fetch weightless")
 
 
 @salframe.hookimpl

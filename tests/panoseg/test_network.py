@@ -7,7 +7,7 @@ torch = pytest.importorskip("torch", reason="the network is trained with torch: 
 
 from salframe_panoseg.classes import CHANNELS  # noqa: E402
 
-from salframe.framework.errors import WeightsMissing  # noqa: E402
+from salframe.framework.errors import WeightsError  # noqa: E402
 from training.panoseg.network import Closed, PanoSeg, SeamConv  # noqa: E402
 
 STRIDE = 32
@@ -60,5 +60,5 @@ def test_the_encoder_takes_imagenets_weights_and_ignores_the_new_channels_at_fir
     np.testing.assert_array_equal(
         network._blocks[3]._expand_conv.weight.detach(), state["_blocks.3._expand_conv.weight"]
     )
-    with pytest.raises(WeightsMissing, match="is not EfficientNet-Lite0"):
+    with pytest.raises(WeightsError, match="is not EfficientNet-Lite0"):
         network.load_encoder({"weight": torch.zeros(1)})

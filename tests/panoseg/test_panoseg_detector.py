@@ -16,7 +16,7 @@ from salframe.evaluation.tasks.detection.judging import count_right
 from salframe.framework.components.identity import identity
 from salframe.framework.components.presets import configure
 from salframe.framework.components.registry import registry
-from salframe.framework.errors import InputMissing, WeightsMissing
+from salframe.framework.errors import InputMissing, WeightsError
 from salframe.graphs.detections import Detections
 from salframe.panoramas.geometry import pose_2d, transform_points, wrap_angle
 from salframe.panoramas.panorama import Annotations, Panorama
@@ -168,9 +168,9 @@ def test_caches_know_the_shipped_network_by_its_hash():
 
 def test_networks_that_do_not_fit_are_one_line(tmp_path):
     whole = PANOSEG.paths()[0].read_bytes()
-    with pytest.raises(WeightsMissing, match=r"panoseg.onnx is not an ONNX network"):
+    with pytest.raises(WeightsError, match=r"panoseg.onnx is not an ONNX network"):
         PanoSegDetector(own(tmp_path, network=whole[: len(whole) // 2]))
-    with pytest.raises(WeightsMissing, match=r"panoseg.json has no list of labels, expected the card"):
+    with pytest.raises(WeightsError, match=r"panoseg.json has no list of labels, expected the card"):
         PanoSegDetector(own(tmp_path, card={"classes": 3}))
-    with pytest.raises(WeightsMissing, match=r"no file .*nowhere; use another path"):
+    with pytest.raises(WeightsError, match=r"no file .*nowhere; use another path"):
         PanoSegDetector(PanoSegDetector.Config(model=tmp_path / "nowhere"))

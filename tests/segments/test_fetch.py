@@ -15,7 +15,7 @@ from salframe_segments import card, detector
 
 from salframe.framework.components.presets import configure
 from salframe.framework.components.registry import registry
-from salframe.framework.errors import RequirementMissing, WeightsMissing
+from salframe.framework.errors import RequirementMissing, WeightsError
 from salframe.framework.files.weights import Link, WeightsFile
 from salframe.panoramas.panorama import Panorama
 
@@ -66,7 +66,7 @@ def published(folder, address, tmp_path, monkeypatch):
 def test_fetched_weights_make_the_detector_work_without_settings(published):
     pytest.importorskip("ai_edge_litert")
     config = configure("detector", "segments", {})
-    with pytest.raises(WeightsMissing, match=r"no file .*; get it with: salframe weights fetch ade20k"):
+    with pytest.raises(WeightsError, match=r"no file .*; get it with: salframe weights fetch ade20k"):
         registry().build("detector", config)
     printed = run("weights", "fetch", "ade20k")
     assert printed.code == 0
@@ -79,7 +79,7 @@ def test_fetched_weights_make_the_detector_work_without_settings(published):
 
 def test_what_was_served_instead_is_refused(published, folder):
     (folder / "network.tflite").write_bytes(b"<html>moved</html>")
-    with pytest.raises(WeightsMissing, match=f"expected {published.files[0].sha256}"):
+    with pytest.raises(WeightsError, match=f"expected {published.files[0].sha256}"):
         published.fetch()
 
 

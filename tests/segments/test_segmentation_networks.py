@@ -11,7 +11,7 @@ from salframe_segments.card import card_beside, read_card, shipped_card
 from salframe_segments.networks import open_network
 from scipy.special import softmax
 
-from salframe.framework.errors import WeightsMissing
+from salframe.framework.errors import WeightsError
 from training.segments.measures import accuracy, confusion
 from training.segments.photographs import read_views
 from training.segments.thirteen import CLASSES, class_of
@@ -90,7 +90,7 @@ def test_a_tflite_network_that_does_not_fit_its_card_is_one_line(tmp_path, chang
     path = write(tmp_path / "net", "tflite")
     own = read_card(card_beside(path)).model_dump(mode="json")
     write_card(path, **{**own, **changes})
-    with pytest.raises(WeightsMissing, match=message) as caught:
+    with pytest.raises(WeightsError, match=message) as caught:
         list(beside(path).probabilities(np.zeros((1, SIDE_PX, SIDE_PX, 3), np.uint8)))
     assert "\n" not in str(caught.value)
 
@@ -101,10 +101,10 @@ def test_no_network_at_all_is_one_line(tmp_path):
     card = read_card(card_beside(write_network(tmp_path / "net.onnx")))
     for content in (b"", b"nothing of the kind" * 100):
         path.write_bytes(content)
-        with pytest.raises(WeightsMissing, match=r"net\.tflite is not a valid TensorFlow Lite network") as caught:
+        with pytest.raises(WeightsError, match=r"net\.tflite is not a valid TensorFlow Lite network") as caught:
             open_network(path, card)
         assert "\n" not in str(caught.value)
-    with pytest.raises(WeightsMissing, match=r"cannot read .*gone\.tflite"):
+    with pytest.raises(WeightsError, match=r"cannot read .*gone\.tflite"):
         open_network(tmp_path / "gone.tflite", card)
 
 

@@ -11,7 +11,7 @@ from salframe_segments.detector import SegmentsDetector
 
 from salframe.framework.components.identity import identity
 from salframe.framework.components.presets import configure
-from salframe.framework.errors import ConfigError, InputMissing, WeightsMissing
+from salframe.framework.errors import ConfigError, InputMissing, WeightsError
 from salframe.panoramas.geometry import column_azimuth, equirectangular_rays, row_elevation, wrap_angle
 from salframe.panoramas.panorama import Panorama
 from salframe.testing.rooms import turned
@@ -189,9 +189,7 @@ def test_the_card_beside_a_file_is_part_of_its_identity(tmp_path):
 def test_a_network_without_a_card_says_what_to_write(tmp_path):
     own = write_network(tmp_path / "own.onnx")
     own.with_suffix(".yaml").rename(tmp_path / "elsewhere.yaml")
-    with pytest.raises(
-        WeightsMissing, match=r"no model card for .*own\.onnx: .* expected .*own\.yaml, or another path"
-    ):
+    with pytest.raises(WeightsError, match=r"no model card for .*own\.onnx: .* expected .*own\.yaml, or another path"):
         build(own)
     assert build(own, card=str(tmp_path / "elsewhere.yaml")).detect(scene()[0]).labels == ()
 
@@ -199,16 +197,16 @@ def test_a_network_without_a_card_says_what_to_write(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "error", "message"),
     [
-        ({"labels": ["wall", "tv"]}, WeightsMissing, "gives .* 5, expected 4 axes with 2 classes, one for each label"),
+        ({"labels": ["wall", "tv"]}, WeightsError, "gives .* 5, expected 4 axes with 2 classes, one for each label"),
         ({"labels": ["wall", "sofa"]}, ConfigError, "the label 'sofa' is in none of structure, fixed and objects"),
         ({"structure": ["wall", "tv"]}, ConfigError, "the label 'tv' is in structure and objects of structure"),
         (
             {"output": {"name": "gone", "layout": "nchw", "values": "logits"}},
-            WeightsMissing,
+            WeightsError,
             "not an ONNX network with a",
         ),
-        ({"output": {"layout": "nchw", "values": "logits"}}, WeightsMissing, "gives int64, expected scores as floats"),
-        ({"input": {"layout": "nhwc", "size_px": [96, 96]}}, WeightsMissing, r"takes views float32 \(1, 3, 96, 96\)"),
+        ({"output": {"layout": "nchw", "values": "logits"}}, WeightsError, "gives int64, expected scores as floats"),
+        ({"input": {"layout": "nhwc", "size_px": [96, 96]}}, WeightsError, r"takes views float32 \(1, 3, 96, 96\)"),
         ({"colour": 1}, ConfigError, "unknown key .*colour"),
     ],
 )

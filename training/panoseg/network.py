@@ -11,7 +11,7 @@ from salframe_panoseg.classes import CHANNELS
 from torch import Tensor, nn
 from torch.nn import functional
 
-from salframe.framework.errors import WeightsMissing
+from salframe.framework.errors import WeightsError
 
 LITE0 = (
     (1, 3, 1, 1, 32, 16),
@@ -145,13 +145,13 @@ class PanoSeg(nn.Module):
         """Load the weights of EfficientNet-Lite0 trained on ImageNet. The weights of additional input channels are 0.
 
         Raises:
-            WeightsMissing: The state is not that of EfficientNet-Lite0.
+            WeightsError: The state is not that of EfficientNet-Lite0.
         """
         current = self.state_dict()
         encoder = {name for name in current if name.startswith(("_conv_stem.", "_bn0.", "_blocks."))}
         absent = sorted(name for name in encoder if name not in state)
         if absent:
-            raise WeightsMissing(
+            raise WeightsError(
                 f"the checkpoint is not EfficientNet-Lite0: {len(absent)} of {len(encoder)} tensors are missing, "
                 f"the first is {absent[0]}"
             )

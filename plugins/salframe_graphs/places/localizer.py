@@ -224,7 +224,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         T_world_query = pose_2d(pose.shift_m[0, 0], pose.shift_m[0, 1], pose.yaw_rad[0], camera_z_m)
         return Localization(places, T_world_query, LocalizationStatus.OK, covariance)
 
-    def fits_posterior(self, description: Description) -> bool:
+    def posterior_applies(self, description: Description) -> bool:
         return not self._is_scaleless(description)  # the posterior is fitted to scores of queries with metric range
 
     def evidence(self, description: Description) -> Evidence | None:

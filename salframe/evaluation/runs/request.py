@@ -23,7 +23,7 @@ from salframe.framework.components.presets import (
 )
 from salframe.framework.components.registry import registry
 from salframe.framework.config import nest, parse_override
-from salframe.framework.errors import ConfigError, InputMissing, RequirementMissing, WeightsMissing
+from salframe.framework.errors import ConfigError, InputMissing, RequirementMissing, WeightsError
 from salframe.panoramas.opening import configure_dataset, provided
 
 
@@ -217,7 +217,7 @@ def why_not(config: ComponentConfig) -> str | None:
     """
     try:
         config.component.check(config)
-    except (RequirementMissing, WeightsMissing) as error:
+    except (RequirementMissing, WeightsError) as error:
         return str(error)
     except Exception:
         return None

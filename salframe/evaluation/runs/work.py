@@ -21,7 +21,7 @@ from salframe.framework.errors import (
     MethodFailed,
     MethodUnavailable,
     RequirementMissing,
-    WeightsMissing,
+    WeightsError,
     describe_error,
 )
 from salframe.panoramas.opening import open_dataset, provided
@@ -53,7 +53,7 @@ def work_share(task: AnyTask, directory: Path, label: str, limits: Limits, share
                     row = _attempt(task, worker.work, piece, share.folder)
                 rows.append({**key_fields, **row})
             outcome = Outcome(MethodStatus.DONE, worker.warning, parts)
-    except (RequirementMissing, WeightsMissing, InputMissing, MethodUnavailable) as error:
+    except (RequirementMissing, WeightsError, InputMissing, MethodUnavailable) as error:
         return Outcome(MethodStatus.UNAVAILABLE, str(error), parts)
     except KeyboardInterrupt:
         raise

@@ -14,14 +14,7 @@ from typing import Any
 from salframe.framework.component import Component
 from salframe.framework.components.presets import configure, names, preset_names, settings
 from salframe.framework.components.registry import Failure, Registry, registry
-from salframe.framework.errors import (
-    RequirementMissing,
-    SalframeError,
-    UnknownName,
-    WeightsMissing,
-    failure_of,
-    unknown,
-)
+from salframe.framework.errors import RequirementMissing, SalframeError, UnknownName, WeightsError, failure_of, unknown
 from salframe.framework.files.cache import cache_home
 from salframe.framework.files.weights import ByteProgress, NetworkWeights
 
@@ -69,7 +62,7 @@ def fetch_weights(name: str, progress: ByteProgress = lambda done, total: None) 
 
     Raises:
         UnknownName: No component declares weights of this name.
-        WeightsMissing: The download failed, or a file is invalid.
+        WeightsError: The download failed, or a file is invalid.
     """
     return find_weights(name, registry()).fetch(progress)
 
@@ -139,7 +132,7 @@ def _status(name: str, package: str, component: type[Component], content: Mappin
         nonlocal remedy
         try:
             component.check(configure(component.role, name, content))
-        except (RequirementMissing, WeightsMissing) as error:
+        except (RequirementMissing, WeightsError) as error:
             remedy = error.remedy
             raise
 

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
-from salframe.framework.errors import ConfigError, DataError, WeightsMissing, one_line
+from salframe.framework.errors import ConfigError, DataError, WeightsError, one_line
 from salframe.framework.files.array_files import MAX_BYTES, parse_arrays
 from salframe.framework.files.bounded import parse_json, read_bytes, why
 from salframe.framework.validation import describe_faults, validate
@@ -195,8 +195,8 @@ def image_notes(path: Path) -> dict[str, Any]:
 
 
 def read_network(path: Path) -> bytes:
-    """Read the file of a network as bytes. Raises WeightsMissing if it cannot be read or is too large."""
+    """Read the file of a network as bytes. Raises WeightsError if it cannot be read or is too large."""
     try:
         return read_bytes(path, _MAX_NETWORK)
     except (OSError, ValueError) as error:
-        raise WeightsMissing(f"cannot read {path}: {why(error)}") from None
+        raise WeightsError(f"cannot read {path}: {why(error)}") from None

