@@ -28,3 +28,8 @@ def graph_of(detections, T=None):
         moved = transform_points(invert_pose(T), detections.centroid_m)
         detections = Detections(detections.labels, detections.scores, moved, detections.size_m, detections.yaw_rad)
     return build_graph(detections, volume / volume.sum(), GraphConfig())
+
+
+def candidates_of(matcher, query, graphs):
+    """Return the numbers of the graphs that a matcher ranks."""
+    return {match.scene for match in matcher.match(query, matcher.index(graphs), len(graphs))}

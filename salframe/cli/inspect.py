@@ -106,8 +106,8 @@ def show(
             _print_statuses(entries, verbose)
         return
     if not configs:
-        known = sorted({entry for role in roles for entry in [role, *names(role)]})
-        raise UnknownName(unknown("preset, component or role", name, known, registry().failures))
+        choices = sorted({entry for role in roles for entry in [role, *names(role)]})
+        raise UnknownName(unknown("preset, component or role", name, choices, registry().failures))
     if as_json:
         print_json(
             [

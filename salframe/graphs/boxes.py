@@ -87,14 +87,16 @@ def detections_where_known(
         solid_angle_sr: (N,), as in Detections.
         rays: N arrays, as in Detections.
     """
-    known = [i for i, points in enumerate(points_m or ()) if len(points) >= MIN_POINTS]
+    measured = [i for i, points in enumerate(points_m or ()) if len(points) >= MIN_POINTS]
     centroid, size = np.full((len(labels), 3), np.nan), np.full((len(labels), 3), np.nan)
     yaw = np.full(len(labels), np.nan)
     clouds = None
     if points_m is not None:
-        placed = detections_from_points([labels[i] for i in known], scores[known], [points_m[i] for i in known])
-        centroid[known], size[known], yaw[known] = placed.centroid_m, placed.size_m, placed.yaw_rad
+        placed = detections_from_points(
+            [labels[i] for i in measured], scores[measured], [points_m[i] for i in measured]
+        )
+        centroid[measured], size[measured], yaw[measured] = placed.centroid_m, placed.size_m, placed.yaw_rad
         unknown = np.full((1, 3), np.nan, np.float32)
-        clouds = tuple(points if i in known else unknown for i, points in enumerate(points_m))
+        clouds = tuple(points if i in measured else unknown for i, points in enumerate(points_m))
     masks = None if rays is None else tuple(rays)
     return Detections(tuple(labels), scores, centroid, size, yaw, clouds, bearing, solid_angle_sr, masks)  # type: ignore[arg-type]

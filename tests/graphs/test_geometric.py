@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from drawn_rooms import LABELS, graph_of, room
+from drawn_rooms import LABELS, candidates_of, graph_of, room
 from salframe_graphs import node_matcher
 from salframe_graphs.geometric import GeometricMatcher
 from salframe_graphs.retrieval.inverted_lists import InvertedLists
@@ -21,11 +21,6 @@ from salframe.panoramas.geometry import pose_2d, pose_errors
 
 def matcher(**settings):
     return GeometricMatcher(GeometricMatcher.Config(**settings))
-
-
-def candidates_of(one, query, graphs):
-    """The numbers of the graphs that a matcher ranks."""
-    return {match.scene for match in one.match(query, one.index(graphs), len(graphs))}
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from drawn_rooms import LABELS, graph_of, room
+from drawn_rooms import LABELS, candidates_of, graph_of, room
 from salframe_graphs.triplet import TripletMatcher
 
 from salframe.framework.errors import RequirementMissing
@@ -13,11 +13,6 @@ from salframe.graphs.graph import SaliencyGraph
 
 def triplets(**settings):
     return TripletMatcher(TripletMatcher.Config(**settings))
-
-
-def candidates_of(one, query, graphs):
-    """The numbers of the graphs that a matcher ranks."""
-    return {match.scene for match in one.match(query, one.index(graphs), len(graphs))}
 
 
 @pytest.fixture(scope="module")

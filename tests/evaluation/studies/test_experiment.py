@@ -47,10 +47,10 @@ def test_an_experiment_is_measured_once_and_kept(rooms):
     result = run_experiment(file, REQUEST, results="results")
     (table,) = result.tables
     assert table.fresh is not None
-    kept = json.loads(Path("results/rooms.json").read_text())["whole"]["first"]
-    assert [(row["method"], row["accuracy"]) for row in kept["rows"]] == [("right", 1.0), ("one off", 0.25)]
-    assert kept["rows"][1]["p_value"] == table.fresh.rows[1].p_value
-    assert 0 < kept["seconds"] < 600
+    stored = json.loads(Path("results/rooms.json").read_text())["whole"]["first"]
+    assert [(row["method"], row["accuracy"]) for row in stored["rows"]] == [("right", 1.0), ("one off", 0.25)]
+    assert stored["rows"][1]["p_value"] == table.fresh.rows[1].p_value
+    assert 0 < stored["seconds"] < 600
     again = run_experiment(file, REQUEST, results="results")
     assert again.tables[0].fresh is None
     assert again.tables[0].stored == table.stored
@@ -113,19 +113,19 @@ def test_the_quick_measurement_stands_beside_the_whole(rooms):
     file = write(first=ROOMS, second={**ROOMS, "quick": False})
     run_experiment(file, REQUEST, results="results", quick=True)
     run_experiment(file, REQUEST, results="results")
-    kept = json.loads(Path("results/rooms.json").read_text())
-    assert [row["method"] for row in kept["quick"]["first"]["rows"]] == ["one off"]
-    assert kept["quick"]["first"]["rows"][0]["accuracy"] == 0.5
-    assert set(kept["quick"]) == {"first"}
-    assert set(kept["whole"]) == {"first", "second"}
+    stored = json.loads(Path("results/rooms.json").read_text())
+    assert [row["method"] for row in stored["quick"]["first"]["rows"]] == ["one off"]
+    assert stored["quick"]["first"]["rows"][0]["accuracy"] == 0.5
+    assert set(stored["quick"]) == {"first"}
+    assert set(stored["whole"]) == {"first", "second"}
 
 
 def test_a_table_that_quick_does_not_change_is_measured_once(rooms):
     file = write(first={**ROOMS, "quick": {}})
     assert run_experiment(file, REQUEST, results="results", quick=True).tables[0].fresh is not None
     assert run_experiment(file, REQUEST, results="results").tables[0].fresh is None
-    kept = json.loads(Path("results/rooms.json").read_text())
-    assert kept["whole"] == kept["quick"]
+    stored = json.loads(Path("results/rooms.json").read_text())
+    assert stored["whole"] == stored["quick"]
 
 
 def test_a_table_of_which_a_method_crashed_is_measured_again(rooms):
@@ -182,8 +182,8 @@ def test_the_command_prints_measured_and_reported_apart(rooms):
     assert "100.0 (68-100)" in measured
     assert "106 rooms" in reported
     assert done.out.rstrip().endswith("stored in results/rooms.json")
-    told = run("experiment", "rooms.yaml", "--engine", "inline", "--results", "results", "--json").json
-    assert told[0]["tables"]["first"]["rows"][0]["accuracy"] == 1.0
+    answer = run("experiment", "rooms.yaml", "--engine", "inline", "--results", "results", "--json").json
+    assert answer[0]["tables"]["first"]["rows"][0]["accuracy"] == 1.0
 
 
 @pytest.mark.parametrize(

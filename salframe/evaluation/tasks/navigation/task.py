@@ -56,7 +56,7 @@ class NavigationTask(PagedTask[Episode, NavigationSurvey, EpisodeRow, Navigation
 
     Attributes:
         config: The settings of navigation.
-        asked: The number of episodes to draw, or the episodes.
+        requests: The number of episodes to draw, or the episodes.
         seed: Seed of the episodes and of the noise.
         published: The published task of the episodes.
     """
