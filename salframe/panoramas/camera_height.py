@@ -25,6 +25,8 @@ MIN_SHARE, MIN_RELATIVE_SHARE = 0.02, 0.3
 floor is the lowest surface above both limits, so that a table below the camera is not taken for the floor."""
 USUAL_M, PLAUSIBLE_M = 1.5, (0.45, 2.8)
 """Height of a camera at eye level, and the heights without a warning: from small robots to raised tripods."""
+MIN_CONFIRMED_M = 0.1
+"""Minimum height that the z of a pose confirms: z is near 0 in many maps whose origin is a camera."""
 NUM_FRAMES = 3
 """Number of panoramas to check."""
 
@@ -92,20 +94,28 @@ def _slope_cosine(points: np.ndarray) -> np.ndarray:
         return np.abs(normal[..., 2]) / np.linalg.norm(normal, axis=-1)
 
 
-def units_note(frames: Sequence[_Source]) -> str | None:
+def units_note(frames: Sequence[_Source], camera_z_m: Sequence[float] = ()) -> str | None:
     """Return a one-line warning where the ranges seem to be in a wrong unit; None where they do not.
 
     A few of the frames are loaded. The warning is returned where the median height of the camera above the floor is
-    not plausible. Panoramas without range or without a floor, and those that cannot be read, are ignored.
+    not plausible, unless the poses confirm it. Panoramas without range or without a floor, and those that cannot be
+    read, are ignored.
+
+    Args:
+        frames: Reference frames, queries or panoramas.
+        camera_z_m: World z of other cameras in this building, such as those of the map of a query. Like the poses of
+            reference frames, they confirm a height that is equal to the z of a camera (MIN_CONFIRMED_M and more).
     """
-    heights = {frame.id: height for frame in _sample(frames) if (height := _height_of(frame)) is not None}
+    heights = {frame: height for frame in _sample(frames) if (height := _height_of(frame)) is not None}
     if not heights:
         return None
     height_m = float(np.median(list(heights.values())))
     min_m, max_m = PLAUSIBLE_M
-    if min_m <= height_m <= max_m:
+    z_m = [*camera_z_m, *(float(frame.T_world_pano[2, 3]) for frame in heights if isinstance(frame, ReferenceFrame))]
+    is_confirmed = height_m >= MIN_CONFIRMED_M and bool(np.isclose(z_m, height_m, rtol=0.15, atol=0.05).any())
+    if min_m <= height_m <= max_m or (is_confirmed and height_m <= 2 * max_m):
         return None
-    first = next(iter(heights))
+    first = next(iter(heights)).id
     source = f"in {first}" if len(heights) == 1 else f"median of {len(heights)} panoramas from {first} on"
     factor = min(UNITS, key=lambda factor: abs(np.log(height_m * factor / USUAL_M)))
     times = f"{round(max(factor, 1 / factor), 2):g} times too {'large' if factor < 1 else 'small'}"

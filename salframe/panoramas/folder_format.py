@@ -22,6 +22,7 @@ from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import FrameKind, QueryFrame, ReferenceFrame, Truth
 from salframe.panoramas.geometry import is_rigid
 from salframe.panoramas.panorama import Annotations, Panorama
+from salframe.panoramas.pose_conventions import PoseConvention, convert_pose
 
 IMAGE_KEYS = ("rgb", "range", "instances", "valid")
 """Keys of a frame in the manifest that name an image file."""
@@ -93,6 +94,8 @@ class Manifest(Settings):
     objects: str | None = None
     floors: tuple[FloorEntry, ...] = ()
     rendered: bool = False
+    pose_convention: PoseConvention = "ros"
+    pose_unit_m: PositiveFloat = 1.0
 
     @model_validator(mode="after")
     def _frames_differ(self) -> Manifest:
@@ -158,15 +161,21 @@ class Folder:
             raise DataError(
                 f"{self.root / (self.manifest.truth or MANIFEST)} has no truth of the query {query_id!r}"
             ) from None
-        return Truth(entry.place, pose_matrix(entry.pose), entry.instances)
+        return Truth(entry.place, self._pose(entry.pose), entry.instances)
 
     def reference_frame(self, entry: FrameEntry, content: str = "") -> ReferenceFrame:
         """Return a reference frame of the manifest with this `content`; its images are read when it is loaded."""
         kind = FrameKind.TRANSITION if entry.role == "transition" else FrameKind.SCENE
-        pose, place = pose_matrix(entry.pose), entry.place
+        pose, place = self._pose(entry.pose), entry.place
         if pose is None or place is None:
             raise DataError(f"{self.root / MANIFEST}: the reference frame {entry.id} has no pose or no place")
         return ReferenceFrame(entry.id, place, pose, kind, partial(self.load, entry), content)
+
+    def _pose(self, pose: Sequence[float] | None) -> np.ndarray | None:
+        """Return T_world_pano of a pose in the convention and unit of the manifest; None from None."""
+        if pose is None:
+            return None
+        return convert_pose(pose_matrix(pose), self.manifest.pose_convention, self.manifest.pose_unit_m)
 
     def query_frame(self, entry: FrameEntry, content: str = "") -> QueryFrame:
         """Return a query of the manifest with this `content`; its images are read when it is loaded."""
@@ -216,9 +225,9 @@ class Folder:
         return content.hexdigest()
 
 
-def pose_matrix(pose: Sequence[float] | None) -> np.ndarray | None:
-    """Return the pose, (4, 4) float64, from 16 numbers row by row; None from None."""
-    return None if pose is None else np.array(pose, np.float64).reshape(4, 4)
+def pose_matrix(pose: Sequence[float]) -> np.ndarray:
+    """Return the pose, (4, 4) float64, from 16 numbers row by row."""
+    return np.array(pose, np.float64).reshape(4, 4)
 
 
 class ObjectRow(Settings):

@@ -1,0 +1,165 @@
+"""How well the ranges of reference frames agree under their poses: points of one frame, seen from another."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import maximum_filter, minimum_filter
+
+from salframe.panoramas.geometry import equirectangular_rays, invert_pose, rays_to_pixels, row_elevation
+
+NUM_ROWS = 90
+"""Rows of the reduced range image: 2 deg per pixel."""
+MAX_ELEVATION_DEG = 25.0
+"""Maximum elevation of the compared points. Floor and ceiling agree under every motion in the plane."""
+COLUMN_STEP, ROW_STEP = 2, 3
+"""Steps between the compared points, in pixels of the reduced image."""
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """Maximum difference of ranges that agree.
+
+    Attributes:
+        relative: Relative to the range.
+        offset: Relative to the median range of the frame.
+    """
+
+    relative: float = 0.05
+    offset: float = 0.04
+
+
+class RangeView:
+    """A reduced range image, for comparisons with others.
+
+    Attributes:
+        points: (N, 3) float64 points near the horizon, in the panorama frame and the unit of the ranges.
+        median: Median range of these points; NaN without points.
+    """
+
+    def __init__(self, range_m: np.ndarray) -> None:
+        """Reduce a range image (H, 2H); values that are not finite or not positive are unknown."""
+        full = len(range_m)
+        height = min(full, NUM_ROWS)
+        rows, columns = (((np.arange(n) + 0.5) * full / height).astype(int) for n in (height, 2 * height))
+        reduced = range_m[np.ix_(rows, columns)].astype(np.float64)
+        is_known = np.isfinite(reduced) & (reduced > 0)
+        # Of 3 x 3 pixels: edges of objects are no contradiction.
+        self._min = minimum_filter(np.where(is_known, reduced, np.inf), 3, mode=("nearest", "wrap"))
+        self._max = maximum_filter(np.where(is_known, reduced, -np.inf), 3, mode=("nearest", "wrap"))
+        near_horizon = np.abs(row_elevation(height)) <= np.radians(MAX_ELEVATION_DEG)
+        selected = np.zeros((height, 2 * height), bool)
+        selected[np.flatnonzero(near_horizon)[::ROW_STEP], ::COLUMN_STEP] = True
+        selected &= is_known
+        rays = equirectangular_rays(full)[np.ix_(rows, columns)][selected]
+        self.points = rays.astype(np.float64) * reduced[selected][:, None]
+        self.median = float(np.median(reduced[selected])) if selected.any() else np.nan
+
+    def compare(self, points: np.ndarray, tolerance: Tolerance) -> tuple[float, float]:
+        """Compare points with the surfaces that this frame sees.
+
+        Args:
+            points: (N, 3) points of another frame, in the frame of this one.
+            tolerance: Maximum difference of ranges.
+
+        Returns:
+            The shares of points that lie on a visible surface, and that this frame sees through. The others are hidden
+            behind a surface, or the range is unknown there.
+        """
+        if not len(points):
+            return 0.0, 0.0
+        distance = np.linalg.norm(points, axis=1)
+        columns, rows = rays_to_pixels(points, len(self._min))
+        at = np.minimum(rows.astype(int), len(self._min) - 1), columns.astype(int) % (2 * len(self._min))
+        nearest, farthest, offset = self._min[at], self._max[at], tolerance.offset * self.median
+        is_known = np.isfinite(nearest) & np.isfinite(farthest)
+        seen_through = is_known & (distance < nearest * (1 - tolerance.relative) - offset)
+        hidden = is_known & (distance > farthest * (1 + tolerance.relative) + offset)
+        return float((is_known & ~seen_through & ~hidden).mean()), float(seen_through.mean())
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Comparison of pairs of frames.
+
+    Attributes:
+        on_surface: Mean share of the points of one frame that lie on a surface that the other sees.
+        seen_through: Mean share of the points where the other frame sees free space.
+    """
+
+    on_surface: float
+    seen_through: float
+
+    @property
+    def evidence(self) -> float:
+        """Share of the points that say anything about the poses."""
+        return self.on_surface + self.seen_through
+
+    @property
+    def ratio(self) -> float:
+        """Share of the points with evidence that agree, from 0 to 1; 0 without evidence."""
+        return self.on_surface / self.evidence if self.evidence > 0 else 0.0
+
+
+DEFAULT_TOLERANCE = Tolerance()
+
+
+def pair_agreements(
+    views: Sequence[RangeView],
+    poses: Sequence[np.ndarray],
+    pairs: Iterable[tuple[int, int]],
+    tolerance: Tolerance = DEFAULT_TOLERANCE,
+) -> list[Agreement]:
+    """Compare frames in pairs, each with the other.
+
+    Args:
+        views: The frames.
+        poses: Their (4, 4) poses, in the unit of the ranges.
+        pairs: Indices of two frames each.
+        tolerance: Maximum difference of ranges.
+
+    Returns:
+        The comparison of each pair.
+    """
+    compared = []
+    for first, second in pairs:
+        motion = invert_pose(poses[second]) @ poses[first]
+        directions = ((first, second, motion), (second, first, invert_pose(motion)))
+        shares = [
+            views[target].compare(views[source].points @ T[:3, :3].T + T[:3, 3], tolerance)
+            for source, target, T in directions
+        ]
+        compared.append(mean_agreement(Agreement(*share) for share in shares))
+    return compared
+
+
+def mean_agreement(agreements: Iterable[Agreement]) -> Agreement:
+    """Return the mean of comparisons; no evidence where there are none."""
+    shares = [(one.on_surface, one.seen_through) for one in agreements]
+    on_surface, seen_through = np.mean(shares, axis=0) if shares else (0.0, 0.0)
+    return Agreement(float(on_surface), float(seen_through))
+
+
+def nearest_pairs(places: Sequence[str], positions: np.ndarray) -> list[tuple[int, int]]:
+    """Return pairs of frames that probably see the same surfaces: each frame with the nearest one of its place, or with
+    the nearest one of all where its place has no other frame.
+
+    Args:
+        places: Place of each of N frames.
+        positions: (N, 3) positions.
+    """
+    pairs = set()
+    names = np.array(places)
+    for index, position in enumerate(positions):
+        distance = np.linalg.norm(positions - position, axis=1)
+        distance[index] = np.inf
+        same = names == names[index]
+        same[index] = False
+        if same.any():
+            distance[~same] = np.inf
+        partner = int(distance.argmin())
+        if np.isfinite(distance[partner]):
+            pairs.add((min(index, partner), max(index, partner)))
+    return sorted(pairs)

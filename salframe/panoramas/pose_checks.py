@@ -1,0 +1,338 @@
+"""Check the poses of reference frames against what their range images show."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from salframe.framework.errors import DataError
+from salframe.panoramas import images
+from salframe.panoramas.camera_height import camera_height
+from salframe.panoramas.cube_depth import is_cube_depth
+from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.frame_agreement import (
+    DEFAULT_TOLERANCE,
+    Agreement,
+    RangeView,
+    Tolerance,
+    mean_agreement,
+    nearest_pairs,
+    pair_agreements,
+)
+from salframe.panoramas.frames import ReferenceFrame
+from salframe.panoramas.geometry import pose_2d, range_of_cube_depth
+from salframe.panoramas.pose_conventions import NAMES, PoseConvention, convert_pose
+
+NUM_FRAMES = 24
+"""Maximum number of frames whose range images are compared."""
+MAX_TILT_DEG = 10.0
+"""Maximum angle between the up axis of a panorama and that of the world, without a warning."""
+REFUSED_TILT_DEG, REFUSED_SHARE = 45.0, 0.1
+"""Poses are refused where more than this share of the frames is tilted by more than this angle."""
+MIN_RATIO = 0.88
+"""Minimum agreement of the frames. It is 0.99 to 1.00 in rendered buildings, and 0.95 where positions are 0.1 m off."""
+MIN_EVIDENCE = 0.08
+"""Minimum share of the points that must say anything about the poses."""
+MIN_PAIR_RATIO, MIN_PAIR_EVIDENCE = 0.6, 0.2
+"""Minimum agreement of two frames, and the minimum evidence for judging them alone."""
+CLOSE = Tolerance(relative=0.02, offset=0.02)
+"""Tolerance for comparing scales near 1."""
+CLOSE_SCALES = (0.75, 0.8, 0.85, 0.9, 0.93, 1.07, 1.1, 1.15, 1.2, 1.25, 1.33)
+MIN_SCALE_GAIN = 0.06
+"""Minimum gain of agreement at another scale, at the close tolerance."""
+SCALES = (*np.geomspace(0.2, 5.0, 45).tolist(), 0.001, 0.01, 0.1, 10.0, 100.0, 1000.0, 0.3048, 1 / 0.3048)
+"""Factors of the positions that are tried."""
+MIN_NAMED_GAIN = 0.25
+"""Minimum gain of agreement of a convention that is named, where its agreement stays below MIN_RATIO."""
+MAX_FLOOR_ERROR_M = 0.35
+"""Maximum difference of the height of the visible floor and that of the floor masks."""
+
+
+class _Explanation(NamedTuple):
+    """A change of the poses or ranges under which the frames agree better: a scale of the positions, or what the text
+    says."""
+
+    agreement: Agreement
+    text: str
+    scale: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Sample:
+    """Reference frames with their range images."""
+
+    frames: tuple[ReferenceFrame, ...]
+    ranges: tuple[np.ndarray, ...]
+    views: tuple[RangeView, ...]
+
+    @property
+    def poses(self) -> list[np.ndarray]:
+        return [frame.T_world_pano for frame in self.frames]
+
+    def pairs(self, poses: Sequence[np.ndarray]) -> list[tuple[int, int]]:
+        return nearest_pairs([frame.place for frame in self.frames], np.array([pose[:3, 3] for pose in poses]))
+
+    def agreement(
+        self,
+        poses: Sequence[np.ndarray],
+        tolerance: Tolerance = DEFAULT_TOLERANCE,
+        views: Sequence[RangeView] | None = None,
+    ) -> Agreement:
+        return mean_agreement(pair_agreements(views or self.views, poses, self.pairs(poses), tolerance))
+
+
+def pose_notes(frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks] = ()) -> list[str]:
+    """Return one-line warnings where poses contradict the panoramas; empty where they do not.
+
+    The up directions of all frames are checked. The ranges of up to NUM_FRAMES frames are compared in pairs. Frames
+    without range, and those that cannot be read, take part in the first check only. docs/explanation/guarantees.md
+    lists what these checks detect.
+
+    Args:
+        frames: The reference frames.
+        floors: The floor masks, whose heights are compared with those of the cameras.
+
+    Raises:
+        DataError: Many panoramas are not upright by their poses.
+    """
+    tilts = np.array([_tilt_deg(frame.T_world_pano) for frame in frames])
+    is_tilted = tilts > MAX_TILT_DEG
+    if np.count_nonzero(tilts > REFUSED_TILT_DEG) > REFUSED_SHARE * len(frames):
+        raise DataError(_tilt_error(frames, tilts))
+    notes = []
+    if is_tilted.any():
+        first = int(is_tilted.argmax())
+        notes.append(
+            f"{is_tilted.sum()} of {len(frames)} reference frames are tilted by their poses by more than "
+            f"{MAX_TILT_DEG:g} deg ({frames[first].id}: {tilts[first]:.0f} deg), expected upright panoramas: level the "
+            "images and the poses, or check the convention of the poses"
+        )
+    sample = _load(frames)
+    if cube := _cube_note(sample):
+        return [*notes, cube]
+    return [*notes, *(_agreement_notes(sample) or _height_notes(sample, floors))]
+
+
+def _tilt_deg(pose: np.ndarray) -> float:
+    return float(np.degrees(np.arccos(np.clip(pose[2, 2], -1, 1))))
+
+
+def _tilt_error(frames: Sequence[ReferenceFrame], tilts: np.ndarray) -> str:
+    worst = int(np.argmax(tilts > REFUSED_TILT_DEG))
+    text = (
+        f"{(tilts > REFUSED_TILT_DEG).sum()} of {len(frames)} reference frames are not upright by their poses "
+        f"({frames[worst].id}: the up axis of the panorama is {tilts[worst]:.0f} deg from that of the world)"
+    )
+    if np.median(tilts) > 180 - MAX_TILT_DEG:
+        return f"{text}, likely the camera hangs upside down: turn the images and the poses by 180 deg about x"
+    level = [
+        name for name in NAMES if all(_tilt_deg(convert_pose(f.T_world_pano, name)) <= MAX_TILT_DEG for f in frames)
+    ]
+    if not level:
+        return f"{text}, expected T_world_pano with x forward, y left, z up (salframe docs folder-format)"
+    sample = _load(frames)
+    ratio = {name: sample.agreement([convert_pose(pose, name) for pose in sample.poses]).ratio for name in level}
+    best, *rest = sorted(level, key=lambda name: -ratio[name])
+    alike = [name for name in rest if ratio[name] >= ratio[best] - 0.02]
+    others = f" (or {', '.join(alike)})" if alike else ""
+    return (
+        f'{text}, likely the poses follow another convention: set "pose_convention": "{best}"{others} in manifest.json'
+    )
+
+
+def _load(frames: Sequence[ReferenceFrame]) -> _Sample:
+    """Load the range of some frames: frames at equal distances in the list, each with its nearest neighbour."""
+    partner = {}
+    if len(frames) > NUM_FRAMES:
+        positions = np.array([frame.T_world_pano[:3, 3] for frame in frames])
+        for first, second in nearest_pairs([frame.place for frame in frames], positions):
+            partner.setdefault(first, second)
+            partner.setdefault(second, first)
+        starts = sorted({round(i) for i in np.linspace(0, len(frames) - 1, NUM_FRAMES // 2)})
+        chosen = sorted({index for start in starts for index in (start, partner.get(start, start))})
+    else:
+        chosen = list(range(len(frames)))
+    loaded = []
+    for index in chosen:
+        range_m = _range_of(frames[index])
+        if range_m is not None and np.isfinite((view := RangeView(range_m)).median):
+            loaded.append((frames[index], range_m, view))
+        elif not loaded and index != chosen[0]:
+            break  # the first two frames have no range: nor do the others, usually
+    return _Sample(*(tuple(column) for column in zip(*loaded, strict=True))) if loaded else _Sample((), (), ())
+
+
+def _range_of(frame: ReferenceFrame) -> np.ndarray | None:
+    try:
+        return frame.load().range_m
+    except Exception:  # raised by a plugin; the code that uses the frame later reports the error
+        return None
+
+
+def _cube_note(sample: _Sample) -> str | None:
+    """Return a warning where the range images hold z-depth of cube faces: the floor below has one depth."""
+    flags = [is_cube_depth(range_m) for range_m in sample.ranges]
+    if sum(flags) * 2 <= len(flags):
+        return None
+    return (
+        f"{sum(flags)} of {len(flags)} range images hold z-depth of cube faces, in which straight walls bend "
+        f"({sample.frames[flags.index(True)].id}), expected range along the ray: "
+        'set "range_kind": "cube" in manifest.json'
+    )
+
+
+def _agreement_notes(sample: _Sample) -> list[str]:
+    pairs = sample.pairs(sample.poses)
+    if not pairs:
+        return []
+    compared = pair_agreements(sample.views, sample.poses, pairs)
+    total = mean_agreement(compared)
+    if total.evidence >= MIN_EVIDENCE and total.ratio >= MIN_RATIO:
+        if (scale := _close_scale(sample)) is not None:
+            return [f"{_contradiction(sample, total)}: {_scale_text(_finer_scale(sample, scale), sample)}"]
+        return _pair_notes(sample, pairs, compared)
+    explanation = _explain(sample, total)
+    if total.evidence < MIN_EVIDENCE and (explanation is None or explanation.agreement.ratio < MIN_RATIO):
+        return []  # the frames show too little of one another
+    if explanation is None:
+        cause = "check their positions, headings and unit, and the unit of the ranges"
+    else:
+        cause = explanation.text or _scale_text(_finer_scale(sample, explanation.scale), sample)
+    return [f"{_contradiction(sample, total)}: {cause}"]
+
+
+def _contradiction(sample: _Sample, total: Agreement) -> str:
+    return (
+        f"poses and ranges of {len(sample.frames)} reference frames contradict each other "
+        f"({100 * total.ratio:.0f} % of the points that two frames show agree, "
+        f"expected {100 * MIN_RATIO:.0f} % or more)"
+    )
+
+
+def _close_scale(sample: _Sample) -> float | None:
+    """Return the scale near 1 under which the frames agree better, None where none does."""
+    today = sample.agreement(sample.poses, CLOSE).ratio
+    ratios = {scale: sample.agreement(_scaled(sample.poses, scale), CLOSE).ratio for scale in CLOSE_SCALES}
+    best = max(ratios, key=ratios.__getitem__)
+    return best if ratios[best] >= today + MIN_SCALE_GAIN else None
+
+
+def _pair_notes(sample: _Sample, pairs: Sequence[tuple[int, int]], compared: Sequence[Agreement]) -> list[str]:
+    wrong = [
+        pair
+        for pair, one in zip(pairs, compared, strict=True)
+        if one.ratio < MIN_PAIR_RATIO and one.evidence >= MIN_PAIR_EVIDENCE
+    ]
+    if not wrong:
+        return []
+    first, second = (sample.frames[index].id for index in wrong[0])
+    return [
+        f"the poses of {len(wrong)} of {len(pairs)} pairs of neighbouring reference frames contradict their ranges "
+        f"(first: {first} and {second}): check their poses and places"
+    ]
+
+
+def _explain(sample: _Sample, total: Agreement) -> _Explanation | None:
+    """Return the change of poses or ranges under which the frames agree best; None where none agrees much better."""
+    best = max(_candidates(sample), key=_quality)
+    is_clear = _quality(best) >= MIN_RATIO or _quality(best) >= total.ratio + MIN_NAMED_GAIN
+    return best if is_clear else None
+
+
+def _quality(explanation: _Explanation) -> float:
+    agreement = explanation.agreement
+    return agreement.ratio if agreement.evidence >= MIN_EVIDENCE else -1.0
+
+
+def _candidates(sample: _Sample) -> Iterator[_Explanation]:
+    poses = sample.poses
+    for name in NAMES[1:]:
+        converted = [convert_pose(pose, name) for pose in poses]
+        if all(_tilt_deg(pose) <= MAX_TILT_DEG for pose in converted):
+            yield _Explanation(sample.agreement(converted), _convention_text(name))
+    for scale in SCALES:
+        yield _Explanation(sample.agreement(_scaled(poses, scale)), "", scale)
+    for name, step in (("ros", 5), ("compass", 15)):
+        converted = [convert_pose(pose, name) for pose in poses]
+        for offset in range(step - 180, 181, step):
+            turned = [pose @ pose_2d(0, 0, np.radians(offset)) for pose in converted]
+            text = (
+                f"likely the centre of the images lies {abs(offset)} deg to the {'left' if offset > 0 else 'right'} of "
+                "the heading of the poses, expected 0: turn the poses or shift the columns of the images"
+            )
+            text = text if name == "ros" else f"{_convention_text(name)}, and {text}"
+            yield _Explanation(sample.agreement(turned), text)
+    views = [RangeView(range_of_cube_depth(range_m)) for range_m in sample.ranges]
+    text = 'likely the ranges are z-depth of cube faces: set "range_kind": "cube" in manifest.json'
+    yield _Explanation(sample.agreement(poses, views=views), text)
+
+
+def _convention_text(name: PoseConvention) -> str:
+    text = f'likely the convention "{name}": set "pose_convention": "{name}" in manifest.json'
+    return f"{text}, unless the images are mirrored or upside down" if name == "image-plan" else text
+
+
+def _scaled(poses: Iterable[np.ndarray], scale: float) -> list[np.ndarray]:
+    scaled = []
+    for pose in poses:
+        pose = pose.copy()
+        pose[:3, 3] *= scale
+        scaled.append(pose)
+    return scaled
+
+
+def _finer_scale(sample: _Sample, scale: float) -> float:
+    """Return the middle of the best scales near one of the grid SCALES."""
+    scales = scale * np.geomspace(0.93, 1 / 0.93, 31)
+    ratios = np.array([sample.agreement(_scaled(sample.poses, value), CLOSE).ratio for value in scales])
+    return float(np.median(scales[ratios >= ratios.max() - 0.005]))
+
+
+def _scale_text(scale: float, sample: _Sample) -> str:
+    """Return the likely causes where positions times `scale` agree with the ranges."""
+    times = f"{max(scale, 1 / scale):.4g} times too {'small' if scale > 1 else 'large'}"
+    floor_m = _floor_distance_m(sample)
+    height = "" if floor_m is None else f" (the floor lies {floor_m:.2f} m below the cameras)"
+    return (
+        f'the positions are {times} for the ranges: set the unit of the positions, "pose_unit_m": {scale:.4g}, or that '
+        f'of the ranges, "range_unit_m": {images.MILLIMETRE / scale:.4g}, in manifest.json{height}'
+    )
+
+
+def _floor_distance_m(sample: _Sample) -> float | None:
+    """Return the median height of the first cameras over the floor; None where no floor is visible."""
+    heights = [height for range_m in sample.ranges[:3] if (height := camera_height(range_m)) is not None]
+    return float(np.median(heights)) if heights else None
+
+
+def _height_notes(sample: _Sample, floors: Sequence[FloorMasks]) -> list[str]:
+    """Compare the heights of the poses with the distances to the visible floor."""
+    rows = [
+        (frame, float(frame.T_world_pano[2, 3]), height)
+        for frame, range_m in zip(sample.frames, sample.ranges, strict=True)
+        if (height := camera_height(range_m)) is not None
+    ]
+    if not rows:
+        return []
+    frames, z_m, height_m = zip(*rows, strict=True)
+    if len(rows) > 1 and np.allclose(z_m, -np.array(height_m), rtol=0.1):
+        return [
+            f"the cameras are {height_m[0]:.2f} m over the visible floor, and the z of their poses is {z_m[0]:.2f} m "
+            f"({frames[0].id}), expected the opposite sign: {_convention_text('ros-world-to-camera')}"
+        ]
+    if not floors:
+        return []
+    floor_z_m = np.array([floor.z_m for floor in floors])
+    errors = np.abs(np.subtract(z_m, height_m)[:, None] - floor_z_m).min(axis=1)
+    if np.median(errors) <= MAX_FLOOR_ERROR_M:
+        return []
+    middle = int(np.argsort(errors)[len(errors) // 2])
+    visible_z_m = z_m[middle] - height_m[middle]
+    expected_z_m = min(floor_z_m, key=lambda floor: abs(floor - visible_z_m))
+    return [
+        f"the ranges of {frames[middle].id} show the floor at z = {visible_z_m:.2f} m, expected the z_m of the floor "
+        f"masks, {expected_z_m:.2f} m: check z_m, the unit of the poses and that of the ranges"
+    ]
