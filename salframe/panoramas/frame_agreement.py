@@ -98,6 +98,11 @@ class Agreement:
         return self.on_surface + self.seen_through
 
     @property
+    def net(self) -> float:
+        """Share of the points that agree, less the share that contradicts."""
+        return self.on_surface - self.seen_through
+
+    @property
     def ratio(self) -> float:
         """Share of the points with evidence that agree, from 0 to 1; 0 without evidence."""
         return self.on_surface / self.evidence if self.evidence > 0 else 0.0

@@ -36,6 +36,8 @@ MIN_RATIO = 0.88
 """Minimum agreement of the frames. It is 0.99 to 1.00 in rendered buildings, and 0.95 where positions are 0.1 m off."""
 MIN_EVIDENCE = 0.08
 """Minimum share of the points that must say anything about the poses."""
+MIN_ON_SURFACE = 0.25
+"""Minimum share of agreeing points under other poses, where frames of a place see nothing in common under their own."""
 MIN_PAIR_RATIO, MIN_PAIR_EVIDENCE = 0.6, 0.2
 """Minimum agreement of two frames, and the minimum evidence for judging them alone."""
 CLOSE = Tolerance(relative=0.02, offset=0.02)
@@ -45,6 +47,8 @@ MIN_SCALE_GAIN = 0.06
 """Minimum gain of agreement at another scale, at the close tolerance."""
 SCALES = (*np.geomspace(0.2, 5.0, 45).tolist(), 0.001, 0.01, 0.1, 10.0, 100.0, 1000.0, 0.3048, 1 / 0.3048)
 """Factors of the positions that are tried."""
+ALIKE_NET = 0.01
+"""Maximum difference of the agreement of changes that agree equally well."""
 MIN_NAMED_GAIN = 0.25
 """Minimum gain of agreement of a convention that is named, where its agreement stays below MIN_RATIO."""
 MAX_FLOOR_ERROR_M = 0.35
@@ -52,12 +56,13 @@ MAX_FLOOR_ERROR_M = 0.35
 
 
 class _Explanation(NamedTuple):
-    """A change of the poses or ranges under which the frames agree better: a scale of the positions, or what the text
-    says."""
+    """A change of the poses or ranges under which the frames may agree better: a scale of the positions, or what the
+    text says. Of those that agree equally well, the one of the least surprise is reported."""
 
     agreement: Agreement
     text: str
     scale: float = 1.0
+    surprise: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,9 +199,14 @@ def _agreement_notes(sample: _Sample) -> list[str]:
         if (scale := _close_scale(sample)) is not None:
             return [f"{_contradiction(sample, total)}: {_scale_text(_finer_scale(sample, scale), sample)}"]
         return _pair_notes(sample, pairs, compared)
+    shares_a_place = any(sample.frames[first].place == sample.frames[second].place for first, second in pairs)
+    if total.evidence < MIN_EVIDENCE and not shares_a_place:
+        return []  # frames of different rooms need not see one another
     explanation = _explain(sample, total)
-    if total.evidence < MIN_EVIDENCE and (explanation is None or explanation.agreement.ratio < MIN_RATIO):
-        return []  # the frames show too little of one another
+    if total.evidence < MIN_EVIDENCE and (explanation is None or explanation.agreement.on_surface < MIN_ON_SURFACE):
+        return []  # a large place whose frames see nothing in common
+    if explanation is None and (notes := _pair_notes(sample, pairs, compared)):
+        return notes
     if explanation is None:
         cause = "check their positions, headings and unit, and the unit of the ranges"
     else:
@@ -237,22 +247,22 @@ def _pair_notes(sample: _Sample, pairs: Sequence[tuple[int, int]], compared: Seq
 
 def _explain(sample: _Sample, total: Agreement) -> _Explanation | None:
     """Return the change of poses or ranges under which the frames agree best; None where none agrees much better."""
-    best = max(_candidates(sample), key=_quality)
-    is_clear = _quality(best) >= MIN_RATIO or _quality(best) >= total.ratio + MIN_NAMED_GAIN
-    return best if is_clear else None
-
-
-def _quality(explanation: _Explanation) -> float:
-    agreement = explanation.agreement
-    return agreement.ratio if agreement.evidence >= MIN_EVIDENCE else -1.0
+    candidates = list(_candidates(sample))
+    limit = max(candidate.agreement.net for candidate in candidates) - ALIKE_NET
+    best = min(
+        (candidate for candidate in candidates if candidate.agreement.net >= limit), key=lambda one: one.surprise
+    )
+    ratio = best.agreement.ratio
+    return best if ratio >= MIN_RATIO or ratio >= total.ratio + MIN_NAMED_GAIN else None
 
 
 def _candidates(sample: _Sample) -> Iterator[_Explanation]:
-    poses = sample.poses
+    poses, floor_m = sample.poses, _floor_distance_m(sample)
     for name in NAMES[1:]:
         converted = [convert_pose(pose, name) for pose in poses]
         if all(_tilt_deg(pose) <= MAX_TILT_DEG for pose in converted):
-            yield _Explanation(sample.agreement(converted), _convention_text(name))
+            below_m = float(np.median([pose[2, 3] for pose in converted])) - (floor_m or 0.0)
+            yield _Explanation(sample.agreement(converted), _convention_text(name), surprise=abs(below_m))
     for scale in SCALES:
         yield _Explanation(sample.agreement(_scaled(poses, scale)), "", scale)
     for name, step in (("ros", 5), ("compass", 15)):
@@ -264,7 +274,7 @@ def _candidates(sample: _Sample) -> Iterator[_Explanation]:
                 "the heading of the poses, expected 0: turn the poses or shift the columns of the images"
             )
             text = text if name == "ros" else f"{_convention_text(name)}, and {text}"
-            yield _Explanation(sample.agreement(turned), text)
+            yield _Explanation(sample.agreement(turned), text, surprise=float(offset % 90 != 0))
     views = [RangeView(range_of_cube_depth(range_m)) for range_m in sample.ranges]
     text = 'likely the ranges are z-depth of cube faces: set "range_kind": "cube" in manifest.json'
     yield _Explanation(sample.agreement(poses, views=views), text)
