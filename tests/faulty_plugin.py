@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import faulthandler
 import os
 import re
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import Literal
@@ -156,7 +159,28 @@ def _exit_once() -> None:
         os._exit(3)
 
 
+def _child(code: str) -> None:
+    """Wait for a child process, which writes its id to the file `child` first."""
+    code = f"import os, time; open('child', 'w').write(str(os.getpid())); {code}"
+    subprocess.run([sys.executable, "-c", code], check=False)
+
+
+def _silence_alarms() -> None:
+    faulthandler.cancel_dump_traceback_later()
+    signal.alarm(0)
+    time.sleep(600)
+
+
+def _wander() -> None:
+    Path("elsewhere").mkdir(exist_ok=True)
+    os.chdir("elsewhere")
+
+
 DEADLY = {
+    "hoard-in-child": lambda: _child("held = b'x' * 500_000_000; time.sleep(60)"),
+    "hang-in-child": lambda: _child("time.sleep(600)"),
+    "silence": _silence_alarms,
+    "wander": _wander,
     "raise": lambda: _raise(ValueError("this is too much")),
     "leave": lambda: _raise(SystemExit("the network wants to leave")),
     "recurse": _recurse,

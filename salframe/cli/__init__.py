@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
 import traceback
+from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
+from types import FrameType
+from typing import Any, NoReturn
 
 import typer
 from typer.core import TyperGroup
@@ -33,7 +37,7 @@ from salframe.cli import (
 )
 from salframe.cli.output import only_json
 from salframe.framework.components.entry_points import COMMANDS, discover
-from salframe.framework.errors import SalframeError, describe_error
+from salframe.framework.errors import ConfigError, SalframeError, describe_error, one_line
 
 
 class _Interrupted(Exception):
@@ -64,8 +68,8 @@ class Commands(TyperGroup):
         """
         try:
             return super().invoke(ctx)
-        except KeyboardInterrupt:
-            raise _Interrupted from None
+        except KeyboardInterrupt as stop:
+            raise _Interrupted from stop
         except SystemExit as stop:
             if ctx.invoked_subcommand not in self.commands:  # a plugin's command may end the process
                 raise
@@ -147,26 +151,56 @@ for _panel, _commands in PANELS.items():
             app.command(rich_help_panel=_panel)(_command)
 
 
+class _Terminated(KeyboardInterrupt):
+    """A request to end, by SIGTERM. Like an interrupt, it lets workers and files be closed."""
+
+
+def _terminate(signal_number: int, frame: FrameType | None) -> None:
+    raise _Terminated
+
+
 def main() -> None:
     """Run the command line.
 
     An error that a user can cause prints one line on stderr and exits with status 2. An interrupt prints one line and
-    exits with status 130.
+    exits with status 130, SIGTERM with status 143.
     """
+    signal.signal(signal.SIGTERM, _terminate)
     try:
+        _check_arguments(sys.argv[1:])
         with only_json("--json" in sys.argv):
             app()
-    except (KeyboardInterrupt, _Interrupted):
+            sys.stdout.flush()
+    except (KeyboardInterrupt, _Interrupted) as stop:
         print("interrupted: finished work is stored; run the same command again to resume", file=sys.stderr)
-        sys.exit(130)
+        sys.exit(143 if _Terminated in (type(stop), type(stop.__cause__)) else 130)
     except SalframeError as error:
         if _debug:
             raise
-        print(f"error: {describe_error(error)}", file=sys.stderr)
-        sys.exit(2)
+        _fail(describe_error(error))
     except OSError as error:  # for example a full disk, or a folder without write permission
         if _debug:
             raise
-        where = f" {error.filename}" if error.filename else ""
-        print(f"error: cannot use{where}: {error.strerror or error}", file=sys.stderr)
-        sys.exit(2)
+        if error.filename is None:  # files have a name; Python would report the unwritable output again when it exits
+            sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
+        _fail(f"cannot use {error.filename or 'the standard output'}: {error.strerror or error}")
+    except MemoryError as error:
+        if _debug:
+            raise
+        _fail(
+            f"out of memory{f': {one_line(error)}' if str(error) else ''}; close other programs, or use fewer workers"
+        )
+
+
+def _check_arguments(arguments: Sequence[str]) -> None:
+    """Raise ConfigError where an argument is no text: no file of this program could hold it."""
+    for argument in arguments:
+        try:
+            argument.encode()
+        except UnicodeEncodeError:
+            raise ConfigError(f"the argument {argument!r} is not UTF-8 text: rename the file or folder") from None
+
+
+def _fail(message: str) -> NoReturn:
+    print(f"error: {message}", file=sys.stderr)
+    sys.exit(2)

@@ -14,6 +14,7 @@ from salframe.framework.component import ComponentConfig
 from salframe.framework.components.installation import folder_bytes
 from salframe.framework.components.registry import registry
 from salframe.framework.errors import DataError, InvalidAnswer, describe_error
+from salframe.framework.files.array_files import FileStamp
 from salframe.framework.files.cache import Cache
 from salframe.graphs.scene_index import scene_index_notes
 from salframe.localization.answers import Localization
@@ -44,6 +45,7 @@ class LocalizationMap:
     ) -> None:
         """Create a map without indexing it. Such a map can be changed, merged and saved, but it cannot localize."""
         self.localizer = localizer
+        self._mapped_files: tuple[FileStamp, ...] = ()
         self._hold(packed, frames, floors)
 
     @classmethod
@@ -121,12 +123,12 @@ class LocalizationMap:
         parts.check_method(localizer)
         packed, frames = parts.read_scenes()
         opened = cls(localizer, packed, frames, parts.read_floors() if localizer.uses_floors else ())
+        opened._mapped_files = parts.mapped_files()
         if not indexed:
             return opened
-        folder = parts.index_folder(localizer)
         with _blaming(str(parts.folder), localizer):
-            if folder.exists():
-                localizer.open_index(folder, packed, frames)
+            if parts.has_index(localizer):
+                localizer.open_index(parts.index_folder(localizer), packed, frames)
             else:
                 opened._index()
         return opened
@@ -225,7 +227,10 @@ class LocalizationMap:
 
         Raises:
             InvalidAnswer: `match` did not return a Localization.
+            DataError: A memory-mapped file of the map was changed after the map was opened.
         """
+        if changed := [stamp.path for stamp in self._mapped_files if not stamp.is_current()]:
+            raise DataError(f"{changed[0]} was changed while the map was open: open the map again")
         answer = self.localizer.match(description)
         if not isinstance(answer, Localization):
             raise InvalidAnswer(f"match gave {type(answer).__name__}, expected a Localization")

@@ -20,7 +20,7 @@ from salframe.framework.component import ComponentConfig
 from salframe.framework.components.identity import identity
 from salframe.framework.components.registry import registry
 from salframe.framework.errors import ConfigError, DataError
-from salframe.framework.files.array_files import ArrayKind
+from salframe.framework.files.array_files import MAX_READ_BYTES, ArrayKind, FileStamp
 from salframe.framework.files.columns import Columns, Row, read_columns, write_columns
 from salframe.framework.files.hashes import digest, file_sha256
 from salframe.framework.files.reading import read_json, read_model
@@ -58,12 +58,14 @@ class _SavedMethod(Settings):
 class MapParts:
     """The folder with the parts of one map, which are read and written one by one."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, files: Iterable[str] = ()) -> None:
+        """Use a folder. `files` are the paths in it that map.json lists; other files are not parts of the map."""
         self.folder = folder
+        self._names = frozenset(file.partition("/")[0] for file in files)
 
     def has(self, name: str) -> bool:
-        """Return whether there is a part of this name."""
-        return (self.folder / name).exists()
+        """Return whether map.json lists a part of this name."""
+        return name in self._names
 
     def write_json(self, name: str, content: Mapping[str, Any]) -> None:
         """Write a part that is a JSON file."""
@@ -78,12 +80,20 @@ class MapParts:
         write_columns(self.folder / name, rows)
 
     def read_table(self, name: str, columns: Mapping[str, ArrayKind] | None = None) -> Columns:
-        """Map a part that is a table into memory. Raises DataError on other columns than these (None: any)."""
+        """Read a part that is a table, or map it into memory where it is large.
+
+        Raises DataError on other columns than these (None: any).
+        """
         return read_columns(self.folder / name, columns)
 
     def write_floors(self, floors: Sequence[FloorMasks]) -> None:
         """Write the floors of the map."""
         write_floors(self.folder, floors)
+
+    def mapped_files(self) -> tuple[FileStamp, ...]:
+        """Return the stamps of the files that are memory-mapped and not read, because of their size."""
+        stamps = (FileStamp.of(path) for path in sorted(self.folder.rglob("*.npy")))
+        return tuple(stamp for stamp in stamps if stamp.size >= MAX_READ_BYTES)
 
     def read_floors(self) -> tuple[FloorMasks, ...]:
         """Read the floors of the map; empty where it has no floors. Raises DataError."""
@@ -95,7 +105,7 @@ class MapParts:
         self.write_table(SCENES, packed)
 
     def read_scenes(self) -> tuple[Columns, SavedFrames]:
-        """Map packed descriptions and reference frames into memory. Raises DataError."""
+        """Read packed descriptions and reference frames, as `read_table`. Raises DataError."""
         packed, frames = self.read_table(SCENES), SavedFrames(self.read_table(FRAMES, FRAME_COLUMNS))
         if len(packed) != len(frames):
             raise DataError(f"{self.folder} has {len(packed)} scenes and {len(frames)} frames, expected equal numbers")
@@ -128,8 +138,16 @@ class MapParts:
             )
 
     def index_folder(self, localizer: Localizer) -> Path:
-        """Return the folder for the index of a localizer with these settings; it exists where one was written."""
-        return self.folder / f"{INDEX}-{digest(identity(localizer.config))[:16]}"
+        """Return the folder for the index of a localizer with these settings."""
+        return self.folder / self._index_name(localizer)
+
+    def has_index(self, localizer: Localizer) -> bool:
+        """Return whether the map has an index of a localizer with these settings."""
+        return self.has(self._index_name(localizer))
+
+    @staticmethod
+    def _index_name(localizer: Localizer) -> str:
+        return f"{INDEX}-{digest(identity(localizer.config))[:16]}"
 
     def _read_method(self) -> _SavedMethod:
         if not self.has(METHOD):
@@ -180,7 +198,7 @@ def read_map(directory: Path, read: Callable[[MapParts], _Result]) -> _Result:
         manifest = _read_manifest(directory)
         try:
             _check_files(directory / manifest.parts, manifest.sha256)
-            return read(MapParts(directory / manifest.parts))
+            return read(MapParts(directory / manifest.parts, manifest.sha256))
         except (DataError, OSError):
             if _read_manifest(directory) == manifest:
                 raise

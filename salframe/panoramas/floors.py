@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from itertools import count
 from pathlib import Path
 
@@ -32,6 +33,9 @@ SAME_FLOOR_M = 0.5
 """Minimum difference in height between two floors. Masks that are closer belong to the same floor."""
 MAX_PIXELS = 1 << 28
 """Maximum number of pixels of joined masks."""
+MAX_EMPTY_RATIO = 4.0
+"""Maximum ratio of the pixels of joined masks to those of their parts. Masks that do not touch and would exceed it stay
+apart, because their joined masks would be mostly empty: two buildings that are 300 m apart at one height."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +79,26 @@ class FloorMasks:
             raise DataError(
                 f"the masks of a floor have a resolution of {self.resolution_m} m per pixel, expected more than 0"
             )
+
+
+def touch(floor: FloorMasks, other: FloorMasks) -> bool:
+    """Return whether the rectangles of two masks overlap or are adjacent, ignoring their heights."""
+    (left, bottom, right, top), (other_left, other_bottom, other_right, other_top) = map(_bounds_m, (floor, other))
+    gap_m = max(other_left - right, left - other_right, other_bottom - top, bottom - other_top)
+    return gap_m <= max(floor.resolution_m, other.resolution_m)
+
+
+def _bounds_m(floor: FloorMasks) -> tuple[float, float, float, float]:
+    """Return the minimum and maximum of x and y: left, bottom, right, top."""
+    (left, top), (rows, columns) = floor.origin_m, floor.free.shape
+    return left, top - rows * floor.resolution_m, left + columns * floor.resolution_m, top
+
+
+def _stay_apart(floor: FloorMasks, other: FloorMasks) -> bool:
+    """Return whether two masks of one height are kept as they are, because their joined masks would be mostly empty."""
+    bounds = np.array([_bounds_m(floor), _bounds_m(other)])
+    joined = np.prod((bounds[:, 2:].max(0) - bounds[:, :2].min(0)) / floor.resolution_m)
+    return not touch(floor, other) and bool(joined > MAX_EMPTY_RATIO * (floor.free.size + other.free.size))
 
 
 def find_floor(floors: Sequence[FloorMasks], xyz_m: Sequence[float] | np.ndarray) -> int | None:
@@ -139,20 +163,23 @@ def join_floors(floors: Sequence[FloorMasks], more: Sequence[FloorMasks]) -> tup
 
     Where both sets have a floor at the same height (within SAME_FLOOR_M), the masks of `more` are laid over the others,
     shifted by half a pixel at most. A region of `more` replaces the region of the same place. Pixels of `more` that are
-    free, blocked or in a region replace those below.
+    free, blocked or in a region replace those below. Masks of one height that are far apart stay separate.
 
     Raises:
         DataError: The resolutions differ, the joined masks have more than MAX_PIXELS, or `more` covers most of a region
             of another place, as it does where the two sets are not in the same world frame.
     """
-    joined = list(floors)
+    joined, added = list(floors), []
     for floor in more:
-        same = next((i for i, other in enumerate(floors) if abs(other.z_m - floor.z_m) < SAME_FLOOR_M), None)
-        if same is None:
-            joined.append(floor)
-        else:
-            joined[same] = _lay_over(joined[same], floor)
-    return tuple(joined)
+        is_same = [abs(other.z_m - floor.z_m) < SAME_FLOOR_M and not _stay_apart(other, floor) for other in joined]
+        same = [other for other, belongs in zip(joined, is_same, strict=True) if belongs]
+        if not same:
+            added.append(floor)
+            continue
+        position = is_same.index(True)
+        joined = [other for other, belongs in zip(joined, is_same, strict=True) if not belongs]
+        joined.insert(position, reduce(_lay_over, [*same, floor]))
+    return (*joined, *added)
 
 
 def _lay_over(below: FloorMasks, above: FloorMasks) -> FloorMasks:

@@ -149,7 +149,7 @@ def with_position(topology: TopologicalMap, xyz_m: np.ndarray) -> TopologicalMap
     grid = FloorGrid(floor, topology.parameters.robot_radius_m)
     close_doorways(grid, topology.parameters.min_doorway_m)
     pixel = nearest_pixel(grid.clear, grid.to_pixel(xyz_m[:2]))
-    others = [node for node in topology.nodes if node.xyz_m[2] == floor.z_m]
+    others = [node for node in topology.nodes if find_floor(topology.floors, node.xyz_m) == number]
     if pixel is None or not others:
         raise DataError(f"the floor at z = {floor.z_m:g} m has no node that a route could lead to")
     pixels = grid.to_pixel(np.array([node.xyz_m[:2] for node in others]))

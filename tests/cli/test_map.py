@@ -177,7 +177,7 @@ def test_floors_without_a_topology_do_not_prevent_localization(rooms, tmp_path):
     done = run("map", "build", "storeys", "-o", "map", *settings)
     assert done.code == 0
     assert done.err == (
-        "warning: the map has no topology: two floors are at z = 0 m, expected a different z_m for each floor\n"
+        "warning: the map has no topology: two floors are at z = 0 m, expected a different z_m for floors that touch\n"
     )
     assert run("localize", "map", "query-1-0", "--data", "doored").code == 0
     done = run("map", "build", "storeys", "-o", "chosen", *settings, "--choose")

@@ -168,8 +168,12 @@ SLOWLY = {
 
 
 @pytest.mark.parametrize("asked", SLOWLY.values(), ids=SLOWLY.keys())
-@pytest.mark.parametrize("group", [False, True], ids=["the command alone", "as by Ctrl-C, all its processes"])
-def test_an_interrupt_is_one_line_within_two_seconds(fakes, tmp_path, asked, group):
+@pytest.mark.parametrize(
+    ("group", "sent", "status"),
+    [(False, signal.SIGINT, 130), (True, signal.SIGINT, 130), (False, signal.SIGTERM, 143)],
+    ids=["the command alone", "as by Ctrl-C, all its processes", "as by kill"],
+)
+def test_an_interrupt_is_one_line_within_two_seconds(fakes, tmp_path, asked, group, sent, status):
     (tmp_path / "other.yaml").write_text("kind: slow\noffset: 1\n")
     process = subprocess.Popen(
         [*SALFRAME, *asked, "--set", "describe_s=60"],
@@ -188,11 +192,39 @@ def test_an_interrupt_is_one_line_within_two_seconds(fakes, tmp_path, asked, gro
         time.sleep(0.02)
     began = time.monotonic()
     if group:
-        os.killpg(process.pid, signal.SIGINT)
+        os.killpg(process.pid, sent)
     else:
-        process.send_signal(signal.SIGINT)
+        process.send_signal(sent)
     out, err = process.communicate(timeout=60)
     took_s = time.monotonic() - began
-    assert (process.returncode, out) == (130, "")
+    assert (process.returncode, out) == (status, "")
     assert err == "interrupted: finished work is stored; run the same command again to resume\n"
     assert took_s < 2
+
+
+@pytest.mark.parametrize("asked", [["methods"], ["plugins", "--json"], ["--help"]])
+def test_a_full_standard_output_is_one_line(fakes, asked):
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run([*SALFRAME, *asked], stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == 2
+    assert done.stderr == "error: cannot use the standard output: No space left on device\n"
+
+
+@pytest.mark.parametrize("asked", [[b"evaluate", b"caf\xe9"], [b"compare", b"--data", b"rooms", b"--runs", b"caf\xe9"]])
+def test_a_name_that_is_no_utf8_is_one_line_before_any_work(fakes, tmp_path, asked):
+    done = subprocess.run([*map(os.fsencode, SALFRAME), *asked], capture_output=True)
+    assert (done.returncode, done.stdout) == (2, b"")
+    assert done.stderr == b"error: the argument 'caf\\udce9' is not UTF-8 text: rename the file or folder\n"
+    assert not (tmp_path / "runs").exists()
+
+
+def test_running_out_of_memory_is_one_line(fakes, monkeypatch):
+    def build(*arguments, **options):
+        raise MemoryError("Unable to allocate 7.28 TiB")
+
+    monkeypatch.setattr("salframe.topology.building_map.build_map", build)
+    done = run("build", "rooms", "-o", "map")
+    assert (done.code, done.err) == (
+        2,
+        "error: out of memory: Unable to allocate 7.28 TiB; close other programs, or use fewer workers\n",
+    )

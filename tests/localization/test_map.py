@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from salframe.framework.files.cache import Cache
 from salframe.localization.describing import describe_frame
 from salframe.localization.localizer import Localizer
 from salframe.localization.map import LocalizationMap, open_map
-from salframe.localization.map_files import METHOD, MapParts, write_map
+from salframe.localization.map_files import METHOD, MapParts, read_map, write_map
 from salframe.panoramas.frames import FrameKind, QueryFrame, ReferenceFrame
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.opening import find_dataset, find_frame, reference_frames
@@ -238,6 +239,40 @@ def test_a_map_that_is_open_is_written_as_it_was_when_its_folder_is_gone(indexed
     again.save(tmp_path / "copy")
     assert json.loads((tmp_path / "copy" / "map.json").read_text())["sha256"] == before
     assert any(name.startswith("index-") for name in before)
+
+
+def test_a_small_map_that_is_open_does_not_change_with_its_files(saved):
+    query = find_frame(find_dataset("rooms"), "query-1-0")
+    again = open_map(saved)
+    before = again.localize(query)
+    for path in saved.rglob("*.npy"):
+        path.write_bytes(b"")  # in place, as rsync --inplace or a network disk does
+    after = again.localize(query)
+    assert [(place.place, place.score) for place in after.places] == [(p.place, p.score) for p in before.places]
+    np.testing.assert_array_equal(after.T_world_query, before.T_world_query)
+
+
+@pytest.mark.parametrize("change", [lambda path: os.utime(path, ns=(0, 0)), lambda path: path.unlink()])
+def test_a_large_map_is_refused_after_its_files_changed(saved, monkeypatch, change):
+    for module in ("framework.files.array_files", "localization.map_files"):
+        monkeypatch.setattr(f"salframe.{module}.MAX_READ_BYTES", 1)  # all files are memory-mapped
+    query = find_frame(find_dataset("rooms"), "query-1-0")
+    again = open_map(saved)
+    assert again.localize(query).places[0].place == "room-2"
+    path = max(saved.rglob("*.npy"), key=lambda path: path.stat().st_size)
+    change(path)
+    with pytest.raises(DataError, match=rf"{path.name} was changed while the map was open: open the map again"):
+        again.localize(query)
+
+
+def test_files_that_map_json_does_not_list_are_not_read(indexed):
+    (folder,) = indexed.rglob("index-*")
+    other = Indexed(Indexed.Config(offset=1))
+    (old,) = indexed.glob("parts-*")
+    shutil.copytree(folder, MapParts(old).index_folder(other))
+    (old / "floors.npz").write_bytes(b"no floors")
+    assert opened(indexed, offset=1).localizer.indexings == 1
+    assert read_map(indexed, MapParts.read_floors) == ()
 
 
 def test_an_index_that_was_edited_is_refused(indexed):

@@ -96,11 +96,26 @@ def test_masks_of_another_resolution_are_refused():
         join_floors([HALL], [floor("kk", resolution_m=0.1, k="kitchen")])
 
 
-def test_masks_far_from_one_another_are_refused():
-    with pytest.raises(
-        DataError, match="joined with those of the map, have 2000002 x 2000001 pixels, expected at most"
-    ):
-        join_floors([HALL], [floor("kk", left_m=1e6, top_m=1e6 - 1, k="kitchen")])
+def test_masks_far_from_one_another_stay_apart_without_a_mask_of_all():
+    kitchen, hall = floor("kk", k="kitchen"), floor("hh", left_m=10_000.0, h="hall")
+    assert join_floors([kitchen], [hall]) == (kitchen, hall)
+
+
+def test_masks_that_touch_are_joined_however_long():
+    """A corridor of 1 x 2,000 pixels and a room at its far end, 1 km away."""
+    corridor, room = floor("c" * 2000, c="corridor"), floor("rr", left_m=1000.0, r="room")
+    (joined,) = join_floors([corridor], [room])
+    assert joined.region.shape == (1, 2002)
+
+
+def test_a_floor_between_two_joins_them():
+    """Two rooms 100 m apart, and a corridor that touches both."""
+    west, east = floor("w", w="west"), floor("e", left_m=100.0, e="east")
+    corridor = floor("c" * 199, left_m=0.5, c="corridor")
+    assert join_floors([west], [east]) == (west, east)
+    (joined,) = join_floors([west, east], [corridor])
+    assert joined.region.shape == (1, 201)
+    assert sorted(joined.regions.values()) == ["corridor", "east", "west"]
 
 
 def test_a_place_goes_with_its_floor():

@@ -17,6 +17,7 @@ from salframe.panoramas.frames import FrameKind, ReferenceFrame
 from salframe.panoramas.geometry import pose_2d
 from salframe.topology.build import build_topology
 from salframe.topology.grid import FloorGrid, cell
+from salframe.topology.routes import HERE, with_position
 from salframe.topology.topological_map import MapEdge, TopologicalMap, TopologySettings
 
 
@@ -151,11 +152,23 @@ def test_floors_are_told_apart_by_height_and_said_to_be_apart():
     assert any(note.startswith("frame cellar at (-2.00, 0.00, -1.00) m is left out") for note in topology.notes)
 
 
+def test_two_buildings_at_one_height_are_one_map_of_two_parts():
+    here = two_rooms()
+    far = replace(two_rooms(), origin_m=(here.origin_m[0] + 300.0, here.origin_m[1]), regions={1: "north", 2: "south"})
+    topology = build_topology([here, far])
+    assert {node.id for node in topology.nodes if node.xyz_m[0] > 200} == {"north", "south", "north/south"}
+    assert any("not connected" in note for note in topology.notes)
+    at_far = with_position(topology, np.array([298.5, 0.0, 1.5]))
+    neighbours = {e.start if e.end == HERE else e.end for e in at_far.edges if HERE in (e.start, e.end)}
+    assert neighbours
+    assert neighbours <= {"north", "south", "north/south"}
+
+
 @pytest.mark.parametrize(
     ("floors", "message"),
     [
         ([], "a topological map needs floor masks, received none"),
-        ([two_rooms(), two_rooms(0.6)], "two floors are at z = 0 m, expected a different z_m for each floor"),
+        ([two_rooms(), two_rooms(0.6)], "two floors are at z = 0 m, expected a different z_m for floors that touch"),
         ([two_rooms(), two_rooms(z_m=3.0)], "two nodes of the map would have the name 'west'"),
         ([replace(two_rooms(), region=np.zeros_like(two_rooms().region))], "has no free floor in any region"),
     ],

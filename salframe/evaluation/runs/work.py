@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable
+from contextlib import chdir
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -33,14 +35,16 @@ def work_share(task: AnyTask, directory: Path, label: str, limits: Limits, share
     Returns:
         The outcome. Exceptions of the method are caught and reported there.
     """
-    run = Run.load(directory)
+    run = Run.load(directory.absolute())  # a plugin may change the working folder
+    share = replace(share, folder=share.folder.absolute())
     share.folder.mkdir(parents=True, exist_ok=True)
     parts: tuple[str, ...] = ()
     guard = Guard(share.folder, limits)
     try:
         data = run.data()
         config = run.method(label, task.role, Choice(data.kind, partial(provided, data)))
-        method = registry().build(task.role, config)
+        with guard.watch(), chdir("."):
+            method = registry().build(task.role, config)
         survey = task.survey(open_dataset(data))
         parts = task.input(label, method, survey.dataset)
         keys = set(share.keys)
@@ -49,7 +53,7 @@ def work_share(task: AnyTask, directory: Path, label: str, limits: Limits, share
             for piece in todo:
                 key_fields = dict(zip(task.key_fields, task.key(piece), strict=True))
                 worker.prepare(piece)
-                with guard.watch(key_fields):
+                with guard.watch(key_fields), chdir("."):  # returns to the working folder if the method changes it
                     row = _attempt(task, worker.work, piece, share.folder)
                 rows.append({**key_fields, **row})
             outcome = Outcome(MethodStatus.DONE, worker.warning, parts)

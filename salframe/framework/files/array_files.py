@@ -11,10 +11,12 @@ from typing import Any, BinaryIO, Literal, NamedTuple
 import numpy as np
 
 from salframe.framework.errors import DataError
-from salframe.framework.files.bounded import check_regular
+from salframe.framework.files.bounded import check_regular, read_bytes
 
 MAX_BYTES = 1 << 29
 """Maximum size of the arrays in a .npz file, in bytes."""
+MAX_READ_BYTES = 1 << 26
+"""Size in bytes from which the array of a .npy file is memory-mapped; a smaller one is read."""
 MAX_AXIS = 1 << 24
 """Maximum axis length of an array without elements, which the size of the file cannot confirm."""
 
@@ -86,14 +88,49 @@ def pack_arrays(arrays: Mapping[str, np.ndarray]) -> bytes:
 
 
 def map_array(path: Path) -> np.ndarray:
-    """Return the array of a .npy file as a read-only memory map. Raises OSError or ValueError if it is invalid."""
+    """Return the array of a .npy file: read where the file is smaller than MAX_READ_BYTES, else as a memory map.
+
+    Another program that changes the file later does not change an array that was read. A memory map does change, and
+    the process ends if the file is truncated: its user compares the file with a `FileStamp` before each use.
+
+    Returns:
+        The array, read-only.
+
+    Raises:
+        OSError: The file cannot be read.
+        ValueError: The file holds no valid array.
+    """
     size = check_regular(path, 1 << 40)
+    if size < MAX_READ_BYTES:
+        content = read_bytes(path, MAX_READ_BYTES)
+        header = io.BytesIO(content)
+        dtype, shape, order = _header(header, len(content))
+        return np.ndarray(shape, dtype, content, header.tell(), order=order)
     with path.open("rb") as file:
         dtype, shape, order = _header(file, size)
         start = file.tell()
-    if 0 in shape:  # an empty file cannot be mapped
-        return np.zeros(shape, dtype, order)
     return np.memmap(path, dtype, "r", start, shape, order)
+
+
+class FileStamp(NamedTuple):
+    """Size and modification time of a file, which tell whether it was changed."""
+
+    path: Path
+    size: int
+    modified_ns: int
+
+    @classmethod
+    def of(cls, path: Path) -> FileStamp:
+        """Return the stamp of a file now. Raises OSError."""
+        status = path.stat()
+        return cls(path, status.st_size, status.st_mtime_ns)
+
+    def is_current(self) -> bool:
+        """Return whether the file still has this size and modification time."""
+        try:
+            return FileStamp.of(self.path) == self
+        except OSError:
+            return False
 
 
 def _parse(content: bytes) -> np.ndarray:

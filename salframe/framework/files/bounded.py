@@ -21,6 +21,8 @@ from salframe.framework.errors import one_line, shorten
 
 MAX_BYTES = 1 << 28
 """Maximum size of a JSON, YAML or text file, a table or an image, in bytes."""
+_CHUNK = 1 << 20
+"""Number of bytes that are read at once."""
 MAX_DEPTH = 64
 """Maximum nesting depth of lists and mappings."""
 MAX_NODES = 1_000_000
@@ -53,11 +55,14 @@ def check_regular(path: Path, max_bytes: int = MAX_BYTES) -> int:
 def read_bytes(path: Path, max_bytes: int = MAX_BYTES) -> bytes:
     """Return the content of a regular file. Raises OSError, or ValueError if it is too large or not regular."""
     check_regular(path, max_bytes)
+    chunks, size = [], 0
     with path.open("rb") as file:
-        content = file.read(max_bytes + 1)
-    if len(content) > max_bytes:  # files in /proc report a size of 0
-        raise ValueError(f"it has more than {max_bytes} bytes, expected at most {max_bytes}")
-    return content
+        while chunk := file.read(_CHUNK):  # file.read(max_bytes) would allocate all of them for a small file
+            chunks.append(chunk)
+            size += len(chunk)
+            if size > max_bytes:  # files in /proc report a size of 0
+                raise ValueError(f"it has more than {max_bytes} bytes, expected at most {max_bytes}")
+    return b"".join(chunks)
 
 
 def read_start(path: Path, max_bytes: int) -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
@@ -23,11 +24,16 @@ PNG = b"\x89PNG\r\n\x1a\n"
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Add `path` to an OSError of the block that names no file, as on a full disk."""
+    """Add `path` to an OSError of the block that names no file, as on a full disk.
+
+    An error without a number, which numpy raises where it can write only a part, becomes one of a full disk.
+    """
     try:
         yield
     except OSError as error:
-        if error.errno is not None and error.filename is None:
+        if error.errno is None:
+            raise OSError(errno.ENOSPC, f"{os.strerror(errno.ENOSPC)} ({error})", str(path)) from error
+        if error.filename is None:
             error.filename = str(path)
         raise
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import psutil
 import pytest
 
 from salframe.evaluation.runs.limits import Limits
@@ -19,7 +20,16 @@ def ask(*settings: str, methods: tuple[str, ...] = ("deadly", "reader"), **limit
 
 
 @pytest.mark.parametrize(
-    ("how", "reason"), [("exit", DIED), ("fault", DIED), ("hang", LONG), ("spin", LONG), ("hoard", LARGE)]
+    ("how", "reason"),
+    [
+        ("exit", DIED),
+        ("fault", DIED),
+        ("hang", LONG),
+        ("spin", LONG),
+        ("silence", LONG),
+        ("hoard", LARGE),
+        ("hoard-in-child", LARGE),
+    ],
 )
 def test_a_query_that_ends_its_process_costs_itself(faults, how, reason):
     limit = {"memory_mb": 450.0} if reason == LARGE else {"timeout_s": 3.0}
@@ -27,6 +37,24 @@ def test_a_query_that_ends_its_process_costs_itself(faults, how, reason):
     assert (deadly.status, deadly.errors) == ({"ok": 2, "crashed": 1}, {"crashed": reason})
     assert deadly.accuracy.value == pytest.approx(2 / 3)
     assert (reader.accuracy.value, reader.status) == (1.0, {"ok": 3})
+
+
+def test_a_limit_ends_the_children_too(faults, tmp_path):
+    (row,) = ask("how=hang-in-child", methods=("deadly",), timeout_s=3.0).rows
+    assert row.errors == {"crashed": LONG}
+    child = int((tmp_path / "child").read_text())
+    assert not psutil.pid_exists(child) or psutil.Process(child).status() == psutil.STATUS_ZOMBIE
+
+
+def test_a_method_that_never_ends_its_construction_costs_its_row(faults):
+    deadly, reader = ask("how=spin", "when=init", timeout_s=3.0).rows
+    assert (deadly.accuracy, deadly.reason) == (None, LONG)
+    assert reader.accuracy.value == 1.0
+
+
+def test_a_method_that_changes_the_working_folder_harms_nobody(faults):
+    wanderer, reader = ask("how=wander", "deadly.rooms=[0, 1, 2]").rows
+    assert (wanderer.status, reader.status) == ({"ok": 3}, {"ok": 3})
 
 
 def test_what_a_process_died_of_is_tried_once_more(faults, tmp_path):

@@ -87,14 +87,16 @@ def test_a_table_that_lost_its_words_is_one_line(tmp_path):
         read_columns(tmp_path / "rows")
 
 
-def test_values_are_mapped_into_memory_and_cannot_be_written(tmp_path):
+@pytest.mark.parametrize(("max_read_bytes", "is_mapped"), [(1 << 26, False), (1, True)])
+def test_large_values_are_mapped_into_memory_and_none_can_be_written(tmp_path, monkeypatch, max_read_bytes, is_mapped):
+    monkeypatch.setattr("salframe.framework.files.array_files.MAX_READ_BYTES", max_read_bytes)
     write_columns(tmp_path / "rows", [{"a": np.arange(6.0)}, {"a": np.arange(9.0)}])
     first, second = (row["a"] for row in read_columns(tmp_path / "rows"))
     assert first.base is second.base
     holder = first
-    while isinstance(holder, np.ndarray) and not isinstance(holder, np.memmap):
+    while isinstance(holder.base, np.ndarray):
         holder = holder.base
-    assert isinstance(holder, np.memmap)
+    assert isinstance(holder, np.memmap) == is_mapped
     with pytest.raises(ValueError, match="read-only"):
         first[0] = 1
 

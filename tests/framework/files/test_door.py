@@ -17,8 +17,9 @@ READS = {
 }  # fmt: skip
 """Names of methods that read a file, or what was read of one; `load` and `loads` of LIBRARIES do too."""
 ELSEWHERE = {
-    "salframe/evaluation/runs/limits.py": {"open", "read_text"},  # the log of what ended a worker
-    "salframe/evaluation/runs/memory_watch.py": {"open"},  # /proc, and writes that log
+    "salframe/cli/__init__.py": {"open"},  # the null device, in place of an unwritable output
+    "salframe/evaluation/runs/limits.py": {"read_text"},  # the log of what ended a worker
+    "salframe/evaluation/runs/limit_watch.py": {"read_text"},  # when the current piece of work has to end
     "salframe/evaluation/runs/memory.py": {"read_text"},  # /proc/self/status
     "salframe/evaluation/report/page.py": {"open", "read_text"},  # files of the package
     "salframe/evaluation/runs/rows.py": {"open"},  # appends rows, and counts the lines of a file that grows
