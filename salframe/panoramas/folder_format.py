@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, PositiveFloat, field_validator, model_validator
@@ -22,6 +22,7 @@ from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import FrameKind, QueryFrame, ReferenceFrame, Truth
 from salframe.panoramas.geometry import is_rigid
 from salframe.panoramas.panorama import Annotations, Panorama
+from salframe.panoramas.range_encoding import MAX_STEP, RangeEncoding, RangeKind
 
 IMAGE_KEYS = ("rgb", "range", "instances", "valid")
 """Keys of a frame in the manifest that name an image file."""
@@ -44,7 +45,39 @@ def _rigid(pose: tuple[float, ...] | None) -> tuple[float, ...] | None:
 Pose = Field(None, min_length=16, max_length=16, description="T_world_pano, 4 x 4 row by row, metres")
 
 
-class FrameEntry(Settings):
+class RangeKeys(Settings):
+    """Encoding of range images in the manifest: of one frame, or of all frames without these keys. None: not declared.
+
+    Attributes:
+        range_unit_m: Metres per step.
+        range_missing: Values that mean no reading, besides 0.
+        range_kind: What the values measure: "ray" or "cube".
+    """
+
+    range_unit_m: PositiveFloat | None = None
+    range_missing: tuple[Annotated[int, Field(strict=True, ge=0, le=MAX_STEP)], ...] | None = None
+    range_kind: RangeKind | None = None
+
+    @field_validator("range_kind")
+    @classmethod
+    def _applies_to_panorama(cls, kind: RangeKind | None) -> RangeKind | None:
+        if kind is not None:
+            try:
+                RangeEncoding(kind=kind).check_panorama()
+            except DataError as error:
+                raise ValueError(str(error)) from None
+        return kind
+
+    def encoding(self, default: RangeEncoding) -> RangeEncoding:
+        """Return the encoding, with the values of `default` for keys that are not declared."""
+        return RangeEncoding(
+            default.unit_m if self.range_unit_m is None else self.range_unit_m,
+            default.missing if self.range_missing is None else self.range_missing,
+            default.kind if self.range_kind is None else self.range_kind,
+        )
+
+
+class FrameEntry(RangeKeys):
     """A panorama in the manifest: image files relative to the folder, and pose and place of reference frames."""
 
     id: str = Field(min_length=1)
@@ -83,7 +116,7 @@ class FloorEntry(Settings):
     z_m: float = 0.0
 
 
-class Manifest(Settings):
+class Manifest(RangeKeys):
     """Content of manifest.json."""
 
     format: Literal["salframe-folder"]
@@ -175,14 +208,16 @@ class Folder:
     def load(self, frame: FrameEntry) -> Panorama:
         """Read the panorama of a frame."""
         instances = self._part(frame.instances, images.read_ids)
+        encoding = frame.encoding(self.manifest.encoding(RangeEncoding()))
         return Panorama(
             frame.id,
             rgb=self._part(frame.rgb, images.read_color),
-            range_m=self._part(frame.range, images.read_range),
+            range_m=self._part(frame.range, partial(images.read_range, encoding=encoding)),
             valid=self._part(frame.valid, images.read_mask),
             annotations=None
             if instances is None
             else Annotations(instances, self.labels, rendered=self.manifest.rendered),
+            range_encoding=encoding if frame.range else None,
         )
 
     def _part(self, name: str | None, read):
@@ -288,9 +323,12 @@ def write_panorama(
     instance_id: np.ndarray | None = None,
     valid: np.ndarray | None = None,
 ) -> None:
-    """Write the images of a frame to the files that its entry names, each atomically."""
+    """Write the images of a frame to the files that its entry names, each atomically.
+
+    The range along the ray, `range_m`, is written in the encoding that the entry declares.
+    """
     if frame.range and range_m is not None:
-        images.write_range(root / frame.range, range_m)
+        images.write_range(root / frame.range, range_m, frame.encoding(RangeEncoding()))
     if frame.instances and instance_id is not None:
         images.write_ids(root / frame.instances, instance_id)
     if frame.valid and valid is not None:
