@@ -26,9 +26,7 @@ def localize(
     rgb: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Equirectangular colour image, instead of FRAME")
     ] = None,
-    range_image: Annotated[
-        Path | None, typer.Option("--range", metavar="FILE", help="Range image, 16-bit PNG")
-    ] = None,
+    range_image: Annotated[Path | None, typer.Option("--range", metavar="FILE", help="Range image, 16-bit PNG")] = None,
     range_unit: RangeUnit = None,
     range_missing: RangeMissing = None,
     range_kind: Annotated[

@@ -62,8 +62,7 @@ Timeout = Annotated[
 Memory = Annotated[float | None, typer.Option("--memory", metavar="MB", help="Memory limit of a method")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON")]
 RangeUnit = Annotated[
-    float | None,
-    typer.Option(metavar="METRES", min=1e-6, help="Size of one step of the range image (default: 0.001)"),
+    float | None, typer.Option(metavar="METRES", min=1e-6, help="Size of one step of the range image (default: 0.001)")
 ]
 RangeMissing = Annotated[
     list[int] | None,

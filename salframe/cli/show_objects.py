@@ -24,8 +24,7 @@ def show_objects(
         ),
     ] = None,
     range_image: Annotated[
-        Path | None,
-        typer.Option("--range", metavar="FILE", help="Range image of a single IMAGE, 16-bit PNG"),
+        Path | None, typer.Option("--range", metavar="FILE", help="Range image of a single IMAGE, 16-bit PNG")
     ] = None,
     range_unit: RangeUnit = None,
     range_missing: RangeMissing = None,
@@ -48,8 +47,8 @@ def show_objects(
 
     Each picture, NAME.objects.png, has the outlines, labels and scores of the objects, the saliency graph from above
     (without range: the bearings), and a table. A range image holds range along the ray (ray), depth along the optical
-    axis of a photograph (z), or the z-depth of the stitched cube faces of a panorama (cube). An image that is listed in a manifest.json has the range of its frame. The exit status is 1 if an image
-    cannot be shown.
+    axis of a photograph (z), or the z-depth of the stitched cube faces of a panorama (cube). An image that is listed in
+    a manifest.json has the range of its frame. The exit status is 1 if an image cannot be shown.
     """
     from salframe.cli.output import Bars
     from salframe.drawing.show_objects import show_objects

@@ -40,6 +40,7 @@ from salframe.panoramas.camera_height import units_note
 from salframe.panoramas.opening import Progress
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.range_encoding import MILLIMETRE, RangeEncoding, RangeKind
+from salframe.panoramas.range_missing import missing_line, missing_note, missing_values
 
 if TYPE_CHECKING:
     from salframe.panoramas.shot import Shot
@@ -178,8 +179,7 @@ def show_objects(
                 choice = Choice(image.name, partial(frozenset, provides))
                 stages[provides] = _Stages(validate(ShowConfig, content, "show-objects", choice))
                 notes |= dict.fromkeys(choice.notes)
-            if units := units_note([replace(shot.panorama, id=image.name)]):
-                notes[f"warning: {units}"] = None
+            notes |= {f"warning: {note}": None for note in _range_notes(image, shot, encoding)}
             views.append(_show(image, picture, shot, stages[provides]))
         except SETUP_ERRORS:
             raise
@@ -229,6 +229,18 @@ def _open(
     if fov_deg is None:
         return open_panorama(image, range_image, encoding)
     return open_photograph(image, np.radians(fov_deg), np.radians(pitch_deg or 0.0), range_image, encoding)
+
+
+def _range_notes(image: Path, shot: Shot, encoding: RangeEncoding) -> list[str]:
+    """Return warnings on the unit of the range and on values without a reading."""
+    panorama = replace(shot.panorama, id=image.name)
+    if shot.depth_steps is None:
+        missing = missing_note([panorama])
+    else:
+        known = np.where(np.isin(shot.depth_steps, encoding.missing), 0, shot.depth_steps)
+        shares = missing_values(known, is_panorama=False)
+        missing = missing_line(shares, f"depth image of {image.name}", encoding) if shares else None
+    return [note for note in (units_note([panorama]), missing) if note]
 
 
 class _Stages:

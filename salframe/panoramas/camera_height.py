@@ -6,11 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 from salframe.panoramas.geometry import equirectangular_rays
-from salframe.panoramas.panorama import Panorama
-
-_Source = ReferenceFrame | QueryFrame | Panorama
+from salframe.panoramas.samples import Frame, load_samples
 
 NUM_ROWS = 96
 """Approximate number of rows after subsampling: 2 deg per pixel."""
@@ -92,13 +89,14 @@ def _slope_cosine(points: np.ndarray) -> np.ndarray:
         return np.abs(normal[..., 2]) / np.linalg.norm(normal, axis=-1)
 
 
-def units_note(frames: Sequence[_Source]) -> str | None:
+def units_note(frames: Sequence[Frame]) -> str | None:
     """Return a one-line warning where the ranges seem to be in a wrong unit; None where they do not.
 
     A few of the frames are loaded. The warning is returned where the median height of the camera above the floor is
     not plausible. Panoramas without range or without a floor, and those that cannot be read, are ignored.
     """
-    heights = {frame.id: height for frame in _sample(frames) if (height := _height_of(frame)) is not None}
+    panoramas = [panorama for panorama in load_samples(frames, NUM_FRAMES) if panorama.range_m is not None]
+    heights = {panorama.id: height for panorama in panoramas if (height := camera_height(panorama.range_m)) is not None}
     if not heights:
         return None
     height_m = float(np.median(list(heights.values())))
@@ -112,18 +110,3 @@ def units_note(frames: Sequence[_Source]) -> str | None:
     plausible = min_m <= height_m * factor <= max_m
     cause = f"ranges may be about {times}, likely {UNITS[factor]}" if plausible else "are its ranges in metres?"
     return f"the floor lies {height_m:.3g} m below the camera ({source}), expected {min_m:g} to {max_m:g} m: {cause}"
-
-
-def _sample(frames: Sequence[_Source]) -> list[_Source]:
-    """Return NUM_FRAMES frames at equal distances, among them the first and the last."""
-    if not frames:
-        return []
-    return [frames[i] for i in sorted({round(i) for i in np.linspace(0, len(frames) - 1, NUM_FRAMES)})]
-
-
-def _height_of(frame: _Source) -> float | None:
-    try:
-        panorama = frame if isinstance(frame, Panorama) else frame.load()
-    except Exception:  # raised by a plugin; the code that uses the frame later reports the error
-        return None
-    return None if panorama.range_m is None else camera_height(panorama.range_m)

@@ -17,8 +17,9 @@ from salframe.framework.files.reading import read_model, read_table
 from salframe.framework.files.writing import atomic_path, write_json
 from salframe.framework.validation import Settings
 from salframe.panoramas import images
+from salframe.panoramas.camera_height import USUAL_M
 from salframe.panoramas.dataset import MANIFEST
-from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.floors import MAX_CAMERA_M, SAME_FLOOR_M, FloorMasks, check_heights
 from salframe.panoramas.frames import FrameKind, QueryFrame, ReferenceFrame, Truth
 from salframe.panoramas.geometry import is_rigid
 from salframe.panoramas.panorama import Annotations, Panorama
@@ -33,6 +34,8 @@ _WRITTEN_AS = {
     "valid": ("valid", ".valid.png"),
 }
 """Parts of a panorama: the key in the manifest, and the ending of the file name."""
+MIN_STOREY_M = 2.4
+"""Minimum height of a storey. Cameras whose heights differ by more stand on different floors."""
 
 
 def _rigid(pose: tuple[float, ...] | None) -> tuple[float, ...] | None:
@@ -113,7 +116,7 @@ class FloorEntry(Settings):
     resolution_m: PositiveFloat
     origin_m: tuple[float, float]
     regions: dict[int, str]
-    z_m: float = 0.0
+    z_m: float | None = None
 
 
 class Manifest(RangeKeys):
@@ -226,7 +229,7 @@ class Folder:
     def floors(self) -> list[FloorMasks]:
         """Read the floor masks."""
         floors = []
-        for floor in self.manifest.floors:
+        for floor, z_m in zip(self.manifest.floors, self._floor_heights(), strict=True):
             free, obstacle = (images.read_mask(self.root / name) for name in (floor.free, floor.obstacle))
             region = images.read_ids(self.root / floor.region)
             if not free.shape == obstacle.shape == region.shape:
@@ -234,10 +237,35 @@ class Folder:
                 raise DataError(
                     f"{self.root}: the masks free, region and obstacle of a floor are {shapes}, expected equal sizes"
                 )
-            floors.append(
-                FloorMasks(free, region, obstacle, floor.resolution_m, floor.origin_m, floor.regions, floor.z_m)
-            )
+            floors.append(FloorMasks(free, region, obstacle, floor.resolution_m, floor.origin_m, floor.regions, z_m))
+        check_heights(floors)
         return floors
+
+    def _floor_heights(self) -> list[float]:
+        """Return the height of each floor in metres.
+
+        A single floor without `z_m` is at 0 where the cameras can stand on it there, else USUAL_M below the lowest one.
+
+        Raises:
+            DataError: A floor has no `z_m`, and there are several floors, or the cameras stand on more than one storey.
+        """
+        heights_m = [floor.z_m for floor in self.manifest.floors]
+        if None not in heights_m:
+            return [height_m for height_m in heights_m if height_m is not None]
+        if len(heights_m) > 1:
+            raise DataError(
+                f"{self.root / MANIFEST}: {heights_m.count(None)} of {len(heights_m)} floors have no z_m, expected the "
+                "height of each floor in the world in metres"
+            )
+        cameras_m = [frame.pose[11] for frame in self.manifest.frames if frame.pose is not None]
+        lowest_m, highest_m = min(cameras_m), max(cameras_m)
+        if highest_m - lowest_m > MIN_STOREY_M:
+            raise DataError(
+                f"{self.root / MANIFEST}: the floor has no z_m, and the cameras are at z = {lowest_m:.2f} to "
+                f"{highest_m:.2f} m, more than one storey: expected the height of the floor in the world in metres"
+            )
+        on_zero = lowest_m > -SAME_FLOOR_M and highest_m <= MAX_CAMERA_M
+        return [0.0 if on_zero else max(lowest_m - USUAL_M, highest_m - MAX_CAMERA_M)]
 
     @cached_property
     def fingerprint(self) -> str:

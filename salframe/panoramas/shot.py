@@ -31,11 +31,13 @@ class Shot:
         rgb: (H, W, 3) uint8, the original image.
         panorama: The panorama for components.
         camera: The camera of a photograph; None for a panorama.
+        depth_steps: (h, w) int32, values of the depth image of a photograph; None where there is none.
     """
 
     rgb: np.ndarray
     panorama: Panorama
     camera: Pinhole | None = None
+    depth_steps: np.ndarray | None = None
 
 
 def read_panorama(
@@ -166,7 +168,7 @@ def open_photograph(
         small_camera = Pinhole.of_field_of_view(*size, hfov_rad, pitch_rad)
     else:
         small_rgb = rgb
-    return Shot(rgb, small_camera.panorama(image.name, small_rgb, depth_m, rows), camera)
+    return Shot(rgb, small_camera.panorama(image.name, small_rgb, depth_m, rows), camera, steps)
 
 
 def _in_manifest(image: Path) -> Panorama | None:

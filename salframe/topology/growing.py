@@ -15,7 +15,7 @@ from salframe.localization.localizer import Localizer
 from salframe.localization.map import LocalizationMap
 from salframe.localization.map_files import MapParts, read_map, write_map
 from salframe.localization.preparing import Tell, silent
-from salframe.panoramas.camera_height import units_note
+from salframe.panoramas.data_checks import data_notes
 from salframe.panoramas.floors import FloorMasks, join_floors, without_places
 from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.opening import Progress, find_dataset, reference_frames
@@ -85,8 +85,8 @@ def add_to_map(
     read_map(directory, MapParts.read_config)  # report a missing map before the data are prepared
     dataset = find_dataset(data, data_dir, overrides, progress, engine)
     frames = reference_frames(dataset)
-    if units := units_note(frames):
-        tell(f"warning: {units}")
+    for note in data_notes(dataset):
+        tell(f"warning: {note}")
 
     def add(localization: LocalizationMap, floors: Sequence[FloorMasks]) -> Sequence[FloorMasks]:
         places = {frame.place for frame in frames}
