@@ -238,7 +238,7 @@ def _range_notes(image: Path, shot: Shot, encoding: RangeEncoding) -> list[str]:
         missing = missing_note([panorama])
     else:
         known = np.where(np.isin(shot.depth_steps, encoding.missing), 0, shot.depth_steps)
-        shares = missing_values(known, is_panorama=False)
+        shares = missing_values(known)
         missing = missing_line(shares, f"depth image of {image.name}", encoding) if shares else None
     return [note for note in (units_note([panorama]), missing) if note]
 

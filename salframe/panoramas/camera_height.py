@@ -95,8 +95,11 @@ def units_note(frames: Sequence[Frame]) -> str | None:
     A few of the frames are loaded. The warning is returned where the median height of the camera above the floor is
     not plausible. Panoramas without range or without a floor, and those that cannot be read, are ignored.
     """
-    panoramas = [panorama for panorama in load_samples(frames, NUM_FRAMES) if panorama.range_m is not None]
-    heights = {panorama.id: height for panorama in panoramas if (height := camera_height(panorama.range_m)) is not None}
+    heights = {}
+    for panorama in load_samples(frames, NUM_FRAMES):
+        height = None if panorama.range_m is None else camera_height(panorama.range_m)
+        if height is not None:
+            heights[panorama.id] = height
     if not heights:
         return None
     height_m = float(np.median(list(heights.values())))

@@ -12,11 +12,17 @@ from salframe.panoramas.range_encoding import MILLIMETRE, RangeEncoding
 from salframe.panoramas.samples import Frame, load_samples
 
 MIN_SHARE = 0.003
-"""Minimum share of the pixels with the value, by solid angle."""
+"""Minimum share of the known pixels with the value, by solid angle."""
+MAX_PIXELS = 0.52
+"""Maximum share of all pixels with the value. A value that fills more is the background of a drawn image."""
 MIN_RATIO = 8.0
 """Minimum ratio of this share to that of the values next to it. A surface has similar shares of neighbouring values."""
 NUM_NEIGHBOURS = 8
-"""Number of values to compare with, among those that occur: this number below, and this number above."""
+NEAR = 0.25
+"""Maximum number of values to compare with on either side, among those that occur, and their maximum relative
+difference."""
+MIN_OUTSIDE = 2.0
+"""Minimum ratio of the value to those of all surfaces, or of those to it, where whole surfaces have one value."""
 MIN_VALUES = 50
 """Minimum number of values that occur. An image with fewer values is drawn, not measured."""
 MIN_GAP = 0.02
@@ -30,9 +36,7 @@ NUM_FRAMES = 6
 """Number of panoramas to check."""
 
 
-def missing_values(
-    steps: np.ndarray, weights: np.ndarray | None = None, *, is_panorama: bool = True
-) -> dict[int, float]:
+def missing_values(steps: np.ndarray, weights: np.ndarray | None = None) -> dict[int, float]:
     """Return the values of a range image that likely mean no reading, each with its share of the known pixels.
 
     Such a value fills many more pixels than the values next to it, and the range jumps almost everywhere around it.
@@ -40,7 +44,6 @@ def missing_values(
     Args:
         steps: (h, w) values of the file; 0 where the range is unknown.
         weights: (h, w) or (h, 1) solid angle of the pixels; None: equal.
-        is_panorama: Whether the first and the last column are neighbours.
     """
     known = steps > 0
     weight = np.broadcast_to(1.0 if weights is None else weights, steps.shape)[known]
@@ -48,22 +51,34 @@ def missing_values(
     if len(values) < MIN_VALUES:
         return {}
     shares = np.bincount(index, weight) / weight.sum()
-    found = {}
+    candidates = {}
     for number in np.flatnonzero(shares >= MIN_SHARE):
-        beside = np.r_[shares[max(0, number - NUM_NEIGHBOURS) : number], shares[number + 1 :][:NUM_NEIGHBOURS]]
         value, share = int(values[number]), float(shares[number])
-        if number == len(values) - 1 and value - values[number - 1] < MIN_GAP * value:
-            continue
-        if share >= MIN_RATIO * beside.max() and _jump_share(steps, value, is_panorama) >= MIN_JUMP_SHARE:
-            found[value] = share
+        first, last = np.searchsorted(values, [value * (1 - NEAR), value * (1 + NEAR)])
+        first, last = max(first, number - NUM_NEIGHBOURS), min(last, number + NUM_NEIGHBOURS + 1)
+        beside = np.r_[shares[first:number], shares[number + 1 : last]].max(initial=0)
+        is_limit = number == len(values) - 1 and value - values[number - 1] < MIN_GAP * value
+        if share >= MIN_RATIO * beside and not is_limit and np.mean(steps == value) <= MAX_PIXELS:
+            candidates[value] = share
+    found = {}
+    while candidates:  # pixels without a reading make surfaces look disconnected, so that they are removed one by one
+        jumps = {value: _jump_share(steps, value) for value in candidates}
+        value = max(jumps, key=lambda value: jumps[value])
+        if jumps[value] < MIN_JUMP_SHARE:
+            break
+        found[value] = candidates.pop(value)
+        steps = np.where(steps == value, 0, steps)
+    if candidates:  # whole surfaces have one value, as in z-depth: only values outside the range of all surfaces count
+        surfaces = np.setdiff1d(values, list(found))
+        found = {
+            v: share for v, share in found.items() if MIN_OUTSIDE * v < surfaces[0] or v > MIN_OUTSIDE * surfaces[-1]
+        }
     return found
 
 
-def _jump_share(steps: np.ndarray, value: int, is_panorama: bool) -> float:
+def _jump_share(steps: np.ndarray, value: int) -> float:
     """Return the share of pixel pairs at the edge of the pixels with a value where the range jumps."""
     pairs = [(steps[1:], steps[:-1]), (steps[:, 1:], steps[:, :-1])]
-    if is_panorama:
-        pairs.append((steps[:, :1], steps[:, -1:]))
     first, second = (np.concatenate([pair[side].ravel() for pair in pairs]).astype(np.int64) for side in (0, 1))
     at_edge = ((first == value) != (second == value)) & (first > 0) & (second > 0)
     first, second = first[at_edge], second[at_edge]

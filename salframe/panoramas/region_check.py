@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from salframe.framework.errors import DataError
-from salframe.panoramas.floors import FloorMasks, floor_numbers, floor_pixels
+from salframe.panoramas.floors import FloorMasks, check_heights, floor_numbers, floor_pixels
 from salframe.panoramas.frames import FrameKind, ReferenceFrame
 
 MAX_OFFSET_M = {FrameKind.SCENE: 0.5, FrameKind.TRANSITION: 0.75}
@@ -19,6 +19,8 @@ MAX_SHARE = 0.05
 """Maximum share of frames that may stand outside the region of their place."""
 NUM_LISTED = 3
 """Number of frames to name in a warning."""
+MAX_FRAMES = 100
+"""Maximum number of frames with which possible causes are tried."""
 SHIFTS_M = np.arange(-3.0, 3.01, 0.5)
 SCALES = 0.1, 0.5, 2.0, 10.0
 """Shifts along x and y, and factors of the resolution, that are tried to find the cause of wrong masks."""
@@ -85,8 +87,10 @@ def check_regions(frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks]
     """Return a one-line warning where frames stand outside the region of their place; None where all stand in it.
 
     Raises:
-        DataError: More than MAX_SHARE of the frames do. The message names the likely cause.
+        DataError: More than MAX_SHARE of the frames do, or two floors have the same height. The message names the
+            likely cause.
     """
+    check_heights(floors)
     comparison = compare_regions(frames, floors)
     strangers = comparison.strangers
     if not strangers:
@@ -119,8 +123,10 @@ def _regions_near(floor: FloorMasks, frame: ReferenceFrame) -> tuple[str | None,
 
 def _likely_cause(frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks], strangers: Sequence[Stranger]) -> str:
     """Return what is likely wrong: the first change of the masks that makes frames and regions agree."""
+    sample = frames[:: 1 + len(frames) // MAX_FRAMES]
     for cause, changed in _changes(frames, floors, strangers):
-        if not compare_regions(frames, changed).is_contradiction:
+        comparison = compare_regions(sample, changed)
+        if comparison.num_compared and not comparison.is_contradiction:
             return cause
     return "compare `place`, `pose`, `regions`, `z_m` and `origin_m` in manifest.json; a storey may have no masks"
 
@@ -129,17 +135,17 @@ def _changes(
     frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks], strangers: Sequence[Stranger]
 ) -> Iterator[tuple[str, list[FloorMasks]]]:
     """Yield likely causes of strangers, and the floors without this error."""
-    names = _renaming(strangers)
-    renamed = ", ".join(f"{region} is {place}" for region, place in list(names.items())[:NUM_LISTED])
-    yield (
-        f"names in `regions` may be swapped ({renamed})",
-        [replace(f, regions={label: names.get(name, name) for label, name in f.regions.items()}) for f in floors],
-    )
     heights_m = _heights(frames, floors)
     listed = ", ".join(f"{floor.z_m:g}" for floor in floors)
     yield (
         f"z_m may be wrong ({listed}), expected the height of each floor below its cameras",
         [replace(floor, z_m=z_m) for floor, z_m in zip(floors, heights_m, strict=True)],
+    )
+    names = _renaming(strangers)
+    renamed = ", ".join(f"{region} is {place}" for region, place in list(names.items())[:NUM_LISTED])
+    yield (
+        f"names in `regions` may be swapped ({renamed})",
+        [replace(f, regions={label: names.get(name, name) for label, name in f.regions.items()}) for f in floors],
     )
     for axis, edge in ((0, "row 0 must be at the largest y"), (1, "column 0 must be at the smallest x")):
         yield f"masks may be mirrored: {edge}", [_flipped(floor, axis) for floor in floors]
