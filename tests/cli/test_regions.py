@@ -34,7 +34,7 @@ def swapped(tmp_path, monkeypatch):
     names = [frame.place for frame in references]
     masks = FloorMasks(region > 0, region, region < 0, 0.1, (left_m, top_m), dict(enumerate(names[1:] + names[:1], 1)))
     floor = write_floor(root, "floor", masks)
-    truth = {name: entry for name, entry in json.loads((root / "truth.json").read_text())["queries"].items()}
+    truth = json.loads((root / "truth.json").read_text())["queries"]
     write_manifest(root, folder.manifest.frames, truth, objects="objects.parquet", floors=[floor])
     return root
 
