@@ -40,14 +40,18 @@ def info(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, as
     Renders the dataset first if necessary.
     """
     from salframe.cli.output import Bars, tell
+    from salframe.framework.errors import DataError
     from salframe.panoramas.data_checks import data_notes
     from salframe.panoramas.opening import find_dataset, reference_frames
 
     with Bars() as bars:
         dataset = find_dataset(data, data_dir, overrides or (), bars.update)
     folds, references = dataset.folds(), reference_frames(dataset)
-    for note in data_notes(dataset):
-        tell(f"warning: {note}")
+    try:
+        for note in data_notes(dataset):
+            tell(f"warning: {note}")
+    except DataError as error:  # building a map stops with it
+        tell(f"warning: {error}")
     queries = {query.id for fold in folds for query in fold.queries}
     facts = {
         "name": dataset.name,

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from salframe.cli.options import DataDir, Json, Set
+from salframe.cli.options import DataDir, Json, RangeMissing, RangeUnit, Set, range_options
 from salframe.cli.output import print_json
 
 if TYPE_CHECKING:
@@ -26,15 +26,14 @@ def localize(
     rgb: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Equirectangular colour image, instead of FRAME")
     ] = None,
-    range_image: Annotated[
-        Path | None, typer.Option("--range", metavar="FILE", help="Range image, 16-bit PNG, measured along the ray")
+    range_image: Annotated[Path | None, typer.Option("--range", metavar="FILE", help="Range image, 16-bit PNG")] = None,
+    range_unit: RangeUnit = None,
+    range_missing: RangeMissing = None,
+    range_kind: Annotated[
+        Literal["ray", "cube"] | None,
+        typer.Option(help="Range along the ray, or z-depth of stitched cube faces (default: ray)"),
     ] = None,
-    range_unit: Annotated[
-        float, typer.Option(metavar="METRES", min=1e-6, help="Size of one step of the range image")
-    ] = 0.001,
-    z_depth: Annotated[
-        bool, typer.Option("--z-depth", help="Range image holds the z-depth of stitched cube faces")
-    ] = False,
+    z_depth: Annotated[bool, typer.Option("--z-depth", help="Short for --range-kind cube")] = False,
     instances: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Object ids, 16-bit PNG, 0 for no object")
     ] = None,
@@ -59,10 +58,11 @@ def localize(
     if loose == (frame is not None):
         received = "both a frame and images" if loose else "neither a frame nor images"
         raise ConfigError(f"received {received}, expected either FRAME or image files such as --rgb FILE")
+    encoding = range_options(range_image, range_unit, range_missing, "cube" if z_depth else range_kind)
     saved_map = open_map(map)
     query: Panorama | ReferenceFrame | QueryFrame
     if frame is None:
-        query = read_panorama(rgb, range_image, instances, labels, range_unit_m=range_unit, z_depth=z_depth)
+        query = read_panorama(rgb, range_image, instances, labels, **encoding)
     else:
         with Bars() as bars:
             query = open_frame(frame, data, data_dir, overrides or (), bars.update)

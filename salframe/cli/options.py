@@ -61,11 +61,38 @@ Timeout = Annotated[
 ]
 Memory = Annotated[float | None, typer.Option("--memory", metavar="MB", help="Memory limit of a method")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON")]
+RangeUnit = Annotated[
+    float | None, typer.Option(metavar="METRES", min=1e-6, help="Size of one step of the range image (default: 0.001)")
+]
+RangeMissing = Annotated[
+    list[int] | None,
+    typer.Option(
+        metavar="VALUE", min=0, max=65535, help="Value of the range image without a reading, besides 0; repeatable"
+    ),
+]
 
 
 def split_names(names: str) -> tuple[str, ...]:
     """Return the names in a comma-separated list."""
     return tuple(name.strip() for name in names.split(",") if name.strip())
+
+
+def range_options(
+    range_image: Path | None, unit_m: float | None, missing: Sequence[int] | None, kind: str | None
+) -> dict[str, Any]:
+    """Return the options of a range image that the user set, as arguments of functions that read it.
+
+    Raises:
+        ConfigError: An option was set without a range image.
+    """
+    values = {"range_unit_m": unit_m, "range_missing": tuple(missing) if missing else None, "range_kind": kind}
+    chosen = {name: value for name, value in values.items() if value is not None}
+    if chosen and range_image is None:
+        from salframe.framework.errors import ConfigError
+
+        option = next(iter(chosen)).removesuffix("_m").replace("_", "-")
+        raise ConfigError(f"received --{option} without --range, expected the range image that it describes")
+    return chosen
 
 
 def with_workers(overrides: list[str] | None, workers: int | None) -> tuple[str, ...]:

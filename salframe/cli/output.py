@@ -69,11 +69,13 @@ def tell(line: str) -> None:
 
 
 def warn_units(frames: Sequence[ReferenceFrame | QueryFrame | Panorama]) -> None:
-    """Print a warning if the ranges of frames seem to have the wrong unit."""
+    """Print a warning if the ranges of frames seem to have the wrong unit, or undeclared values without a reading."""
     from salframe.panoramas.camera_height import units_note
+    from salframe.panoramas.range_missing import missing_note
 
-    if note := units_note(frames):
-        tell(f"warning: {note}")
+    for note in (units_note(frames), missing_note(frames)):
+        if note:
+            tell(f"warning: {note}")
 
 
 class Bars:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
-from salframe.cli.options import Json
+from salframe.cli.options import Json, RangeMissing, RangeUnit, range_options
 from salframe.cli.output import print_json, tell
 
 
@@ -24,8 +24,13 @@ def show_objects(
         ),
     ] = None,
     range_image: Annotated[
-        Path | None,
-        typer.Option("--range", metavar="FILE", help="Range image of a single IMAGE, 16-bit PNG in millimetres"),
+        Path | None, typer.Option("--range", metavar="FILE", help="Range image of a single IMAGE, 16-bit PNG")
+    ] = None,
+    range_unit: RangeUnit = None,
+    range_missing: RangeMissing = None,
+    range_kind: Annotated[
+        Literal["ray", "z", "cube"] | None,
+        typer.Option(help="What the range image holds (default: ray for panoramas, z for photographs)"),
     ] = None,
     fov: Annotated[
         float | None, typer.Option(metavar="DEG", help="Horizontal field of view, if the images are photographs")
@@ -41,9 +46,9 @@ def show_objects(
     """Draw the objects that a detector finds in images.
 
     Each picture, NAME.objects.png, has the outlines, labels and scores of the objects, the saliency graph from above
-    (without range: the bearings), and a table. Range is measured along the ray in panoramas and is the z-depth in
-    photographs. An image that is listed in a manifest.json has the range of its frame. The exit status is 1 if an image
-    cannot be shown.
+    (without range: the bearings), and a table. A range image holds range along the ray (ray), depth along the optical
+    axis of a photograph (z), or the z-depth of the stitched cube faces of a panorama (cube). An image that is listed in
+    a manifest.json has the range of its frame. The exit status is 1 if an image cannot be shown.
     """
     from salframe.cli.output import Bars
     from salframe.drawing.show_objects import show_objects
@@ -55,6 +60,7 @@ def show_objects(
             detector=detector,
             overrides=overrides or (),
             range_image=range_image,
+            **range_options(range_image, range_unit, range_missing, range_kind),
             fov_deg=fov,
             pitch_deg=pitch,
             progress=bars.update if len(images) > 1 else None,

@@ -39,6 +39,8 @@ from salframe.graphs.saliency import SaliencyModel
 from salframe.panoramas.camera_height import units_note
 from salframe.panoramas.opening import Progress
 from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.range_encoding import MILLIMETRE, RangeEncoding, RangeKind
+from salframe.panoramas.range_missing import missing_line, missing_note, missing_values
 
 if TYPE_CHECKING:
     from salframe.panoramas.shot import Shot
@@ -127,6 +129,9 @@ def show_objects(
     detector: str | None = None,
     overrides: Sequence[str] = (),
     range_image: str | Path | None = None,
+    range_unit_m: float = MILLIMETRE,
+    range_missing: Sequence[int] = (),
+    range_kind: RangeKind | str | None = None,
     fov_deg: float | None = None,
     pitch_deg: float | None = None,
     progress: Progress | None = None,
@@ -141,8 +146,11 @@ def show_objects(
         output: Folder for the pictures.
         detector: Name of the detector, None for the default.
         overrides: Settings of ShowConfig, "key.path=value" each.
-        range_image: 16-bit range image in millimetres, for a single image: range along the ray for a panorama, z-depth
-            for a photograph.
+        range_image: 16-bit range image, for a single image.
+        range_unit_m: Metres per step of the range image.
+        range_missing: Values of the range image that mean no reading, besides 0.
+        range_kind: "ray": range along the ray, the default for panoramas; "z": z-depth of a photograph, the default for
+            photographs; "cube": z-depth of the stitched cube faces of a panorama.
         fov_deg: Horizontal field of view of photographs, in degrees; None for panoramas.
         pitch_deg: Angle by which the camera of the photographs looks up, in degrees.
         progress: Called with the name of the step, the number of images done and their total number.
@@ -153,6 +161,8 @@ def show_objects(
     paths, output = [Path(image) for image in images], Path(output)
     range_image = None if range_image is None else Path(range_image)
     _check(paths, output, range_image, fov_deg, pitch_deg)
+    default_kind = RangeKind.RAY if fov_deg is None else RangeKind.Z
+    encoding = RangeEncoding(range_unit_m, tuple(range_missing), range_kind or default_kind)
     content = _nest(detector, overrides)
     stages: dict[frozenset[str], _Stages] = {}  # by the inputs of an image, on which `auto` depends
     views, failures = [], {}
@@ -163,14 +173,13 @@ def show_objects(
         try:
             picture = output / (image.stem + SUFFIX)
             _check_picture(picture)
-            shot = _open(image, range_image, fov_deg, pitch_deg)
+            shot = _open(image, range_image, encoding, fov_deg, pitch_deg)
             provides = shot.panorama.provides
             if provides not in stages:
                 choice = Choice(image.name, partial(frozenset, provides))
                 stages[provides] = _Stages(validate(ShowConfig, content, "show-objects", choice))
                 notes |= dict.fromkeys(choice.notes)
-            if units := units_note([replace(shot.panorama, id=image.name)]):
-                notes[f"warning: {units}"] = None
+            notes |= {f"warning: {note}": None for note in _range_notes(image, shot, encoding)}
             views.append(_show(image, picture, shot, stages[provides]))
         except SETUP_ERRORS:
             raise
@@ -212,12 +221,26 @@ def _nest(detector: str | None, overrides: Sequence[str]) -> dict[str, Any]:
     return content
 
 
-def _open(image: Path, range_image: Path | None, fov_deg: float | None, pitch_deg: float | None) -> Shot:
+def _open(
+    image: Path, range_image: Path | None, encoding: RangeEncoding, fov_deg: float | None, pitch_deg: float | None
+) -> Shot:
     from salframe.panoramas.shot import open_panorama, open_photograph
 
     if fov_deg is None:
-        return open_panorama(image, range_image)
-    return open_photograph(image, np.radians(fov_deg), np.radians(pitch_deg or 0.0), range_image)
+        return open_panorama(image, range_image, encoding)
+    return open_photograph(image, np.radians(fov_deg), np.radians(pitch_deg or 0.0), range_image, encoding)
+
+
+def _range_notes(image: Path, shot: Shot, encoding: RangeEncoding) -> list[str]:
+    """Return warnings on the unit of the range and on values without a reading."""
+    panorama = replace(shot.panorama, id=image.name)
+    if shot.depth_steps is None:
+        missing = missing_note([panorama])
+    else:
+        known = np.where(np.isin(shot.depth_steps, encoding.missing), 0, shot.depth_steps)
+        shares = missing_values(known)
+        missing = missing_line(shares, f"depth image of {image.name}", encoding) if shares else None
+    return [note for note in (units_note([panorama]), missing) if note]
 
 
 class _Stages:

@@ -6,11 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from salframe.panoramas.frames import QueryFrame, ReferenceFrame
+from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.geometry import equirectangular_rays
-from salframe.panoramas.panorama import Panorama
-
-_Source = ReferenceFrame | QueryFrame | Panorama
+from salframe.panoramas.samples import Frame, load_samples
 
 NUM_ROWS = 96
 """Approximate number of rows after subsampling: 2 deg per pixel."""
@@ -94,7 +92,7 @@ def _slope_cosine(points: np.ndarray) -> np.ndarray:
         return np.abs(normal[..., 2]) / np.linalg.norm(normal, axis=-1)
 
 
-def units_note(frames: Sequence[_Source], camera_z_m: Sequence[float] = ()) -> str | None:
+def units_note(frames: Sequence[Frame], camera_z_m: Sequence[float] = ()) -> str | None:
     """Return a one-line warning where the ranges seem to be in a wrong unit; None where they do not.
 
     A few of the frames are loaded. The warning is returned where the median height of the camera above the floor is
@@ -106,34 +104,24 @@ def units_note(frames: Sequence[_Source], camera_z_m: Sequence[float] = ()) -> s
         camera_z_m: World z of other cameras in this building, such as those of the map of a query. Like the poses of
             reference frames, they confirm a height that is equal to the z of a camera (MIN_CONFIRMED_M and more).
     """
-    heights = {frame: height for frame in _sample(frames) if (height := _height_of(frame)) is not None}
+    heights = {}
+    z_m = list(camera_z_m)
+    for frame, panorama in load_samples(frames, NUM_FRAMES):
+        height = None if panorama.range_m is None else camera_height(panorama.range_m)
+        if height is not None:
+            heights[panorama.id] = height
+            z_m += [float(frame.T_world_pano[2, 3])] if isinstance(frame, ReferenceFrame) else []
     if not heights:
         return None
     height_m = float(np.median(list(heights.values())))
     min_m, max_m = PLAUSIBLE_M
-    z_m = [*camera_z_m, *(float(frame.T_world_pano[2, 3]) for frame in heights if isinstance(frame, ReferenceFrame))]
     is_confirmed = height_m >= MIN_CONFIRMED_M and bool(np.isclose(z_m, height_m, rtol=0.15, atol=0.05).any())
     if min_m <= height_m <= max_m or (is_confirmed and height_m <= 2 * max_m):
         return None
-    first = next(iter(heights)).id
+    first = next(iter(heights))
     source = f"in {first}" if len(heights) == 1 else f"median of {len(heights)} panoramas from {first} on"
     factor = min(UNITS, key=lambda factor: abs(np.log(height_m * factor / USUAL_M)))
     times = f"{round(max(factor, 1 / factor), 2):g} times too {'large' if factor < 1 else 'small'}"
     plausible = min_m <= height_m * factor <= max_m
     cause = f"ranges may be about {times}, likely {UNITS[factor]}" if plausible else "are its ranges in metres?"
     return f"the floor lies {height_m:.3g} m below the camera ({source}), expected {min_m:g} to {max_m:g} m: {cause}"
-
-
-def _sample(frames: Sequence[_Source]) -> list[_Source]:
-    """Return NUM_FRAMES frames at equal distances, among them the first and the last."""
-    if not frames:
-        return []
-    return [frames[i] for i in sorted({round(i) for i in np.linspace(0, len(frames) - 1, NUM_FRAMES)})]
-
-
-def _height_of(frame: _Source) -> float | None:
-    try:
-        panorama = frame if isinstance(frame, Panorama) else frame.load()
-    except Exception:  # raised by a plugin; the code that uses the frame later reports the error
-        return None
-    return None if panorama.range_m is None else camera_height(panorama.range_m)

@@ -13,6 +13,8 @@ from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.opening import reference_frames
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.pose_checks import pose_notes
+from salframe.panoramas.range_missing import missing_note
+from salframe.panoramas.region_check import check_regions
 
 MAX_HEIGHT_ERROR = 0.07
 """Maximum relative difference of two heights of one camera."""
@@ -21,14 +23,16 @@ MAX_HEIGHT_ERROR = 0.07
 def data_notes(dataset: Dataset) -> list[str]:
     """Return warnings about a prepared dataset; empty where its conventions are as expected.
 
-    The unit of the ranges and the poses of the first fold are checked on a sample of the reference frames.
+    The unit of the ranges, values without a reading and the poses of the first fold are checked on a sample of the
+    reference frames, the places and the up directions on all of them.
 
     Raises:
-        DataError: Many panoramas are not upright by their poses.
+        DataError: Many panoramas are not upright by their poses, many frames stand outside the region of their place,
+            or the floor masks are malformed.
     """
-    folds = dataset.folds()
-    units = units_note(reference_frames(dataset))
-    return [*([units] if units else []), *(pose_notes(folds[0].references, dataset.floors()) if folds else [])]
+    folds, frames, floors = dataset.folds(), reference_frames(dataset), dataset.floors()
+    notes = units_note(frames), missing_note(frames), check_regions(frames, floors)
+    return [*(note for note in notes if note), *(pose_notes(folds[0].references, floors) if folds else [])]
 
 
 def query_notes(panorama: Panorama, references: Sequence[ReferenceFrame] = ()) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
-from itertools import count
+from itertools import combinations, count
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +31,8 @@ _FLOOR = {
 """Arrays of one floor in floors.npz."""
 SAME_FLOOR_M = 0.5
 """Minimum difference in height between two floors. Masks that are closer belong to the same floor."""
+MAX_CAMERA_M = 2.8
+"""Maximum height of a camera above its floor. A higher camera is on a storey above."""
 MAX_PIXELS = 1 << 28
 """Maximum number of pixels of joined masks."""
 MAX_EMPTY_RATIO = 4.0
@@ -52,7 +54,7 @@ class FloorMasks:
         resolution_m: Side of a pixel in metres.
         origin_m: x and y of the upper left corner of the masks in the world, in metres.
         regions: Place of each region label.
-        z_m: Height of the floor in the world. A frame belongs to the highest floor below it.
+        z_m: Height of the floor in the world. A frame belongs to the highest floor below it, up to MAX_CAMERA_M.
 
     Raises:
         DataError: The masks differ in size, or the resolution is not positive.
@@ -102,22 +104,47 @@ def _stay_apart(floor: FloorMasks, other: FloorMasks) -> bool:
 
 
 def find_floor(floors: Sequence[FloorMasks], xyz_m: Sequence[float] | np.ndarray) -> int | None:
-    """Return the index of the floor that a camera or an agent is on; None where it is outside all masks.
-
-    It is on the highest floor below it whose masks cover its position.
+    """Return the index of the floor that a camera or an agent is on; None where it is on none. See `floor_numbers`.
 
     Args:
         floors: Floors, sorted by height.
         xyz_m: Position in the world.
     """
-    for number in reversed(range(len(floors))):
-        floor = floors[number]
-        column = (xyz_m[0] - floor.origin_m[0]) / floor.resolution_m
-        row = (floor.origin_m[1] - xyz_m[1]) / floor.resolution_m
-        over = 0 <= row < floor.free.shape[0] and 0 <= column < floor.free.shape[1]
-        if over and (floor.z_m <= xyz_m[2] or len(floors) == 1):
-            return number
-    return None
+    number = int(floor_numbers(floors, np.reshape(xyz_m, (1, 3)))[0])
+    return None if number < 0 else number
+
+
+def floor_numbers(floors: Sequence[FloorMasks], xyz_m: np.ndarray) -> np.ndarray:
+    """Return the index of the floor that each camera is on, (N,) int; -1 where it is on none.
+
+    It is on the highest floor below it whose masks cover its position, and at most MAX_CAMERA_M above that floor.
+    Where no floor is below it, it may be on a floor less than SAME_FLOOR_M above it.
+
+    Args:
+        floors: Floors, sorted by height.
+        xyz_m: (N, 3) positions in the world.
+    """
+    numbers = np.full(len(xyz_m), -1)
+    for max_sink_m in (SAME_FLOOR_M, 0.0):  # floors below the camera come last and replace the others
+        for number, floor in enumerate(floors):
+            row, column = floor_pixels(floor, xyz_m[:, :2]).T
+            over = (row >= 0) & (row < floor.free.shape[0]) & (column >= 0) & (column < floor.free.shape[1])
+            height_m = xyz_m[:, 2] - floor.z_m
+            numbers[over & (height_m >= -max_sink_m) & (height_m <= MAX_CAMERA_M)] = number
+    return numbers
+
+
+def floor_pixels(floor: FloorMasks, xy_m: np.ndarray) -> np.ndarray:
+    """Return the row and column of positions (N, 2) in the masks of a floor, (N, 2) int; they may be outside."""
+    column, row = (np.array([1, -1]) * (xy_m - floor.origin_m) / floor.resolution_m).T
+    return np.floor(np.stack([row, column], 1)).astype(int)
+
+
+def check_heights(floors: Sequence[FloorMasks]) -> None:
+    """Check that floors that touch have different heights. Raises DataError."""
+    for floor, other in combinations(floors, 2):
+        if floor.z_m == other.z_m and touch(floor, other):
+            raise DataError(f"two floors are at z = {floor.z_m:g} m, expected a different z_m for floors that touch")
 
 
 class Regions:
@@ -150,11 +177,11 @@ class Regions:
             camera_z_m: (N,) heights of the cameras in the world, which select the floors.
         """
         place_numbers = np.full(len(xy_m), -1)
-        for floor, numbers in zip(self._floors, self._numbers, strict=True):  # from the lowest to the highest
-            column, row = (np.array([1, -1]) * (xy_m - floor.origin_m) / floor.resolution_m).T
-            over = (row >= 0) & (row < numbers.shape[0]) & (column >= 0) & (column < numbers.shape[1])
-            over &= (floor.z_m <= camera_z_m) | (len(self._floors) == 1)
-            place_numbers[over] = numbers[row[over].astype(int), column[over].astype(int)]
+        on_floor = floor_numbers(self._floors, np.column_stack([xy_m, camera_z_m]))
+        for number, floor in enumerate(self._floors):
+            there = on_floor == number
+            row, column = floor_pixels(floor, xy_m[there]).T
+            place_numbers[there] = self._numbers[number][row, column]
         return place_numbers
 
 

@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, PositiveFloat, field_validator, model_validator
@@ -17,12 +17,14 @@ from salframe.framework.files.reading import read_model, read_table
 from salframe.framework.files.writing import atomic_path, write_json
 from salframe.framework.validation import Settings
 from salframe.panoramas import images
+from salframe.panoramas.camera_height import USUAL_M
 from salframe.panoramas.dataset import MANIFEST
-from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.floors import MAX_CAMERA_M, SAME_FLOOR_M, FloorMasks, check_heights
 from salframe.panoramas.frames import FrameKind, QueryFrame, ReferenceFrame, Truth
 from salframe.panoramas.geometry import is_rigid
 from salframe.panoramas.panorama import Annotations, Panorama
 from salframe.panoramas.pose_conventions import PoseConvention, convert_pose
+from salframe.panoramas.range_encoding import MAX_STEP, RangeEncoding, RangeKind
 
 IMAGE_KEYS = ("rgb", "range", "instances", "valid")
 """Keys of a frame in the manifest that name an image file."""
@@ -33,6 +35,8 @@ _WRITTEN_AS = {
     "valid": ("valid", ".valid.png"),
 }
 """Parts of a panorama: the key in the manifest, and the ending of the file name."""
+MIN_STOREY_M = 2.4
+"""Minimum height of a storey. Cameras whose heights differ by more stand on different floors."""
 
 
 def _rigid(pose: tuple[float, ...] | None) -> tuple[float, ...] | None:
@@ -45,7 +49,39 @@ def _rigid(pose: tuple[float, ...] | None) -> tuple[float, ...] | None:
 Pose = Field(None, min_length=16, max_length=16, description="T_world_pano, 4 x 4 row by row, metres")
 
 
-class FrameEntry(Settings):
+class RangeKeys(Settings):
+    """Encoding of range images in the manifest: of one frame, or of all frames without these keys. None: not declared.
+
+    Attributes:
+        range_unit_m: Metres per step.
+        range_missing: Values that mean no reading, besides 0.
+        range_kind: What the values measure: "ray" or "cube".
+    """
+
+    range_unit_m: PositiveFloat | None = None
+    range_missing: tuple[Annotated[int, Field(strict=True, ge=0, le=MAX_STEP)], ...] | None = None
+    range_kind: RangeKind | None = None
+
+    @field_validator("range_kind")
+    @classmethod
+    def _applies_to_panorama(cls, kind: RangeKind | None) -> RangeKind | None:
+        if kind is not None:
+            try:
+                RangeEncoding(kind=kind).check_panorama()
+            except DataError as error:
+                raise ValueError(str(error)) from None
+        return kind
+
+    def encoding(self, default: RangeEncoding) -> RangeEncoding:
+        """Return the encoding, with the values of `default` for keys that are not declared."""
+        return RangeEncoding(
+            default.unit_m if self.range_unit_m is None else self.range_unit_m,
+            default.missing if self.range_missing is None else self.range_missing,
+            default.kind if self.range_kind is None else self.range_kind,
+        )
+
+
+class FrameEntry(RangeKeys):
     """A panorama in the manifest: image files relative to the folder, and pose and place of reference frames."""
 
     id: str = Field(min_length=1)
@@ -81,10 +117,10 @@ class FloorEntry(Settings):
     resolution_m: PositiveFloat
     origin_m: tuple[float, float]
     regions: dict[int, str]
-    z_m: float = 0.0
+    z_m: float | None = None
 
 
-class Manifest(Settings):
+class Manifest(RangeKeys):
     """Content of manifest.json."""
 
     format: Literal["salframe-folder"]
@@ -184,14 +220,16 @@ class Folder:
     def load(self, frame: FrameEntry) -> Panorama:
         """Read the panorama of a frame."""
         instances = self._part(frame.instances, images.read_ids)
+        encoding = frame.encoding(self.manifest.encoding(RangeEncoding()))
         return Panorama(
             frame.id,
             rgb=self._part(frame.rgb, images.read_color),
-            range_m=self._part(frame.range, images.read_range),
+            range_m=self._part(frame.range, partial(images.read_range, encoding=encoding)),
             valid=self._part(frame.valid, images.read_mask),
             annotations=None
             if instances is None
             else Annotations(instances, self.labels, rendered=self.manifest.rendered),
+            range_encoding=encoding if frame.range else None,
         )
 
     def _part(self, name: str | None, read):
@@ -200,7 +238,7 @@ class Folder:
     def floors(self) -> list[FloorMasks]:
         """Read the floor masks."""
         floors = []
-        for floor in self.manifest.floors:
+        for floor, z_m in zip(self.manifest.floors, self._floor_heights(), strict=True):
             free, obstacle = (images.read_mask(self.root / name) for name in (floor.free, floor.obstacle))
             region = images.read_ids(self.root / floor.region)
             if not free.shape == obstacle.shape == region.shape:
@@ -208,10 +246,35 @@ class Folder:
                 raise DataError(
                     f"{self.root}: the masks free, region and obstacle of a floor are {shapes}, expected equal sizes"
                 )
-            floors.append(
-                FloorMasks(free, region, obstacle, floor.resolution_m, floor.origin_m, floor.regions, floor.z_m)
-            )
+            floors.append(FloorMasks(free, region, obstacle, floor.resolution_m, floor.origin_m, floor.regions, z_m))
+        check_heights(floors)
         return floors
+
+    def _floor_heights(self) -> list[float]:
+        """Return the height of each floor in metres.
+
+        A single floor without `z_m` is at 0 where the cameras can stand on it there, else USUAL_M below the lowest one.
+
+        Raises:
+            DataError: A floor has no `z_m`, and there are several floors, or the cameras stand on more than one storey.
+        """
+        heights_m = [floor.z_m for floor in self.manifest.floors]
+        if None not in heights_m:
+            return [height_m for height_m in heights_m if height_m is not None]
+        if len(heights_m) > 1:
+            raise DataError(
+                f"{self.root / MANIFEST}: {heights_m.count(None)} of {len(heights_m)} floors have no z_m, expected the "
+                "height of each floor in the world in metres"
+            )
+        cameras_m = [frame.pose[11] for frame in self.manifest.frames if frame.pose is not None]
+        lowest_m, highest_m = min(cameras_m), max(cameras_m)
+        if highest_m - lowest_m > MIN_STOREY_M:
+            raise DataError(
+                f"{self.root / MANIFEST}: the floor has no z_m, and the cameras are at z = {lowest_m:.2f} to "
+                f"{highest_m:.2f} m, more than one storey: expected the height of the floor in the world in metres"
+            )
+        on_zero = lowest_m > -SAME_FLOOR_M and highest_m <= MAX_CAMERA_M
+        return [0.0 if on_zero else max(lowest_m - USUAL_M, highest_m - MAX_CAMERA_M)]
 
     @cached_property
     def fingerprint(self) -> str:
@@ -297,9 +360,12 @@ def write_panorama(
     instance_id: np.ndarray | None = None,
     valid: np.ndarray | None = None,
 ) -> None:
-    """Write the images of a frame to the files that its entry names, each atomically."""
+    """Write the images of a frame to the files that its entry names, each atomically.
+
+    The range along the ray, `range_m`, is written in the encoding that the entry declares.
+    """
     if frame.range and range_m is not None:
-        images.write_range(root / frame.range, range_m)
+        images.write_range(root / frame.range, range_m, frame.encoding(RangeEncoding()))
     if frame.instances and instance_id is not None:
         images.write_ids(root / frame.instances, instance_id)
     if frame.valid and valid is not None:

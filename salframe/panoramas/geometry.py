@@ -58,7 +58,18 @@ def range_of_cube_depth(depth_m: np.ndarray) -> np.ndarray:
     Returns:
         (H, 2H) float32 range along the ray in metres.
     """
-    return depth_m / np.abs(equirectangular_rays(len(depth_m))).max(axis=2)
+    return depth_m / _cube_cosine(len(depth_m))
+
+
+def cube_depth_of_range(range_m: np.ndarray) -> np.ndarray:
+    """Convert range along the ray (H, 2H) to the z-depth of cube faces: the inverse of `range_of_cube_depth`."""
+    return range_m * _cube_cosine(len(range_m))
+
+
+def _cube_cosine(height: int) -> np.ndarray:
+    """Return the cosine between each ray and the axis of the cube face that it passes through, (H, 2H) float32."""
+    cosine: np.ndarray = np.abs(equirectangular_rays(height)).max(axis=2)
+    return cosine
 
 
 def rays_to_pixels(rays: np.ndarray, height: int) -> tuple[np.ndarray, np.ndarray]:

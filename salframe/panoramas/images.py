@@ -9,13 +9,11 @@ import numpy as np
 from salframe.framework.errors import DataError
 from salframe.framework.files.reading import read_image
 from salframe.framework.files.writing import atomic_path
+from salframe.panoramas.range_encoding import MAX_STEP, RangeEncoding
 
 _PNG_COMPRESSION, _JPEG_QUALITY = 16, 1
 """Values of cv2.IMWRITE_PNG_COMPRESSION and cv2.IMWRITE_JPEG_QUALITY. OpenCV is imported only where it is used."""
-_ENCODING = {".png": [_PNG_COMPRESSION, 2], ".jpg": [_JPEG_QUALITY, 93], ".jpeg": [_JPEG_QUALITY, 93]}
-MILLIMETRE = 0.001
-"""Unit of a range image in metres."""
-_MAX = np.iinfo(np.uint16).max
+_FORMAT_OPTIONS = {".png": [_PNG_COMPRESSION, 2], ".jpg": [_JPEG_QUALITY, 93], ".jpeg": [_JPEG_QUALITY, 93]}
 
 
 def read_color(path: Path) -> np.ndarray:
@@ -32,24 +30,30 @@ def write_color(path: Path, rgb: np.ndarray) -> None:
     _write(path, cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
 
 
-def read_range(path: Path, unit_m: float = MILLIMETRE) -> np.ndarray:
-    """Read a range image, (H, W) float32 in metres, NaN where the file has 0.
+def read_range(path: Path, encoding: RangeEncoding | None = None) -> np.ndarray:
+    """Read the range image of a panorama, (H, W) float32 range along the ray in metres, NaN where unknown.
 
     Args:
         path: A 16-bit grey image.
-        unit_m: Unit of the file in metres.
+        encoding: What the values of the file mean; None: millimetres along the ray.
 
     Raises:
-        DataError: The file is not a 16-bit grey image.
+        DataError: The file is not a 16-bit grey image, or the encoding does not apply to a panorama.
     """
-    steps = read_ids(path)
-    return np.where(steps > 0, steps * unit_m, np.nan).astype(np.float32)
+    return (encoding or RangeEncoding()).panorama_range(read_ids(path))
 
 
-def write_range(path: Path, range_m: np.ndarray) -> None:
-    """Write (H, W) range in metres as 16-bit millimetres; NaN and ranges above 65.535 m, the 16-bit limit, become 0."""
-    millimetres = np.round(np.nan_to_num(range_m.astype(np.float64)) / MILLIMETRE)
-    _write(path, np.where(millimetres <= _MAX, millimetres, 0).astype(np.uint16))
+def write_range(path: Path, range_m: np.ndarray, encoding: RangeEncoding | None = None) -> None:
+    """Write the range along the ray of a panorama, (H, W) in metres, as a 16-bit image.
+
+    NaN and ranges above the 16-bit limit become 0.
+
+    Args:
+        path: The file.
+        range_m: (H, W) range along the ray in metres.
+        encoding: What the values of the file mean; None: millimetres along the ray, up to 65.535 m.
+    """
+    _write(path, (encoding or RangeEncoding()).panorama_steps(range_m))
 
 
 def read_ids(path: Path) -> np.ndarray:
@@ -65,8 +69,8 @@ def read_ids(path: Path) -> np.ndarray:
 
 def write_ids(path: Path, ids: np.ndarray) -> None:
     """Write (H, W) ids as a 16-bit grey image. Raises DataError on ids outside 0 to 65535."""
-    if ids.min(initial=0) < 0 or ids.max(initial=0) > _MAX:
-        raise DataError(f"{path}: the ids are from {ids.min()} to {ids.max()}, expected 0 to {_MAX}")
+    if ids.min(initial=0) < 0 or ids.max(initial=0) > MAX_STEP:
+        raise DataError(f"{path}: the ids are from {ids.min()} to {ids.max()}, expected 0 to {MAX_STEP}")
     _write(path, ids.astype(np.uint16))
 
 
@@ -85,8 +89,8 @@ def write_mask(path: Path, mask: np.ndarray) -> None:
 def _write(path: Path, image: np.ndarray) -> None:
     import cv2
 
-    if path.suffix.lower() not in _ENCODING:
-        raise DataError(f"cannot write {path}: expected a file name that ends in one of {', '.join(_ENCODING)}")
+    if path.suffix.lower() not in _FORMAT_OPTIONS:
+        raise DataError(f"cannot write {path}: expected a file name that ends in one of {', '.join(_FORMAT_OPTIONS)}")
     with atomic_path(path) as temporary:
-        if not cv2.imwrite(str(temporary), image, _ENCODING[path.suffix.lower()]):
+        if not cv2.imwrite(str(temporary), image, _FORMAT_OPTIONS[path.suffix.lower()]):
             raise DataError(f"cannot write {path}")

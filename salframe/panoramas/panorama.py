@@ -9,6 +9,7 @@ import numpy as np
 
 from salframe.framework.arrays import check_array
 from salframe.framework.errors import DataError
+from salframe.panoramas.range_encoding import RangeEncoding
 
 PARTS = frozenset({"rgb", "range", "annotations"})
 """Parts that a panorama may provide and a component may need."""
@@ -97,6 +98,7 @@ class Panorama:
         valid: (H, 2H) bool, the visible part of the sphere; None: all of it.
         annotations: Annotated objects.
         range_by: Name of the range model that estimated the range; None where it comes from a sensor or a renderer.
+        range_encoding: Encoding of the file that the range was read from; None where there is no file, or no panorama.
 
     Raises:
         DataError: An image has another shape or dtype, the images differ in size, or `range_by` is set without range.
@@ -108,6 +110,7 @@ class Panorama:
     valid: np.ndarray | None = None
     annotations: Annotations | None = None
     range_by: str | None = None
+    range_encoding: RangeEncoding | None = None
 
     def __post_init__(self) -> None:
         if self.range_by is not None and self.range_m is None:

@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 from salframe.framework.errors import DataError
-from salframe.panoramas import images
 from salframe.panoramas.camera_height import camera_height
 from salframe.panoramas.cube_depth import is_cube_depth
 from salframe.panoramas.floors import FloorMasks
@@ -307,8 +306,8 @@ def _scale_text(scale: float, sample: _Sample) -> str:
     floor_m = _floor_distance_m(sample)
     height = "" if floor_m is None else f" (the floor lies {floor_m:.2f} m below the cameras)"
     return (
-        f'the positions are {times} for the ranges: set the unit of the positions, "pose_unit_m": {scale:.4g}, or that '
-        f'of the ranges, "range_unit_m": {images.MILLIMETRE / scale:.4g}, in manifest.json{height}'
+        f'the positions are {times} for the ranges: in manifest.json, multiply "pose_unit_m" (default 1) by {scale:.4g}, '
+        f'or "range_unit_m" (default 0.001) by {1 / scale:.4g}{height}'
     )
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,9 @@ from salframe.framework.files.reading import read_json
 from salframe.panoramas import images
 from salframe.panoramas.dataset import MANIFEST
 from salframe.panoramas.folder_format import IMAGE_KEYS, Folder
-from salframe.panoramas.geometry import range_of_cube_depth
 from salframe.panoramas.panorama import Annotations, Panorama
 from salframe.panoramas.photograph import Pinhole
+from salframe.panoramas.range_encoding import MILLIMETRE, RangeEncoding, RangeKind
 
 _MAX_DIGITS = 5
 """Maximum number of digits of an instance id in a 16-bit image."""
@@ -30,11 +31,13 @@ class Shot:
         rgb: (H, W, 3) uint8, the original image.
         panorama: The panorama for components.
         camera: The camera of a photograph; None for a panorama.
+        depth_steps: (h, w) int32, values of the depth image of a photograph; None where there is none.
     """
 
     rgb: np.ndarray
     panorama: Panorama
     camera: Pinhole | None = None
+    depth_steps: np.ndarray | None = None
 
 
 def read_panorama(
@@ -43,7 +46,9 @@ def read_panorama(
     instances: str | Path | None = None,
     labels: str | Path | None = None,
     *,
-    range_unit_m: float = images.MILLIMETRE,
+    range_unit_m: float = MILLIMETRE,
+    range_missing: Sequence[int] = (),
+    range_kind: RangeKind | str = RangeKind.RAY,
     z_depth: bool = False,
 ) -> Panorama:
     """Read a panorama from image files of equal size, with width = 2 x height. At least one image is required.
@@ -55,12 +60,14 @@ def read_panorama(
         range_image: 16-bit file, 0 where the range is unknown.
         instances: 16-bit file with the id of the object at each pixel, 0 where there is none.
         labels: JSON file with the label of each id, such as {"1": "bed"}.
-        range_unit_m: Unit of the range image in metres.
-        z_depth: Whether the range image has z-depth, as in panoramas stitched from cube maps: depth along the axis of
-            the cube face that the ray passes through. Otherwise it has the range along the ray.
+        range_unit_m: Metres per step of the range image.
+        range_missing: Values of the range image that mean no reading, besides 0.
+        range_kind: "ray": range along the ray; "cube": depth along the axis of the cube face that the ray passes
+            through, as in panoramas stitched from cube maps.
+        z_depth: Short for `range_kind="cube"`.
 
     Raises:
-        DataError: A file is missing or malformed.
+        DataError: A file is missing or malformed, or the encoding of the range is invalid.
     """
     files = [Path(path) for path in (rgb, range_image, instances) if path is not None]
     if not files:
@@ -68,18 +75,17 @@ def read_panorama(
     if (instances is None) != (labels is None):
         received = "labels without an instance image" if instances is None else "an instance image without labels"
         raise DataError(f"received {received}, expected both or neither")
-    range_m = None if range_image is None else images.read_range(Path(range_image), range_unit_m)
-    panorama = Panorama(
+    encoding = RangeEncoding(range_unit_m, tuple(range_missing), RangeKind.CUBE if z_depth else range_kind)
+    range_m = None if range_image is None else images.read_range(Path(range_image), encoding)
+    return Panorama(
         files[0].name,
         None if rgb is None else images.read_color(Path(rgb)),
         range_m,
         annotations=None
         if instances is None or labels is None
         else Annotations(images.read_ids(Path(instances)), _read_labels(Path(labels))),
+        range_encoding=None if range_m is None else encoding,
     )
-    if panorama.range_m is None or not z_depth:
-        return panorama
-    return replace(panorama, range_m=range_of_cube_depth(panorama.range_m))
 
 
 def _read_labels(path: Path) -> dict[int, str]:
@@ -92,17 +98,19 @@ def _read_labels(path: Path) -> dict[int, str]:
     return {int(id): label for id, label in content.items()}
 
 
-def open_panorama(image: Path, range_image: Path | None = None) -> Shot:
+def open_panorama(image: Path, range_image: Path | None = None, encoding: RangeEncoding | None = None) -> Shot:
     """Read a panorama.
 
     Without a range image, an image of a dataset folder gets all parts of its frame.
 
     Args:
         image: The rgb image.
-        range_image: Range in 16-bit millimetres.
+        range_image: 16-bit range image.
+        encoding: Encoding of the range image; None: millimetres along the ray.
 
     Raises:
-        DataError: A file is missing or malformed, or the image is not equirectangular.
+        DataError: A file is missing or malformed, the image is not equirectangular, or the encoding does not apply to
+            a panorama.
     """
     panorama = None if range_image is not None else _in_manifest(image.resolve())
     if panorama is None:
@@ -113,33 +121,44 @@ def open_panorama(image: Path, range_image: Path | None = None) -> Shot:
                 f"{image} is {width} x {height}, expected a panorama with width = 2 x height; for a photograph, "
                 "pass its horizontal field of view (--fov DEG)"
             )
-        range_m = None if range_image is None else images.read_range(range_image)
-        panorama = Panorama(image.name, rgb, range_m)
+        encoding = encoding or RangeEncoding()
+        range_m = None if range_image is None else images.read_range(range_image, encoding)
+        panorama = Panorama(image.name, rgb, range_m, range_encoding=None if range_m is None else encoding)
     if panorama.rgb is None:
         raise DataError(f"{image} has no colour, expected an rgb image")
     return Shot(panorama.rgb, panorama)
 
 
-def open_photograph(image: Path, hfov_rad: float, pitch_rad: float = 0.0, depth_image: Path | None = None) -> Shot:
+def open_photograph(
+    image: Path,
+    hfov_rad: float,
+    pitch_rad: float = 0.0,
+    depth_image: Path | None = None,
+    encoding: RangeEncoding | None = None,
+) -> Shot:
     """Read a photograph as a partial panorama.
 
     Args:
         image: The photograph.
         hfov_rad: Horizontal field of view.
         pitch_rad: Elevation of the optical axis.
-        depth_image: Z-depth in 16-bit millimetres, of the same size.
+        depth_image: 16-bit depth image of the same size.
+        encoding: Encoding of the depth image; None: z-depth in millimetres.
 
     Raises:
-        DataError: A file is missing or malformed, or the images differ in size.
+        DataError: A file is missing or malformed, the images differ in size, or the encoding does not apply to a
+            photograph.
     """
     import cv2
 
     rgb = images.read_color(image)
-    depth_m = None if depth_image is None else images.read_range(depth_image)
+    steps = None if depth_image is None else images.read_ids(depth_image)
     height, width = rgb.shape[:2]
-    if depth_m is not None and depth_m.shape != (height, width):
-        raise DataError(f"{depth_image} is {depth_m.shape[1]} x {depth_m.shape[0]}, expected {width} x {height}")
+    if steps is not None and steps.shape != (height, width):
+        raise DataError(f"{depth_image} is {steps.shape[1]} x {steps.shape[0]}, expected {width} x {height}")
     camera = Pinhole.of_field_of_view(width, height, hfov_rad, pitch_rad)
+    encoding = encoding or RangeEncoding(kind=RangeKind.Z)
+    depth_m = None if steps is None else encoding.photograph_depth(steps, camera.rays())
     rows = int(np.clip(round(np.pi * camera.focal_px), MIN_ROWS, MAX_ROWS))
     small_camera = camera
     if (factor := int(np.pi * camera.focal_px / rows)) > 1:  # average an image of higher resolution to avoid aliasing
@@ -149,7 +168,7 @@ def open_photograph(image: Path, hfov_rad: float, pitch_rad: float = 0.0, depth_
         small_camera = Pinhole.of_field_of_view(*size, hfov_rad, pitch_rad)
     else:
         small_rgb = rgb
-    return Shot(rgb, small_camera.panorama(image.name, small_rgb, depth_m, rows), camera)
+    return Shot(rgb, small_camera.panorama(image.name, small_rgb, depth_m, rows), camera, steps)
 
 
 def _in_manifest(image: Path) -> Panorama | None:

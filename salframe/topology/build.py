@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 
 from salframe.framework.errors import DataError
-from salframe.panoramas.floors import FloorMasks, find_floor, touch
+from salframe.panoramas.floors import FloorMasks, check_heights, find_floor
 from salframe.panoramas.frames import FrameKind, ReferenceFrame
 from salframe.topology.edges import components, joining_paths, make_edge, sight_pairs
 from salframe.topology.grid import FloorGrid, cell, nearest_pixel
@@ -74,9 +73,7 @@ def _split_by_floor(
     frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks], notes: list[str]
 ) -> list[list[ReferenceFrame]]:
     """Return the frames of each floor."""
-    for lower, upper in combinations(floors, 2):
-        if lower.z_m == upper.z_m and touch(lower, upper):
-            raise DataError(f"two floors are at z = {lower.z_m:g} m, expected a different z_m for floors that touch")
+    check_heights(floors)
     frames_by_floor: list[list[ReferenceFrame]] = [[] for _ in floors]
     for frame in frames:
         number = find_floor(floors, frame.T_world_pano[:3, 3])

@@ -171,19 +171,12 @@ def test_data_without_floors_give_a_map_without_topology(rooms):
     assert "map holds no topological map" in done.err
 
 
-def test_floors_without_a_topology_do_not_prevent_localization(rooms, tmp_path):
-    """Two floors at one height cannot be told apart."""
-    settings = "--method", "reader", "--set", "data.height_m=0"
-    done = run("map", "build", "storeys", "-o", "map", *settings)
-    assert done.code == 0
-    assert done.err == (
-        "warning: the map has no topology: two floors are at z = 0 m, expected a different z_m for floors that touch\n"
-    )
-    assert run("localize", "map", "query-1-0", "--data", "doored").code == 0
-    done = run("map", "build", "storeys", "-o", "chosen", *settings, "--choose")
-    assert (done.code, done.err.count("\n")) == (2, 1)
-    assert "two floors are at z = 0 m" in done.err
-    assert not (tmp_path / "chosen").exists()
+@pytest.mark.parametrize("options", [(), ("--choose",), ("--no-topology",)])
+def test_two_floors_of_one_height_are_refused(rooms, tmp_path, options):
+    done = run("map", "build", "storeys", "-o", "map", "--method", "reader", "--set", "data.height_m=0", *options)
+    error = "error: two floors are at z = 0 m, expected a different z_m for floors that touch\n"
+    assert (done.code, done.err) == (2, error)
+    assert not (tmp_path / "map").exists()
 
 
 def test_a_dataset_without_frames_has_one_scene_node_a_region_and_no_localizer(rooms, tmp_path):

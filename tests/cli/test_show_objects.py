@@ -165,3 +165,21 @@ def test_what_is_wrong_is_one_line(pictures, arguments, code, message):
     assert done.err.startswith("error: ")
     assert message in done.err
     assert not list(pictures.rglob("*.objects.png"))
+
+
+def test_depth_of_a_photograph_is_read_as_declared(pictures):
+    """A wall 3 m in front of the camera, as range in half millimetres with a window without reading."""
+    rgb = np.full((120, 160, 3), 90, np.uint8)
+    images.write_color(pictures / "wall.jpg", rgb)
+    y, x = np.mgrid[:120, :160] + 0.5
+    focal_px = 80 / np.tan(np.radians(35))
+    ray = np.sqrt(1 + ((x - 80) / focal_px) ** 2 + ((y - 60) / focal_px) ** 2)
+    steps = np.round(3 * ray / 0.0005).astype(np.int32)
+    steps[20:60, 30:70] = 9999
+    images.write_ids(pictures / "wall.png", steps)
+    shown = "show-objects", "wall.jpg", "--fov", "70", "--range", "wall.png", "--range-unit", "0.0005"
+    assert "9999 fills" in run(*shown, "--range-kind", "ray", *DETECTOR).err
+    declared = run(*shown, "--range-kind", "ray", "--range-missing", "9999", *DETECTOR)
+    assert "fills" not in declared.err
+    error = run(*shown, "--range-kind", "cube", *DETECTOR).err
+    assert "range_kind is 'cube' for a photograph, expected 'z' (along the optical axis) or 'ray'" in error

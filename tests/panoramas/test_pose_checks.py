@@ -108,14 +108,14 @@ def test_level_poses_of_another_convention_are_named(change, named):
 @pytest.mark.parametrize("factor", [0.001, 0.3, 0.5, 0.8, 1.25, 3.2808, 1000.0])
 def test_positions_in_another_unit_are_named(factor):
     (note,) = pose_notes(with_poses(reference_frames(), scaled(factor)))
-    unit = float(note.partition('"pose_unit_m": ')[2].partition(",")[0])
+    unit = float(note.partition('"pose_unit_m" (default 1) by ')[2].partition(",")[0])
     assert unit == pytest.approx(1 / factor, rel=0.06)
 
 
 def test_ranges_in_another_unit_are_named():
     (note,) = pose_notes(with_ranges(reference_frames(), lambda range_m: range_m * 0.512))
-    unit_m = float(note.partition('"range_unit_m": ')[2].partition(",")[0])
-    assert unit_m == pytest.approx(1 / 512, rel=0.06)
+    factor = float(note.partition('"range_unit_m" (default 0.001) by ')[2].partition(" ")[0])
+    assert factor == pytest.approx(1000 / 512, rel=0.06)
 
 
 OPENCV = np.array([[0, 0, 1.0], [-1.0, 0, 0], [0, -1.0, 0]])

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from salframe.panoramas.floors import FloorMasks, Regions, read_floors, write_floors
+from salframe.panoramas.floors import FloorMasks, Regions, find_floor, read_floors, write_floors
 
 
 def floor(names, z_m=0.0):
@@ -36,3 +36,12 @@ def test_floors_read_again_are_the_same(tmp_path):
         for name in ("free", "region", "obstacle"):
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
         assert (one.regions, one.z_m, one.origin_m) == (other.regions, other.z_m, other.origin_m)
+
+
+def test_a_camera_on_a_storey_without_masks_is_on_no_floor():
+    lower, upper = floor(("a", "b")), floor(("c", "d"), z_m=3.0)
+    for regions in (Regions([lower]), Regions([lower, floor(("e", "f"), z_m=6.0)])):
+        assert places(regions, (0.5, 0.5, 0.2), (0.5, 0.5, 2.5), (0.5, 0.5, 4.5)) == ["a", "a", None]
+    assert places(Regions([upper]), (0.5, 0.5, 1.5), (0.5, 0.5, 2.9), (0.5, 0.5, 4.5)) == [None, "c", "c"]
+    assert find_floor([lower, upper], (0.5, 0.5, 2.7)) == 0  # below the upper floor by 0.3 m, above the lower one
+    assert find_floor([lower], (0.5, 0.5, 4.5)) is find_floor([upper], (0.5, 0.5, 1.5)) is None

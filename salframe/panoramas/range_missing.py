@@ -1,0 +1,133 @@
+"""Find values of range images that mean no reading although nobody declared them, such as 65535."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from salframe.panoramas.geometry import row_elevation
+from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.range_encoding import MILLIMETRE, RangeEncoding
+from salframe.panoramas.samples import Frame, load_samples
+
+MIN_SHARE = 0.003
+"""Minimum share of the known pixels with the value, by solid angle."""
+MAX_PIXELS = 0.52
+"""Maximum share of all pixels with the value. A value that fills more is the background of a drawn image."""
+MIN_RATIO = 8.0
+"""Minimum ratio of this share to that of the values next to it. A surface has similar shares of neighbouring values."""
+NUM_NEIGHBOURS = 8
+NEAR = 0.25
+"""Maximum number of values to compare with on either side, among those that occur, and their maximum relative
+difference."""
+MIN_OUTSIDE = 2.0
+"""Minimum ratio of the value to those of all surfaces, or of those to it, where whole surfaces have one value."""
+MIN_VALUES = 50
+"""Minimum number of values that occur. An image with fewer values is drawn, not measured."""
+MIN_GAP = 0.02
+"""Minimum relative difference between the largest value of an image and the next one. Ranges that a sensor limits have
+a smaller difference."""
+MIN_JUMP = 0.1
+"""Minimum relative difference of range at the edge between a surface and pixels without a reading."""
+MIN_JUMP_SHARE = 0.9
+"""Minimum share of such edges around the value. A surface joins others at a part of its edge."""
+NUM_FRAMES = 6
+"""Number of panoramas to check."""
+
+
+def missing_values(steps: np.ndarray, weights: np.ndarray | None = None) -> dict[int, float]:
+    """Return the values of a range image that likely mean no reading, each with its share of the known pixels.
+
+    Such a value fills many more pixels than the values next to it, and the range jumps almost everywhere around it.
+
+    Args:
+        steps: (h, w) values of the file; 0 where the range is unknown.
+        weights: (h, w) or (h, 1) solid angle of the pixels; None: equal.
+    """
+    known = steps > 0
+    weight = np.broadcast_to(1.0 if weights is None else weights, steps.shape)[known]
+    values, index = np.unique(steps[known], return_inverse=True)
+    if len(values) < MIN_VALUES:
+        return {}
+    shares = np.bincount(index, weight) / weight.sum()
+    candidates = {}
+    for number in np.flatnonzero(shares >= MIN_SHARE):
+        value, share = int(values[number]), float(shares[number])
+        first, last = np.searchsorted(values, [value * (1 - NEAR), value * (1 + NEAR)])
+        first, last = max(first, number - NUM_NEIGHBOURS), min(last, number + NUM_NEIGHBOURS + 1)
+        beside = np.r_[shares[first:number], shares[number + 1 : last]].max(initial=0)
+        is_limit = number == len(values) - 1 and value - values[number - 1] < MIN_GAP * value
+        if share >= MIN_RATIO * beside and not is_limit and np.mean(steps == value) <= MAX_PIXELS:
+            candidates[value] = share
+    found = {}
+    while candidates:  # pixels without a reading make surfaces look disconnected, so that they are removed one by one
+        jumps = {value: _jump_share(steps, value) for value in candidates}
+        value = max(jumps, key=lambda value: jumps[value])
+        if jumps[value] < MIN_JUMP_SHARE:
+            break
+        found[value] = candidates.pop(value)
+        steps = np.where(steps == value, 0, steps)
+    if candidates:  # whole surfaces have one value, as in z-depth: only values outside the range of all surfaces count
+        surfaces = np.setdiff1d(values, list(found))
+        found = {
+            v: share for v, share in found.items() if MIN_OUTSIDE * v < surfaces[0] or v > MIN_OUTSIDE * surfaces[-1]
+        }
+    return found
+
+
+def _jump_share(steps: np.ndarray, value: int) -> float:
+    """Return the share of pixel pairs at the edge of the pixels with a value where the range jumps."""
+    pairs = [(steps[1:], steps[:-1]), (steps[:, 1:], steps[:, :-1])]
+    first, second = (np.concatenate([pair[side].ravel() for pair in pairs]).astype(np.int64) for side in (0, 1))
+    at_edge = ((first == value) != (second == value)) & (first > 0) & (second > 0)
+    first, second = first[at_edge], second[at_edge]
+    if not len(first):
+        return 0.0
+    return float(np.mean(np.abs(first - second) > MIN_JUMP * np.maximum(first, second)))
+
+
+def missing_note(frames: Sequence[Frame]) -> str | None:
+    """Return a one-line warning where a value of the range images seems to mean no reading; None where none does.
+
+    A few of the frames are loaded. Panoramas without range, and those that cannot be read, are ignored.
+    """
+    panoramas = [panorama for _, panorama in load_samples(frames, NUM_FRAMES) if panorama.range_m is not None]
+    shares: dict[int, list[float]] = {}
+    concerned: dict[str, RangeEncoding | None] = {}
+    for panorama in panoramas:
+        encoding = panorama.range_encoding
+        steps = (encoding or RangeEncoding()).panorama_steps(np.asarray(panorama.range_m))
+        solid_angle = np.cos(row_elevation(len(steps)))[:, None]
+        for value, share in missing_values(steps, solid_angle).items():
+            shares.setdefault(value, []).append(share)
+            concerned[panorama.id] = encoding
+    if not concerned:
+        return None
+    first, encoding = next(iter(concerned.items()))
+    source = f"range image of {first}" if len(panoramas) == 1 else f"range images ({_listed(concerned, panoramas)})"
+    return missing_line({value: float(np.median(of)) for value, of in shares.items()}, source, encoding)
+
+
+def missing_line(shares: Mapping[int, float], source: str, encoding: RangeEncoding | None) -> str:
+    """Return the one-line warning on values that likely mean no reading.
+
+    Args:
+        shares: Share of the pixels with each value.
+        source: The range images.
+        encoding: Encoding of their files; None where they come from no file, and the values are millimetres.
+    """
+    values = sorted(shares)
+    fills = " and ".join(
+        f"{value if encoding else f'{value * MILLIMETRE:g} m'} fills {shares[value]:.1%}" for value in values
+    )
+    likely = f"{fills} of the pixels of the {source} without joining the surfaces around, and likely means no reading"
+    if encoding is None:
+        return f"{likely}: set the range of these pixels to NaN"
+    missing = sorted({*encoding.missing, *values})
+    options = " ".join(f"--range-missing {value}" for value in missing)
+    return f'{likely}: set "range_missing": {missing} in manifest.json (loose images: {options})'
+
+
+def _listed(concerned: Mapping[str, object], panoramas: Sequence[Panorama]) -> str:
+    return f"{len(concerned)} of {len(panoramas)} checked, {next(iter(concerned))} first"
