@@ -54,7 +54,7 @@ def missing_values(steps: np.ndarray, weights: np.ndarray | None = None) -> dict
     is_background = np.bincount(index) > MAX_PIXELS * steps.size
     candidates = {
         int(values[number]): float(shares[number])
-        for number in np.flatnonzero((shares >= MIN_SHARE) & ~is_background)
+        for number in np.flatnonzero((shares >= MIN_SHARE) & ~is_background).tolist()
         if _stands_out(values, shares, number)
     }
     missing = {}
