@@ -51,29 +51,41 @@ def missing_values(steps: np.ndarray, weights: np.ndarray | None = None) -> dict
     if len(values) < MIN_VALUES:
         return {}
     shares = np.bincount(index, weight) / weight.sum()
-    candidates = {}
-    for number in np.flatnonzero(shares >= MIN_SHARE):
-        value, share = int(values[number]), float(shares[number])
-        first, last = np.searchsorted(values, [value * (1 - NEAR), value * (1 + NEAR)])
-        first, last = max(first, number - NUM_NEIGHBOURS), min(last, number + NUM_NEIGHBOURS + 1)
-        beside = np.r_[shares[first:number], shares[number + 1 : last]].max(initial=0)
-        is_limit = number == len(values) - 1 and value - values[number - 1] < MIN_GAP * value
-        if share >= MIN_RATIO * beside and not is_limit and np.mean(steps == value) <= MAX_PIXELS:
-            candidates[value] = share
-    found = {}
+    is_background = np.bincount(index) > MAX_PIXELS * steps.size
+    candidates = {
+        int(values[number]): float(shares[number])
+        for number in np.flatnonzero((shares >= MIN_SHARE) & ~is_background).tolist()
+        if _stands_out(values, shares, number)
+    }
+    missing = {}
     while candidates:  # pixels without a reading make surfaces look disconnected, so that they are removed one by one
         jumps = {value: _jump_share(steps, value) for value in candidates}
         value = max(jumps, key=lambda value: jumps[value])
         if jumps[value] < MIN_JUMP_SHARE:
             break
-        found[value] = candidates.pop(value)
+        missing[value] = candidates.pop(value)
         steps = np.where(steps == value, 0, steps)
-    if candidates:  # whole surfaces have one value, as in z-depth: only values outside the range of all surfaces count
-        surfaces = np.setdiff1d(values, list(found))
-        found = {
-            v: share for v, share in found.items() if MIN_OUTSIDE * v < surfaces[0] or v > MIN_OUTSIDE * surfaces[-1]
-        }
-    return found
+    if candidates:  # whole surfaces have one value, as in z-depth: a surface may be a candidate
+        surfaces = np.setdiff1d(values, list(missing))
+        nearest, farthest = surfaces[0] / MIN_OUTSIDE, surfaces[-1] * MIN_OUTSIDE
+        missing = {value: share for value, share in missing.items() if value < nearest or value > farthest}
+    return missing
+
+
+def _stands_out(values: np.ndarray, shares: np.ndarray, number: int) -> bool:
+    """Return whether a value fills many more pixels than those next to it, and is not the limit of a sensor.
+
+    Args:
+        values: (V,) values that occur, in ascending order.
+        shares: (V,) their shares of the pixels.
+        number: Index of the value.
+    """
+    value = values[number]
+    first, last = np.searchsorted(values, [value * (1 - NEAR), value * (1 + NEAR)])
+    below = shares[max(first, number - NUM_NEIGHBOURS) : number]
+    above = shares[number + 1 : min(last, number + NUM_NEIGHBOURS + 1)]
+    is_limit = number == len(values) - 1 and value - values[number - 1] < MIN_GAP * value
+    return not is_limit and bool(shares[number] >= MIN_RATIO * np.r_[below, above].max(initial=0))
 
 
 def _jump_share(steps: np.ndarray, value: int) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +23,13 @@ SHARED = Path(os.environ.get("SALFRAME_SHARED_DATA", Path(__file__).parents[3] /
 VALUES = 65535, 1, 100, 255, 8000, 10000
 
 
+@cache
+def ranges_of_rooms() -> list[np.ndarray]:
+    return [frame.load().range_m for frame in map_frames()]
+
+
 def steps_of_rooms(encoding: RangeEncoding) -> list[np.ndarray]:
-    return [encoding.panorama_steps(frame.load().range_m) for frame in map_frames()]
+    return [encoding.panorama_steps(range_m) for range_m in ranges_of_rooms()]
 
 
 def speckles(rng: np.random.Generator, shape: tuple[int, int], share: float) -> np.ndarray:
