@@ -39,7 +39,10 @@ def info(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, as
 
     Renders the dataset first if necessary.
     """
+    from contextlib import suppress
+
     from salframe.cli.output import Bars, warn_units
+    from salframe.framework.errors import TruthMissing
     from salframe.panoramas.opening import find_dataset, reference_frames
 
     with Bars() as bars:
@@ -47,6 +50,10 @@ def info(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, as
     folds, references = dataset.folds(), reference_frames(dataset)
     warn_units(references)
     queries = {query.id for fold in folds for query in fold.queries}
+    true_places = {}
+    for query in queries:
+        with suppress(TruthMissing):
+            true_places[query] = dataset.truth(query).place
     facts = {
         "name": dataset.name,
         "version": dataset.version,
@@ -55,7 +62,8 @@ def info(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, as
         "reference_frames": len(references),
         "queries": len(queries),
         "mapped_places": len({frame.place for frame in references}),
-        "queried_places": len({dataset.truth(query).place for query in queries}),
+        "queried_places": len(set(true_places.values())),
+        "queries_without_truth": len(queries) - len(true_places),
         "fingerprint": dataset.question_key,
     }
     if as_json:

@@ -68,12 +68,17 @@ def tell(line: str) -> None:
     print(line, file=sys.stderr, flush=True)
 
 
+def warn(note: str) -> None:
+    """Print a warning to the user on stderr."""
+    tell(f"warning: {note}")
+
+
 def warn_units(frames: Sequence[ReferenceFrame | QueryFrame | Panorama]) -> None:
     """Print a warning if the ranges of frames seem to have the wrong unit."""
     from salframe.panoramas.camera_height import units_note
 
     if note := units_note(frames):
-        tell(f"warning: {note}")
+        warn(note)
 
 
 class Bars:

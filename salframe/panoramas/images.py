@@ -9,6 +9,7 @@ import numpy as np
 from salframe.framework.errors import DataError
 from salframe.framework.files.reading import read_image
 from salframe.framework.files.writing import atomic_path
+from salframe.panoramas.panorama import clean_range
 
 _PNG_COMPRESSION, _JPEG_QUALITY = 16, 1
 """Values of cv2.IMWRITE_PNG_COMPRESSION and cv2.IMWRITE_JPEG_QUALITY. OpenCV is imported only where it is used."""
@@ -47,8 +48,15 @@ def read_range(path: Path, unit_m: float = MILLIMETRE) -> np.ndarray:
 
 
 def write_range(path: Path, range_m: np.ndarray) -> None:
-    """Write (H, W) range in metres as 16-bit millimetres; NaN and ranges above 65.535 m, the 16-bit limit, become 0."""
-    millimetres = np.round(np.nan_to_num(range_m.astype(np.float64)) / MILLIMETRE)
+    """Write (H, W) range in metres as 16-bit millimetres.
+
+    NaN, ranges that are not positive, and ranges above 65.535 m, the 16-bit limit, become 0.
+
+    Raises:
+        DataError: The range is not a floating-point array.
+    """
+    known_m = clean_range(range_m, f"{path}: the range image")
+    millimetres = np.round(np.nan_to_num(known_m.astype(np.float64)) / MILLIMETRE)
     _write(path, np.where(millimetres <= _MAX, millimetres, 0).astype(np.uint16))
 
 
