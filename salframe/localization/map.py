@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -22,7 +21,7 @@ from salframe.localization.answers import Localization
 from salframe.localization.describing import check_parts, describe_ahead, describe_frame, suggest_components
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map_files import MapParts, read_map, write_map
-from salframe.localization.preparing import Tell, silent
+from salframe.localization.preparing import Tell, python_warning, silent
 from salframe.panoramas.camera_height import units_note
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.floors import FloorMasks
@@ -198,7 +197,7 @@ class LocalizationMap:
         rgb: np.ndarray | None = None,
         range_m: np.ndarray | None = None,
         annotations: Annotations | None = None,
-        warn: Callable[[str], object] = warnings.warn,
+        warn: Callable[[str], object] = python_warning,
     ) -> Localization:
         """Localize a frame, a panorama, or the images of a panorama.
 

@@ -111,12 +111,12 @@ def find_frame(dataset: Dataset, name: str) -> ReferenceFrame | QueryFrame:
 
 def find_image(path: Path) -> tuple[Path, str]:
     """Return the dataset folder that contains an image, and the id of the frame of the image. Raises DataError."""
-    from salframe.panoramas.image_lookup import find_frame_image, first_root
+    from salframe.panoramas.image_lookup import dataset_folders, find_frame_image
 
     image = find_frame_image(path)
     if image is not None:
         return image.folder.root, image.frame.id
-    root = first_root(path)
+    root = next(iter(dataset_folders(path)), None)
     if root is None:
         raise DataError(
             f"{path} lies in no folder with a {MANIFEST}, expected an image that the manifest of a dataset names"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -12,7 +11,7 @@ from salframe.framework.errors import ConfigError, DataError, NoRoute, UnknownNa
 from salframe.localization.answers import Localization
 from salframe.localization.map import LocalizationMap, build_localization
 from salframe.localization.map_files import MapParts, check_output, read_map, write_map
-from salframe.localization.preparing import Tell, prepare, silent
+from salframe.localization.preparing import Tell, prepare, python_warning, silent
 from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 from salframe.panoramas.geometry import pose_yaw
 from salframe.panoramas.opening import Progress, reference_frames
@@ -138,7 +137,7 @@ def ask_map(
     goal: str | None = None,
     planner: str | None = None,
     *,
-    warn: Callable[[str], object] = warnings.warn,
+    warn: Callable[[str], object] = python_warning,
 ) -> Whereabouts:
     """Localize a query with a saved map, find the nearest node, and plan the route to a node or place.
 
