@@ -39,8 +39,10 @@ def info(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, as
 
     Renders the dataset first if necessary.
     """
-    from salframe.cli.output import Bars, tell
-    from salframe.framework.errors import DataError
+    from contextlib import suppress
+
+    from salframe.cli.output import Bars, warn
+    from salframe.framework.errors import DataError, TruthMissing
     from salframe.panoramas.data_checks import data_notes
     from salframe.panoramas.opening import find_dataset, reference_frames
 
@@ -49,10 +51,14 @@ def info(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, as
     folds, references = dataset.folds(), reference_frames(dataset)
     try:
         for note in data_notes(dataset):
-            tell(f"warning: {note}")
+            warn(note)
     except DataError as error:  # building a map stops with it
-        tell(f"warning: {error}")
+        warn(str(error))
     queries = {query.id for fold in folds for query in fold.queries}
+    true_places = {}
+    for query in queries:
+        with suppress(TruthMissing):
+            true_places[query] = dataset.truth(query).place
     facts = {
         "name": dataset.name,
         "version": dataset.version,
@@ -61,7 +67,8 @@ def info(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, as
         "reference_frames": len(references),
         "queries": len(queries),
         "mapped_places": len({frame.place for frame in references}),
-        "queried_places": len({dataset.truth(query).place for query in queries}),
+        "queried_places": len(set(true_places.values())),
+        "queries_without_truth": len(queries) - len(true_places),
         "fingerprint": dataset.question_key,
     }
     if as_json:

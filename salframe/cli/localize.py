@@ -48,7 +48,7 @@ def localize(
 
     The query is a frame of a dataset or loose images. Prints the places, best first, and the pose.
     """
-    from salframe.cli.output import Bars, warn_units
+    from salframe.cli.output import Bars, warn
     from salframe.framework.errors import ConfigError
     from salframe.localization.map import open_map
     from salframe.panoramas.opening import open_frame
@@ -66,8 +66,7 @@ def localize(
     else:
         with Bars() as bars:
             query = open_frame(frame, data, data_dir, overrides or (), bars.update)
-    warn_units([query])
-    answer = saved_map.localize(query)
+    answer = saved_map.localize(query, warn=warn)
     tell_choices(map)
     if as_json:
         print_json(answer_json(answer))
@@ -90,8 +89,8 @@ def tell_choices(map: Path) -> None:
 def answer_json(answer: Localization) -> dict[str, Any]:
     """Return the answer of a localizer as JSON.
 
-    It holds the status, the places, the out-of-map probability, the pose in metres and degrees, the rows of
-    T_world_query, and the heading in degrees. A heading may be known without a pose.
+    It holds the status, whether the answer is accepted, the places, the out-of-map probability, the pose in metres and
+    degrees, the rows of T_world_query, and the heading in degrees. A heading may be known without a pose.
     """
     places = [
         {"place": place.place, "frame": place.frame, "score": place.score, "probability": place.probability}
@@ -100,6 +99,7 @@ def answer_json(answer: Localization) -> dict[str, Any]:
     matrix = None if answer.T_world_query is None else answer.T_world_query.tolist()
     return {
         "status": answer.status,
+        "accepted": answer.accepted,
         "places": places,
         "out_of_map_probability": answer.out_of_map_probability,
         "pose": _position(answer),
@@ -111,13 +111,15 @@ def answer_json(answer: Localization) -> dict[str, Any]:
 def print_answer(answer: Localization) -> None:
     """Print the answer of a localizer: status, the five best places, and the pose or only the heading.
 
-    Places are printed with their probability, or with their score if they have none.
+    Places are printed with their probability, or with their score if they have none. All shares sum to 100 %.
     """
-    print(f"status: {answer.status}")
+    print(f"status: {answer.summary}")
     for place in answer.places[:5]:
         value = f"{place.score:10.4g}" if place.probability is None else f"{place.probability:10.1%}"
         print(f"{value}  {place.place}  (frame {place.frame})")
     if answer.out_of_map_probability is not None:
+        if others := answer.places[5:]:
+            print(f"{sum(place.probability or 0.0 for place in others):10.1%}  other places ({len(others)})")
         print(f"{answer.out_of_map_probability:10.1%}  out-of-map")
     if position := _position(answer):
         print(f"pose: x {position['x_m']:.2f} m, y {position['y_m']:.2f} m, yaw {position['yaw_deg']:.1f} deg")

@@ -145,31 +145,35 @@ def query(
 ) -> None:
     """Localize a panorama in a map and print the nearest node.
 
-    With --to, also prints the route from that node to GOAL. Its first turn starts from the estimated heading.
+    With --to, also prints the route from that node to GOAL. Its first turn starts from the estimated heading. Without a
+    route, prints the position and the reason, and exits with status 1.
     """
     import numpy as np
 
     from salframe.cli.localize import answer_json, print_answer, tell_choices
-    from salframe.cli.output import Bars, warn_units
+    from salframe.cli.output import Bars, warn
     from salframe.panoramas.opening import open_frame
     from salframe.topology.building_map import ask_map
 
     with Bars() as bars:
         query_frame = open_frame(frame, data, data_dir, overrides or (), bars.update)
-    warn_units([query_frame])
-    answer = ask_map(map, query_frame, goal, planner)
+    answer = ask_map(map, query_frame, goal, planner, warn=warn)
     tell_choices(map)
     if as_json:
         heading_deg = None if answer.heading_rad is None else float(np.degrees(answer.heading_rad))
         node = {"node": answer.node, "distance_m": answer.distance_m, "heading_deg": heading_deg}
         route = None if answer.route is None else _route_json(answer.route, answer.heading_rad)
-        print_json({**answer_json(answer.localization), **node, "route": route})
-        return
-    print_answer(answer.localization)
-    distance = "" if answer.distance_m is None else f", {answer.distance_m:.2f} m away"
-    print(f"nearest node: {answer.node or 'unknown'}{distance}")
-    if answer.route is not None:
-        _print_route(answer.route, answer.heading_rad)
+        print_json({**answer_json(answer.localization), **node, "route": route, "no_route": answer.no_route})
+    else:
+        print_answer(answer.localization)
+        distance = "" if answer.distance_m is None else f", {answer.distance_m:.2f} m away"
+        print(f"nearest node: {answer.node or 'unknown'}{distance}")
+        if answer.route is not None:
+            _print_route(answer.route, answer.heading_rad)
+        elif answer.no_route is not None:
+            print(answer.no_route)
+    if answer.no_route is not None:
+        raise typer.Exit(1)
 
 
 @app.command()

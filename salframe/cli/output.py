@@ -6,7 +6,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -18,9 +18,7 @@ if TYPE_CHECKING:
     from salframe.cli.options import Printing
     from salframe.evaluation.runs.task import AnyTask, Result
     from salframe.evaluation.studies.study import StudyResult
-    from salframe.panoramas.frames import QueryFrame, ReferenceFrame
     from salframe.panoramas.opening import Progress
-    from salframe.panoramas.panorama import Panorama
 
 TABLE = "table"
 """Value of `--format` for tables in the terminal."""
@@ -68,14 +66,9 @@ def tell(line: str) -> None:
     print(line, file=sys.stderr, flush=True)
 
 
-def warn_units(frames: Sequence[ReferenceFrame | QueryFrame | Panorama]) -> None:
-    """Print a warning if the ranges of frames seem to have the wrong unit, or undeclared values without a reading."""
-    from salframe.panoramas.camera_height import units_note
-    from salframe.panoramas.range_missing import missing_note
-
-    for note in (units_note(frames), missing_note(frames)):
-        if note:
-            tell(f"warning: {note}")
+def warn(note: str) -> None:
+    """Print a warning to the user on stderr."""
+    tell(f"warning: {note}")
 
 
 class Bars:

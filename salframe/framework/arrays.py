@@ -2,9 +2,33 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from salframe.framework.errors import DataError, SalframeError
+
+
+def as_array(value: Any, where: str, error: type[SalframeError] = DataError) -> np.ndarray:
+    """Return a value as a numeric array; lists are converted.
+
+    Args:
+        value: An array, or anything that numpy converts.
+        where: Name of the value in errors.
+        error: The exception to raise.
+
+    Raises:
+        error: The value is no rectangular array of numbers, such as a path, or it has masked values.
+    """
+    if np.ma.is_masked(value):
+        raise error(f"{where} has masked values, expected an array without a mask: pass {where}.filled(VALUE)")
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError):  # lists of different lengths
+        array = np.asarray(None)
+    if array.dtype.kind not in "biufc":
+        raise error(f"{where} is {type(value).__name__}, expected an array of numbers")
+    return array
 
 
 def check_array(
@@ -23,16 +47,32 @@ def check_array(
         The new array.
 
     Raises:
-        error: The dtype or shape is not the expected one.
+        error: The dtype or shape is not the expected one, or an integer does not fit into the dtype.
     """
-    value = np.asarray(getattr(owner, name))
+    where = f"{type(owner).__name__}.{name}"
+    value = as_array(getattr(owner, name), where, error)
     fits = value.ndim == len(shape) and all(want in (None, got) for want, got in zip(shape, value.shape, strict=False))
     if not fits:
         want = "(" + ", ".join("*" if n is None else str(n) for n in shape) + ")"
-        raise error(f"{type(owner).__name__}.{name} has shape {value.shape}, expected {want}")
+        raise error(f"{where} has shape {value.shape}, expected {want}")
     if not np.can_cast(value.dtype, dtype, "same_kind"):
-        raise error(f"{type(owner).__name__}.{name} has dtype {value.dtype}, expected {np.dtype(dtype)}")
+        raise error(f"{where} has dtype {value.dtype}, expected {np.dtype(dtype)}")
+    if value.size and np.dtype(dtype).kind in "iu" and not np.can_cast(value.dtype, dtype):
+        low, high, limits = value.min(), value.max(), np.iinfo(dtype)
+        if low < limits.min or high > limits.max:
+            raise error(f"{where} has values from {low} to {high}, expected {limits.min} to {limits.max}")
     value = value.astype(dtype, copy=False).view()
     value.flags.writeable = False
     object.__setattr__(owner, name, value)
     return value
+
+
+def check_mask(owner: object, name: str) -> np.ndarray:
+    """Check the mask (rows, columns) in a field and replace it by a read-only bool array, as `check_array`.
+
+    A mask of integers, such as 0 and 255, is true where it is not 0, as in a mask that is read from an image.
+    """
+    value = as_array(getattr(owner, name), f"{type(owner).__name__}.{name}")
+    if value.dtype.kind in "iu":
+        object.__setattr__(owner, name, value != 0)
+    return check_array(owner, name, np.bool_, None, None)

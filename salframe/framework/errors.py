@@ -46,6 +46,10 @@ class DataError(SalframeError):
     """A dataset, image or manifest is missing, empty or malformed."""
 
 
+class TruthMissing(DataError):
+    """A query has no truth. Only the evaluation needs it."""
+
+
 class InputMissing(SalframeError):
     """A method needs something (colour, range, annotations) that a panorama does not have."""
 

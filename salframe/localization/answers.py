@@ -19,6 +19,8 @@ RIGID_TOLERANCE = 1e-3
 """Tolerance of the check that a pose is a rigid motion."""
 SUM_TOLERANCE = 1e-6
 """Maximum deviation of the sum of all probabilities from 1."""
+MAX_OUT_OF_MAP_PROBABILITY = 0.5
+"""Maximum out-of-map probability of an accepted answer: the query is more probably in the map than outside."""
 
 
 class RankedPlace(NamedTuple):
@@ -81,6 +83,20 @@ class LocalizationStatus(StrEnum):
         return self in (LocalizationStatus.OUT_OF_MAP, LocalizationStatus.NO_MATCH, LocalizationStatus.LOW_SCORE)
 
 
+def is_accepted(status: LocalizationStatus, out_of_map_probability: float | None) -> bool | None:
+    """Return whether an answer is accepted: its status names a place, and its out-of-map probability is at most
+    MAX_OUT_OF_MAP_PROBABILITY, also where the posterior of the localizer has a larger limit.
+
+    Args:
+        status: The status of the answer.
+        out_of_map_probability: Its out-of-map probability; None: the localizer has no probabilities, and the result is
+            None where the status names a place.
+    """
+    if not status.names_a_place:
+        return False
+    return None if out_of_map_probability is None else out_of_map_probability <= MAX_OUT_OF_MAP_PROBABILITY
+
+
 @dataclass(frozen=True)
 class Localization:
     """The answer of a localizer.
@@ -130,6 +146,24 @@ class Localization:
             object.__setattr__(self, "heading_rad", pose_yaw(np.asarray(self.T_world_query)))
         if self.heading_rad is not None and not np.isfinite(self.heading_rad):
             raise InvalidAnswer(f"a localization has the heading {self.heading_rad}, expected finite radians or None")
+
+    @property
+    def accepted(self) -> bool | None:
+        """Whether a program should use the first place and the pose, which the status `no-pose` lacks.
+
+        None where there is a place without probabilities: such a localizer cannot tell.
+        """
+        return is_accepted(self.status, self.out_of_map_probability)
+
+    @property
+    def summary(self) -> str:
+        """The status and, where a place is not accepted, the reason, as one statement."""
+        if self.accepted is not False or not self.status.names_a_place:
+            return str(self.status)
+        return (
+            f"not accepted, because the query is probably out-of-map: {self.out_of_map_probability:.1%}, "
+            f"expected at most {MAX_OUT_OF_MAP_PROBABILITY:.0%}"
+        )
 
     def _check_probabilities(self) -> None:
         """Raise InvalidAnswer unless all probabilities are None, or each is in [0, 1] and they sum to 1."""

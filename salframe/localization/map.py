@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,12 +22,16 @@ from salframe.localization.answers import Localization
 from salframe.localization.describing import check_parts, describe_ahead, describe_frame, suggest_components
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map_files import MapParts, read_map, write_map
-from salframe.localization.preparing import Tell, silent
+from salframe.localization.preparing import Tell, python_warning, silent
+from salframe.panoramas.data_checks import query_notes
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 from salframe.panoramas.opening import reference_frames
 from salframe.panoramas.panorama import Annotations, Panorama
+
+MAX_HEIGHTS = 200
+"""Maximum number of reference frames whose heights are compared with that of a query."""
 
 
 class LocalizationMap:
@@ -197,27 +202,40 @@ class LocalizationMap:
         rgb: np.ndarray | None = None,
         range_m: np.ndarray | None = None,
         annotations: Annotations | None = None,
+        warn: Callable[[str], object] = python_warning,
     ) -> Localization:
         """Localize a frame, a panorama, or the images of a panorama.
 
         Args:
             query: The frame or panorama.
-            rgb: (H, 2H, 3) uint8, equirectangular.
-            range_m: (H, 2H) float32, metres along the ray, NaN where unknown.
+            rgb: (H, 2H, 3) uint8, equirectangular, as in Panorama.
+            range_m: (H, 2H) float32, metres along the ray, NaN where unknown, as in Panorama.
             annotations: Annotated objects.
+            warn: Called with each warning on the panorama: ranges that seem to be in a wrong unit, and objects without
+                a label. The default issues a Python warning.
 
         Raises:
             InputMissing: The localizer needs other parts. The error names a detector that does not need them.
-            DataError: Both a query and images were passed, or the images differ in size.
+            DataError: Both a query and images were passed, the query is something else, or an image is malformed.
         """
         if query is None:
             query = Panorama("the panorama", rgb, range_m, annotations=annotations)
+        elif not isinstance(query, ReferenceFrame | QueryFrame | Panorama):
+            raise DataError(
+                f"the query is {type(query).__name__}, expected a frame, a Panorama, or arrays as rgb=, range_m= and "
+                "annotations=; read files with salframe.read_panorama"
+            )
         elif any(image is not None for image in (rgb, range_m, annotations)):
             raise DataError(f"received both {query.id} and images of another panorama, expected only one of them")
         if isinstance(query, Panorama):
             panorama = query
             check_parts(self.localizer, panorama, lambda: suggest_components(self.localizer.config, panorama.provides))
             query = QueryFrame(panorama.id, lambda: panorama)
+        else:
+            panorama = query.load()
+            query = replace(query, load=lambda: panorama)
+        for note in query_notes(panorama, self._camera_z_m):
+            warn(note)
         return self.answer(describe_frame(self.localizer, query)[0])
 
     def answer(self, description: Description) -> Localization:
@@ -251,6 +269,7 @@ class LocalizationMap:
         self, packed: Sequence[Description], frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks]
     ) -> None:
         self._packed, self.frames = packed, frames
+        self._camera_z_m = np.array([frame.T_world_pano[2, 3] for frame in frames[:MAX_HEIGHTS]])
         self.floors = self.localizer.floors = tuple(floors) if self.localizer.uses_floors else ()
 
     def _index(self) -> None:

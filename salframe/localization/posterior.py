@@ -13,7 +13,7 @@ from pydantic import Field
 from salframe.framework.config import merge, read_yaml
 from salframe.framework.errors import DataError
 from salframe.framework.validation import Settings
-from salframe.localization.answers import Localization, LocalizationStatus, ranked_places
+from salframe.localization.answers import MAX_OUT_OF_MAP_PROBABILITY, Localization, LocalizationStatus, ranked_places
 
 FEATURES = ("top_score", "top_probability", "margin", "log_objects")
 """Features of the head, in the order of `head_features`."""
@@ -46,7 +46,10 @@ class Posterior(Settings):
     temperature: float = Field(gt=0, description="difference in score that makes a place e times as probable")
     head: Head
     max_out_of_map_probability: float = Field(
-        0.5, ge=0, le=1, description="maximum out-of-map probability; above it, the answer is out-of-map"
+        MAX_OUT_OF_MAP_PROBABILITY,
+        ge=0,
+        le=1,
+        description="maximum out-of-map probability; above it, the answer is out-of-map",
     )
 
     def apply(self, localization: Localization, objects: int = 0) -> Localization:
@@ -185,7 +188,7 @@ def fit_posterior(answers: Sequence[ScoredAnswer]) -> Fit:
     head = Head(bias=bias, **dict(zip(FEATURES, weights, strict=True)))
     base = in_map.mean()
     return Fit(
-        Posterior(temperature=temperature, head=head, max_out_of_map_probability=0.5),
+        Posterior(temperature=temperature, head=head, max_out_of_map_probability=MAX_OUT_OF_MAP_PROBABILITY),
         len(answers),
         len(ranked),
         _place_nll(ranked, 1.0),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -19,6 +20,10 @@ from salframe.panoramas.opening import Progress, configure_dataset, open_dataset
 
 Tell = Callable[[str], None]
 """Called with a line that the user must read, such as the component that `auto` selected, or a warning."""
+
+
+python_warning: Callable[[str], object] = partial(warnings.warn, stacklevel=2)
+"""Issues a Python warning at the caller of the function that calls this."""
 
 
 def silent(line: str) -> None:

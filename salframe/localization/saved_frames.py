@@ -74,7 +74,7 @@ class SavedFrames(Sequence[ReferenceFrame]):
             raise DataError(f"{rows.folder} has a pose of {min(lengths)} numbers, expected {_LEVEL} or {_TILTED}")
         for low in range(0, len(self), _CHUNK):
             if not (rigid := self._are_rigid(low, min(low + _CHUNK, len(self)))).all():
-                frame = self[low + int(np.argmin(rigid))].id
+                frame = self._columns["id"][low + int(np.argmin(rigid))].item()
                 raise DataError(f"{rows.folder}: the pose of {frame} is no rigid motion: build the map again")
 
     def _are_rigid(self, low: int, high: int) -> np.ndarray:

@@ -92,7 +92,7 @@ def _slope_cosine(points: np.ndarray) -> np.ndarray:
         return np.abs(normal[..., 2]) / np.linalg.norm(normal, axis=-1)
 
 
-def units_note(frames: Sequence[Frame], camera_z_m: Sequence[float] = ()) -> str | None:
+def units_note(frames: Sequence[Frame], camera_z_m: Sequence[float] | np.ndarray = ()) -> str | None:
     """Return a one-line warning where the ranges seem to be in a wrong unit; None where they do not.
 
     A few of the frames are loaded. The warning is returned where the median height of the camera above the floor is

@@ -9,9 +9,8 @@ import numpy as np
 from salframe.panoramas.camera_height import camera_height, units_note
 from salframe.panoramas.cube_depth import is_cube_depth
 from salframe.panoramas.dataset import Dataset
-from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.opening import reference_frames
-from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.panorama import Panorama, unlabelled_note
 from salframe.panoramas.pose_checks import pose_notes
 from salframe.panoramas.range_missing import missing_note
 from salframe.panoramas.region_check import check_regions
@@ -35,30 +34,38 @@ def data_notes(dataset: Dataset) -> list[str]:
     return [*(note for note in notes if note), *(pose_notes(folds[0].references, floors) if folds else [])]
 
 
-def query_notes(panorama: Panorama, references: Sequence[ReferenceFrame] = ()) -> list[str]:
-    """Return warnings about a query; empty where its range is as expected, and where it has none.
+def query_notes(panorama: Panorama, camera_z_m: Sequence[float] | np.ndarray = ()) -> list[str]:
+    """Return warnings about a query; empty where its range and annotations are as expected.
 
     Args:
         panorama: The query.
-        references: Frames of the map in which it is localized. Their heights tell a camera that hangs upside down.
+        camera_z_m: (S,) world z of the cameras of the map. They confirm unusual heights, and tell a camera that hangs
+            upside down.
     """
-    if panorama.range_m is None:
-        return []
-    if is_cube_depth(panorama.range_m):
-        return [
-            f"the range image of {panorama.id} holds z-depth of cube faces, in which straight walls bend, expected "
-            "range along the ray: declare its kind, cube"
-        ]
-    z_m = [float(frame.T_world_pano[2, 3]) for frame in references]
-    notes = [note] if (note := units_note([panorama], z_m)) else []
-    floor_m, ceiling_m = camera_height(panorama.range_m), camera_height(panorama.range_m[::-1])
-    if floor_m is not None and ceiling_m is not None and z_m:
-        z_error, turned_error = (
-            min(abs(np.log(z / h)) if z > 0 else np.inf for z in z_m) for h in (floor_m, ceiling_m)
-        )
-        if turned_error <= MAX_HEIGHT_ERROR < 2 * MAX_HEIGHT_ERROR < z_error:
+    notes = [unlabelled_note(panorama)]
+    if panorama.range_m is not None and panorama.range_by is None:
+        if is_cube_depth(panorama.range_m):
             notes.append(
-                f"{panorama.id} seems to be upside down: it shows the floor {floor_m:.2f} m below the camera and the "
-                f"ceiling {ceiling_m:.2f} m above, and the cameras of the map are {np.median(z_m):.2f} m high"
+                f"the range image of {panorama.id} seems to hold z-depth of cube faces, in which straight walls bend, "
+                'expected range along the ray: declare the range kind "cube"'
             )
-    return notes
+        else:
+            notes.append(units_note([panorama], camera_z_m))
+            notes.append(_upside_down_note(panorama.id, panorama.range_m, np.asarray(camera_z_m)))
+        notes.append(missing_note([panorama]))
+    return [note for note in notes if note]
+
+
+def _upside_down_note(id: str, range_m: np.ndarray, camera_z_m: np.ndarray) -> str | None:
+    """Return a warning where the ceiling is as far from the camera as the floor is in the map."""
+    floor_m, ceiling_m = camera_height(range_m), camera_height(range_m[::-1])
+    known_m = camera_z_m[camera_z_m > 0]
+    if floor_m is None or ceiling_m is None or not len(known_m):
+        return None
+    error, turned_error = (float(np.abs(np.log(known_m / height_m)).min()) for height_m in (floor_m, ceiling_m))
+    if not turned_error <= MAX_HEIGHT_ERROR < 2 * MAX_HEIGHT_ERROR < error:
+        return None
+    return (
+        f"{id} seems to be upside down: it shows the floor {floor_m:.2f} m below the camera and the ceiling "
+        f"{ceiling_m:.2f} m above it, and the cameras of the map are at z = {np.median(known_m):.2f} m"
+    )

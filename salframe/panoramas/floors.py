@@ -10,11 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from salframe.framework.arrays import check_array
+from salframe.framework.arrays import as_array, check_array, check_mask
 from salframe.framework.errors import DataError
 from salframe.framework.files.array_files import ArrayKind, check_arrays
 from salframe.framework.files.reading import read_arrays
 from salframe.framework.files.writing import write_arrays
+from salframe.panoramas.panorama import labels_by_id
 
 FLOORS = "floors.npz"
 """Name of the file with the floors of a map."""
@@ -48,7 +49,7 @@ class FloorMasks:
     y = origin_m[1] - row * resolution_m.
 
     Attributes:
-        free: (rows, columns) bool, free floor, obstacles not yet subtracted.
+        free: (rows, columns) bool, free floor, obstacles not yet subtracted. Integers are true where they are not 0.
         region: (rows, columns) int32, label of the region; 0 outside all regions.
         obstacle: (rows, columns) bool, obstacles.
         resolution_m: Side of a pixel in metres.
@@ -57,7 +58,8 @@ class FloorMasks:
         z_m: Height of the floor in the world. A frame belongs to the highest floor below it, up to MAX_CAMERA_M.
 
     Raises:
-        DataError: The masks differ in size, or the resolution is not positive.
+        DataError: The masks differ in size, a mask has another dtype, a number is not finite, the resolution is not
+            positive, or a region label is no whole number.
     """
 
     free: np.ndarray
@@ -69,18 +71,26 @@ class FloorMasks:
     z_m: float = 0.0
 
     def __post_init__(self) -> None:
-        shape = check_array(self, "free", np.bool_, None, None).shape
-        for name, dtype in (("region", np.int32), ("obstacle", np.bool_)):
-            mask_shape = check_array(self, name, dtype, None, None).shape
+        shape = check_mask(self, "free").shape
+        region = check_array(self, "region", np.int32, None, None)
+        for name, mask_shape in (("region", region.shape), ("obstacle", check_mask(self, "obstacle").shape)):
             if mask_shape != shape:
                 raise DataError(
                     f"the {name} mask of a floor is {mask_shape[1]} x {mask_shape[0]} pixels, "
                     f"expected {shape[1]} x {shape[0]}, the size of its free mask"
                 )
-        if not self.resolution_m > 0:
+        if not 0 < self.resolution_m < np.inf:
             raise DataError(
-                f"the masks of a floor have a resolution of {self.resolution_m} m per pixel, expected more than 0"
+                f"the masks of a floor have a resolution of {self.resolution_m} m per pixel, "
+                "expected a finite number above 0"
             )
+        position_m = as_array((*self.origin_m, self.z_m), "the origin of a floor")
+        if position_m.shape != (3,) or not np.isfinite(position_m).all():
+            raise DataError(
+                f"a floor has the origin {self.origin_m} m and the height {self.z_m} m, expected (x, y) and z, "
+                "three finite numbers"
+            )
+        object.__setattr__(self, "regions", labels_by_id(self.regions, "FloorMasks.regions"))
 
 
 def touch(floor: FloorMasks, other: FloorMasks) -> bool:

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, PositiveFloat, field_validator, model_validator
 
-from salframe.framework.errors import DataError
+from salframe.framework.errors import DataError, TruthMissing
 from salframe.framework.files.hashes import file_sha256
 from salframe.framework.files.reading import read_model, read_table
 from salframe.framework.files.writing import atomic_path, write_json
@@ -190,12 +190,15 @@ class Folder:
         return {} if self.manifest.truth is None else read_model(self.root / self.manifest.truth, TruthFile).queries
 
     def truth(self, query_id: str) -> Truth:
-        """Return the truth of a query."""
+        """Return the truth of a query. Raises TruthMissing where it has none."""
         try:
             entry = self._truth[query_id]
         except KeyError:
-            raise DataError(
-                f"{self.root / (self.manifest.truth or MANIFEST)} has no truth of the query {query_id!r}"
+            where = self.root / (self.manifest.truth or MANIFEST)
+            expected = "its place in the file that `truth` in the manifest names"
+            raise TruthMissing(
+                f"{where} has no truth of the query {query_id!r}, expected {expected}: the evaluation needs it, "
+                "`salframe localize` does not"
             ) from None
         return Truth(entry.place, self._pose(entry.pose), entry.instances)
 
@@ -387,13 +390,24 @@ def write_manifest(
     floors: Sequence[FloorEntry] = (),
     rendered: bool = False,
 ) -> None:
-    """Write truth.json and then manifest.json. Call this last: the manifest makes the folder a dataset."""
-    write_json(root / "truth.json", TruthFile(queries=dict(truth)).model_dump(mode="json", exclude_none=True))
+    """Write truth.json and then manifest.json. Call this last: the manifest makes the folder a dataset.
+
+    Args:
+        root: The folder.
+        frames: Entries of all frames.
+        truth: Truth of the queries by id. Where it is empty, no truth file is written: the folder can be localized in,
+            and it cannot be evaluated.
+        objects: Name of the table of objects.
+        floors: Entries of the floors.
+        rendered: As in Annotations.
+    """
+    if truth:
+        write_json(root / "truth.json", TruthFile(queries=dict(truth)).model_dump(mode="json", exclude_none=True))
     manifest = Manifest(
         format="salframe-folder",
         version=1,
         frames=tuple(frames),
-        truth="truth.json",
+        truth="truth.json" if truth else None,
         objects=objects,
         floors=tuple(floors),
         rendered=rendered,

@@ -10,6 +10,7 @@ import numpy as np
 
 from salframe.framework.arrays import check_array
 from salframe.framework.errors import DataError
+from salframe.panoramas.geometry import is_rigid
 from salframe.panoramas.panorama import Panorama
 
 
@@ -18,6 +19,24 @@ class FrameKind(StrEnum):
 
     SCENE = "scene"
     TRANSITION = "transition"
+
+
+POSE_TOLERANCE = 1e-3
+"""Tolerance of the check that a pose is a rigid motion, as in the manifest of a folder."""
+
+
+def check_pose(owner: object, where: str) -> None:
+    """Check the field `T_world_pano` and replace it by a read-only (4, 4) float64 array.
+
+    Raises:
+        DataError: It is no rigid motion: it has another shape, numbers that are not finite, a scale or a mirror.
+    """
+    pose = check_array(owner, "T_world_pano", np.float64, 4, 4)
+    if not is_rigid(pose, POSE_TOLERANCE):
+        raise DataError(
+            f"{where} has the pose {pose.tolist()}, expected a rigid motion: a rotation without scale or mirror and a "
+            "translation in metres, above the row 0 0 0 1"
+        )
 
 
 def _no_panorama() -> Panorama:
@@ -38,7 +57,7 @@ class ReferenceFrame:
             have the same panorama have the same key.
 
     Raises:
-        DataError: The kind is not a FrameKind, or the pose has another shape.
+        DataError: The kind is not a FrameKind, or the pose is no rigid motion.
     """
 
     id: str
@@ -49,7 +68,7 @@ class ReferenceFrame:
     content: str = ""
 
     def __post_init__(self) -> None:
-        check_array(self, "T_world_pano", np.float64, 4, 4)
+        check_pose(self, f"the frame {self.id}")
         try:
             object.__setattr__(self, "kind", FrameKind(self.kind))
         except ValueError:
@@ -78,13 +97,17 @@ class Truth:
 
     Attributes:
         place: Name of the place.
-        T_world_pano: (4, 4) pose; None where it is unknown.
+        T_world_pano: (4, 4) pose, a rigid motion; None where it is unknown.
         instances: Ids of the visible instances.
     """
 
     place: str
     T_world_pano: np.ndarray | None = None
     instances: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.T_world_pano is not None:
+            check_pose(self, f"the truth of a query in {self.place}")
 
 
 @dataclass(frozen=True)

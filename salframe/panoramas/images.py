@@ -9,6 +9,7 @@ import numpy as np
 from salframe.framework.errors import DataError
 from salframe.framework.files.reading import read_image
 from salframe.framework.files.writing import atomic_path
+from salframe.panoramas.panorama import clean_range
 from salframe.panoramas.range_encoding import MAX_STEP, RangeEncoding
 
 _PNG_COMPRESSION, _JPEG_QUALITY = 16, 1
@@ -46,14 +47,18 @@ def read_range(path: Path, encoding: RangeEncoding | None = None) -> np.ndarray:
 def write_range(path: Path, range_m: np.ndarray, encoding: RangeEncoding | None = None) -> None:
     """Write the range along the ray of a panorama, (H, W) in metres, as a 16-bit image.
 
-    NaN and ranges above the 16-bit limit become 0.
+    NaN, ranges that are not positive, and ranges above the 16-bit limit become 0.
 
     Args:
         path: The file.
-        range_m: (H, W) range along the ray in metres.
+        range_m: (H, W) floating-point range along the ray in metres.
         encoding: What the values of the file mean; None: millimetres along the ray, up to 65.535 m.
+
+    Raises:
+        DataError: The range is not a floating-point array.
     """
-    _write(path, (encoding or RangeEncoding()).panorama_steps(range_m))
+    known_m = clean_range(range_m, f"{path}: the range image")
+    _write(path, (encoding or RangeEncoding()).panorama_steps(known_m))
 
 
 def read_ids(path: Path) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -110,19 +111,17 @@ def find_frame(dataset: Dataset, name: str) -> ReferenceFrame | QueryFrame:
 
 def find_image(path: Path) -> tuple[Path, str]:
     """Return the dataset folder that contains an image, and the id of the frame of the image. Raises DataError."""
-    path = path.resolve()
-    folder = next((parent for parent in path.parents if (parent / MANIFEST).exists()), None)
-    if folder is None:
+    from salframe.panoramas.image_lookup import dataset_folders, find_frame_image
+
+    image = find_frame_image(path)
+    if image is not None:
+        return image.folder.root, image.frame.id
+    root = next(iter(dataset_folders(path)), None)
+    if root is None:
         raise DataError(
             f"{path} lies in no folder with a {MANIFEST}, expected an image that the manifest of a dataset names"
         )
-    from salframe.panoramas.folder_format import IMAGE_KEYS, Folder
-
-    image = path.relative_to(folder).as_posix()
-    for frame in Folder(folder).manifest.frames:
-        if image in [getattr(frame, key) for key in IMAGE_KEYS]:
-            return folder, frame.id
-    raise DataError(f"{folder / MANIFEST} has no frame with the image {image}")
+    raise DataError(f"{root / MANIFEST} has no frame with the image {os.path.relpath(path, root)}")
 
 
 def open_frame(

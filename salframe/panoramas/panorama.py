@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
-from salframe.framework.arrays import check_array
+from salframe.framework.arrays import as_array, check_array, check_mask
 from salframe.framework.errors import DataError
 from salframe.panoramas.range_encoding import RangeEncoding
 
@@ -15,6 +16,59 @@ PARTS = frozenset({"rgb", "range", "annotations"})
 """Parts that a panorama may provide and a component may need."""
 VISIBLE_PIXELS = 50
 """Minimum number of pixels of a visible object."""
+MAX_INSTANCE_ID = 65535
+"""Maximum instance id: the maximum of a 16-bit image."""
+
+
+def clean_range(range_m: Any, where: str) -> np.ndarray:
+    """Return a range or depth image in float32, NaN where it is not a positive finite number.
+
+    Args:
+        range_m: Floating-point array in metres.
+        where: Name of the array in errors.
+
+    Raises:
+        DataError: The array has integers or no numbers.
+    """
+    image = as_array(range_m, where)
+    if image.dtype.kind != "f":
+        raise DataError(
+            f"{where} has dtype {image.dtype}, expected float32 in metres, NaN where unknown: "
+            "multiply by the unit, such as 0.001 for millimetres"
+        )
+    with np.errstate(over="ignore"):
+        image = image.astype(np.float32, copy=False)
+    is_known = np.isfinite(image) & (image > 0)
+    is_clean = (is_known | np.isnan(image)).all()
+    return image if is_clean else np.where(is_known, image, np.float32(np.nan))
+
+
+def labels_by_id(labels: Any, where: str) -> dict[int, str]:
+    """Return the label of each instance id. Ids as text, such as those of JSON, become integers.
+
+    Args:
+        labels: Mapping from ids to labels.
+        where: Name of the mapping in errors.
+
+    Raises:
+        DataError: This is no mapping, an id is no whole number from 0 to MAX_INSTANCE_ID, two ids are equal, or a label
+            is no text.
+    """
+    expected = 'expected the label of each instance id, such as {7: "chair"}'
+    if not isinstance(labels, Mapping):
+        raise DataError(f"{where} is {type(labels).__name__}, {expected}")
+    converted: dict[int, str] = {}
+    for key, label in labels.items():
+        text = str(key)
+        is_id = isinstance(key, int | np.integer | str) and not isinstance(key, bool)
+        if not (is_id and text.isascii() and text.isdecimal() and int(text[:6]) <= MAX_INSTANCE_ID and len(text) <= 6):
+            raise DataError(f"{where} has the id {key!r}, expected a whole number from 0 to {MAX_INSTANCE_ID}")
+        if not isinstance(label, str):
+            raise DataError(f"{where} has the label {label!r} of {key}, {expected}")
+        if int(text) in converted:
+            raise DataError(f"{where} has the id {int(text)} twice, expected one label for each id")
+        converted[int(text)] = label
+    return converted
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,13 +114,15 @@ class Annotations:
     """Annotated objects of a panorama: either an instance image with its labels, or a list of objects.
 
     Attributes:
-        instance_id: (H, 2H) int32 instance image, 0 where there is no object; None where there is a list of objects.
-        labels: Label of each instance id.
+        instance_id: (H, 2H) int32 instance image, 0 where there is no object, at most MAX_INSTANCE_ID; other integers
+            are converted. None where there is a list of objects.
+        labels: Label of each instance id. Ids as text, such as "7", are converted.
         objects: List of objects; None where there is an instance image.
         rendered: Whether labels and ranges come from a renderer and are free of errors.
 
     Raises:
-        DataError: There are both an instance image and a list of objects, or neither; or the image is no int32 array.
+        DataError: There are both an instance image and a list of objects, or neither; the image has no integers, or
+            integers out of range; or the labels are no mapping from ids to text.
     """
 
     instance_id: np.ndarray | None = None
@@ -79,7 +135,14 @@ class Annotations:
             received = "both" if self.instance_id is not None else "neither"
             raise DataError(f"Annotations received {received}, expected either an instance image or a list of objects")
         if self.instance_id is not None:
-            check_array(self, "instance_id", np.int32, None, None)
+            ids = check_array(self, "instance_id", np.int32, None, None)
+            if ids.min(initial=0) < 0 or ids.max(initial=0) > MAX_INSTANCE_ID:
+                raise DataError(
+                    f"Annotations.instance_id has ids from {ids.min()} to {ids.max()}, expected 0 to {MAX_INSTANCE_ID}"
+                )
+        elif not isinstance(self.objects, ObjectBoxes):
+            raise DataError(f"Annotations.objects is {type(self.objects).__name__}, expected ObjectBoxes")
+        object.__setattr__(self, "labels", labels_by_id(self.labels, "Annotations.labels"))
 
     @property
     def vocabulary(self) -> tuple[str, ...]:
@@ -93,9 +156,10 @@ class Panorama:
 
     Attributes:
         id: Id of the frame.
-        rgb: (H, 2H, 3) uint8 colour.
-        range_m: (H, 2H) float32 range along the ray in metres, NaN where unknown.
-        valid: (H, 2H) bool, the visible part of the sphere; None: all of it.
+        rgb: (H, 2H, 3) uint8 colour, red first. Blue first, the order of OpenCV, cannot be detected.
+        range_m: (H, 2H) float32 range along the ray in metres, NaN where unknown. float16 and float64 are converted;
+            infinite, zero and negative ranges become NaN.
+        valid: (H, 2H) bool, the visible part of the sphere; None: all of it. Integers are true where they are not 0.
         annotations: Annotated objects.
         range_by: Name of the range model that estimated the range; None where it comes from a sensor or a renderer.
         range_encoding: Encoding of the file that the range was read from; None where there is no file, or no panorama.
@@ -117,6 +181,9 @@ class Panorama:
             raise DataError(
                 f"{self.id} has range_by {self.range_by!r} and no range image, expected both or neither of them"
             )
+        if self.annotations is not None and not isinstance(self.annotations, Annotations):
+            received = type(self.annotations).__name__
+            raise DataError(f"{self.id}: annotations is {received}, expected Annotations(instance_id, labels)")
         height = None
         instance_id = None if self.annotations is None else self.annotations.instance_id
         for name, image in (
@@ -127,7 +194,7 @@ class Panorama:
         ):
             if image is None:
                 continue
-            shape = np.shape(image)
+            shape = as_array(image, f"{self.id}: the {name} image").shape
             if len(shape) < 2 or shape[1] != 2 * shape[0]:
                 raise DataError(
                     f"{self.id}: the {name} image is {' x '.join(map(str, shape[1::-1]))}, "
@@ -140,11 +207,17 @@ class Panorama:
                 )
             height = shape[0]
         if self.rgb is not None:
+            if (received := as_array(self.rgb, "rgb").dtype) != np.uint8:
+                raise DataError(
+                    f"{self.id}: rgb has dtype {received}, expected uint8 from 0 to 255: "
+                    "scale other values, such as 0 to 1, and convert with .astype(numpy.uint8)"
+                )
             check_array(self, "rgb", np.uint8, None, None, 3)
         if self.range_m is not None:
+            object.__setattr__(self, "range_m", clean_range(self.range_m, f"{self.id}: range_m"))
             check_array(self, "range_m", np.float32, None, None)
         if self.valid is not None:
-            check_array(self, "valid", np.bool_, None, None)
+            check_mask(self, "valid")
 
     @property
     def provides(self) -> frozenset[str]:
@@ -161,3 +234,19 @@ def visible_instances(instance_id: np.ndarray) -> tuple[int, ...]:
     """
     pixels = np.bincount(instance_id.ravel())
     return tuple(int(i) for i in np.flatnonzero(pixels >= VISIBLE_PIXELS) if i)
+
+
+def unlabelled_note(panorama: Panorama) -> str | None:
+    """Return a one-line warning where visible objects of the instance image have no label; None where all have one."""
+    annotations = panorama.annotations
+    if annotations is None or annotations.instance_id is None:
+        return None
+    visible = visible_instances(annotations.instance_id)
+    unlabelled = [str(id) for id in visible if id not in annotations.labels]
+    if not unlabelled:
+        return None
+    ids = ", ".join(unlabelled[:5]) + (", ..." if len(unlabelled) > 5 else "")
+    return (
+        f"{panorama.id}: {len(unlabelled)} of {len(visible)} objects of the instance image are ignored, because their "
+        f"ids have no label: {ids}"
+    )

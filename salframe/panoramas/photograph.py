@@ -8,8 +8,8 @@ import numpy as np
 
 from salframe.framework.arrays import check_array
 from salframe.framework.errors import DataError
-from salframe.panoramas.geometry import equirectangular_rays, rays_to_pixels
-from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.geometry import are_rotations, equirectangular_rays, rays_to_pixels
+from salframe.panoramas.panorama import Panorama, clean_range
 
 LEVEL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Rotation from the axes of a level camera that looks along +x (x right, y down, z forward) to the panorama frame."""
@@ -34,7 +34,12 @@ class Pinhole:
     rotation: np.ndarray = field(default_factory=LEVEL.copy)
 
     def __post_init__(self) -> None:
-        check_array(self, "rotation", np.float64, 3, 3)
+        rotation = check_array(self, "rotation", np.float64, 3, 3)
+        if not (np.isfinite(rotation).all() and are_rotations(rotation, 1e-3) and np.isfinite(self.centre_px).all()):
+            raise DataError(
+                f"a camera has the rotation {rotation.tolist()} and the principal point {self.centre_px}, expected a "
+                "rotation without scale or mirror and finite numbers"
+            )
         if not (self.width_px > 0 and self.height_px > 0 and 0 < self.focal_px < np.inf):
             raise DataError(
                 f"a camera has {self.width_px} x {self.height_px} pixels and a focal length of {self.focal_px}, "
@@ -52,10 +57,12 @@ class Pinhole:
             pitch_rad: Elevation of the optical axis.
 
         Raises:
-            DataError: The field of view is not between 0 and pi.
+            DataError: The field of view is not between 0 and pi, or the pitch not between -pi / 2 and pi / 2.
         """
         if not 0 < hfov_rad < np.pi:
             raise DataError(f"a photograph has a field of view of {np.degrees(hfov_rad):g} deg, expected 0 to 180")
+        if not abs(pitch_rad) <= np.pi / 2:
+            raise DataError(f"a photograph has a pitch of {np.degrees(pitch_rad):g} deg, expected -90 to 90")
         c, s = np.cos(pitch_rad), np.sin(pitch_rad)
         up = np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
         focal_px = width_px / 2 / np.tan(hfov_rad / 2)
@@ -124,19 +131,19 @@ class Pinhole:
         Args:
             name: Id of the panorama.
             rgb: (height_px, width_px, 3) uint8 photograph.
-            depth_m: (height_px, width_px) float z-depth in metres, NaN where unknown.
+            depth_m: (height_px, width_px) float z-depth in metres, NaN where unknown, as `range_m` of Panorama.
             height: Height of the panorama.
 
         Raises:
             DataError: An image has another size.
         """
         for what, image in (("photograph", rgb), ("depth image", depth_m)):
-            if image is not None and image.shape[:2] != (self.height_px, self.width_px):
-                raise DataError(
-                    f"the {what} is {image.shape[1]} x {image.shape[0]}, expected {self.width_px} x {self.height_px}"
-                )
+            if image is not None and np.shape(image)[:2] != (self.height_px, self.width_px):
+                received = " x ".join(map(str, np.shape(image)[1::-1]))
+                raise DataError(f"the {what} is {received}, expected {self.width_px} x {self.height_px}")
         range_m = None
         if depth_m is not None:
+            depth_m = clean_range(depth_m, f"{name}: depth_m")
             along_ray = np.asarray(depth_m * np.linalg.norm(self.rays(), axis=-1), np.float32)
             range_m = self.lay_on_sphere(np.nan_to_num(along_ray), height, smooth=False)
             range_m[range_m <= 0] = np.nan

@@ -307,7 +307,7 @@ def _scale_text(scale: float, sample: _Sample) -> str:
     height = "" if floor_m is None else f" (the floor lies {floor_m:.2f} m below the cameras)"
     return (
         f'the positions are {times} for the ranges: in manifest.json, multiply "pose_unit_m" (default 1) by '
-        f'{scale:.4g}, '
+        f"{scale:.4g}, "
         f'or "range_unit_m" (default 0.001) by {1 / scale:.4g}{height}'
     )
 

@@ -46,8 +46,8 @@ class RangeEncoding:
     kind: RangeKind | str = RangeKind.RAY
 
     def __post_init__(self) -> None:
-        if not 0 < self.unit_m < np.inf:
-            raise DataError(f"range_unit_m is {self.unit_m}, expected a positive number of metres per step")
+        if not (isinstance(self.unit_m, int | float) and 0 < self.unit_m < np.inf):
+            raise DataError(f"range_unit_m is {self.unit_m!r}, expected a positive number of metres per step")
         for value in self.missing:
             if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= MAX_STEP:
                 raise DataError(f"range_missing has the value {value!r}, expected integers from 0 to {MAX_STEP}")

@@ -11,14 +11,11 @@ import numpy as np
 from salframe.framework.errors import DataError
 from salframe.framework.files.reading import read_json
 from salframe.panoramas import images
-from salframe.panoramas.dataset import MANIFEST
-from salframe.panoramas.folder_format import IMAGE_KEYS, Folder
-from salframe.panoramas.panorama import Annotations, Panorama
+from salframe.panoramas.image_lookup import find_frame_image
+from salframe.panoramas.panorama import Annotations, Panorama, labels_by_id
 from salframe.panoramas.photograph import Pinhole
 from salframe.panoramas.range_encoding import MILLIMETRE, RangeEncoding, RangeKind
 
-_MAX_DIGITS = 5
-"""Maximum number of digits of an instance id in a 16-bit image."""
 MIN_ROWS, MAX_ROWS = 256, 1024
 """Limits of the height of the panorama of a photograph, which has the resolution of the centre of the photograph."""
 
@@ -67,8 +64,14 @@ def read_panorama(
         z_depth: Short for `range_kind="cube"`.
 
     Raises:
-        DataError: A file is missing or malformed, or the encoding of the range is invalid.
+        DataError: A file is missing or malformed, an argument is not the path of a file, or the encoding of the range
+            is invalid.
     """
+    for name, file in (("rgb", rgb), ("range_image", range_image), ("instances", instances), ("labels", labels)):
+        if file is not None and not isinstance(file, str | Path):
+            raise DataError(
+                f"{name} is {type(file).__name__}, expected the path of a file; for arrays, use salframe.Panorama"
+            )
     files = [Path(path) for path in (rgb, range_image, instances) if path is not None]
     if not files:
         raise DataError("received no image, expected an rgb, range or instance image")
@@ -83,19 +86,9 @@ def read_panorama(
         range_m,
         annotations=None
         if instances is None or labels is None
-        else Annotations(images.read_ids(Path(instances)), _read_labels(Path(labels))),
+        else Annotations(images.read_ids(Path(instances)), labels_by_id(read_json(Path(labels)), str(labels))),
         range_encoding=None if range_m is None else encoding,
     )
-
-
-def _read_labels(path: Path) -> dict[int, str]:
-    content = read_json(path)
-    if not isinstance(content, dict) or not all(
-        id.isascii() and id.isdecimal() and len(id) <= _MAX_DIGITS and isinstance(label, str)
-        for id, label in content.items()
-    ):
-        raise DataError(f'{path} does not contain labels, expected JSON such as {{"1": "bed", "2": "lamp"}}')
-    return {int(id): label for id, label in content.items()}
 
 
 def open_panorama(image: Path, range_image: Path | None = None, encoding: RangeEncoding | None = None) -> Shot:
@@ -112,7 +105,7 @@ def open_panorama(image: Path, range_image: Path | None = None, encoding: RangeE
         DataError: A file is missing or malformed, the image is not equirectangular, or the encoding does not apply to
             a panorama.
     """
-    panorama = None if range_image is not None else _in_manifest(image.resolve())
+    panorama = None if range_image is not None else _in_manifest(image)
     if panorama is None:
         rgb = images.read_color(image)
         height, width = rgb.shape[:2]
@@ -172,14 +165,11 @@ def open_photograph(
 
 
 def _in_manifest(image: Path) -> Panorama | None:
-    """Return the panorama of the frame whose rgb image this is; None where no manifest.json above it names it."""
-    root = next((parent for parent in image.parents if (parent / MANIFEST).exists()), None)
-    if root is None:
+    """Return the panorama of the frame whose rgb image this is; None where no manifest.json names it."""
+    named = find_frame_image(image)
+    if named is None:
         return None
-    folder, name = Folder(root), image.relative_to(root).as_posix()
-    for frame in folder.manifest.frames:
-        if name == frame.rgb:
-            return folder.load(frame)
-        if other := next((key for key in IMAGE_KEYS if name == getattr(frame, key)), None):
-            raise DataError(f"{image} is the {other} image of {frame.id}, expected its rgb image: {frame.rgb}")
-    return None
+    if named.key != "rgb":
+        frame = named.frame
+        raise DataError(f"{image} is the {named.key} image of {frame.id}, expected its rgb image: {frame.rgb}")
+    return named.folder.load(named.frame)

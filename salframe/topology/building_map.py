@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from salframe.framework.errors import ConfigError, DataError, NoRoute
+from salframe.framework.errors import ConfigError, DataError, NoRoute, UnknownName
 from salframe.localization.answers import Localization
 from salframe.localization.map import LocalizationMap, build_localization
 from salframe.localization.map_files import MapParts, check_output, read_map, write_map
-from salframe.localization.preparing import Tell, prepare, silent
+from salframe.localization.preparing import Tell, prepare, python_warning, silent
 from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 from salframe.panoramas.geometry import pose_yaw
 from salframe.panoramas.opening import Progress, reference_frames
@@ -116,17 +116,19 @@ class Whereabouts:
     Attributes:
         localization: The answer of the localizer.
         node: The nearest node. Without a pose, or with a pose off all floors, the node of the reference frame that
-            answered. None in a map without topology.
+            answered. None in a map without topology, and where the answer is not accepted.
         distance_m: Walking distance to the node, None without a pose.
         heading_rad: Azimuth of the panorama's x axis in the world frame, None without a pose.
-        route: The route to the goal, where a goal was passed.
+        route: The route to the goal, where a goal was passed and can be reached.
+        no_route: Why there is no route, where a goal was passed.
     """
 
     localization: Localization
-    node: str | None
+    node: str | None = None
     distance_m: float | None = None
     heading_rad: float | None = None
     route: Route | None = None
+    no_route: str | None = None
 
 
 def ask_map(
@@ -134,51 +136,56 @@ def ask_map(
     frame: ReferenceFrame | QueryFrame | Panorama,
     goal: str | None = None,
     planner: str | None = None,
+    *,
+    warn: Callable[[str], object] = python_warning,
 ) -> Whereabouts:
     """Localize a query with a saved map, find the nearest node, and plan the route to a node or place.
 
     With a pose the route begins at that pose, in the node `here`; without a pose it begins at the node of the reference
-    frame that answered.
+    frame that answered. Where there is no route, the answer has the reason instead: the goal is unknown or cannot be
+    reached, the map has no topology, or the answer is not accepted.
 
     Args:
         directory: folder of the map.
         frame: the query.
         goal: id of a node or name of a place; None for no route.
         planner: name of the planner, None for the default.
+        warn: as in `LocalizationMap.localize`.
 
     Raises:
-        DataError: The map has no localizer, or no topology to plan a route on.
-        UnknownName: The goal is not on the map.
-        NoRoute: There is no route, or the query was not localized.
+        DataError: The map has no localizer, or the query is malformed.
+        InputMissing: The query lacks a part that the localizer needs.
     """
-    localization, topology = read_map(Path(directory), partial(_read_both, needs_topology=goal is not None))
-    answer = localization.localize(frame)
+    localization, topology = read_map(Path(directory), _read_both)
+    answer = localization.localize(frame, warn=warn)
+    whereabouts = Whereabouts(
+        answer, heading_rad=None if answer.T_world_query is None else pose_yaw(answer.T_world_query)
+    )
+    if answer.accepted is False:
+        reason = f"{frame.id} was not localized ({answer.summary})"
+        return whereabouts if goal is None else replace(whereabouts, no_route=f"no route to {goal}: {reason}")
     if topology is None:
-        return Whereabouts(answer, None, None, None if answer.T_world_query is None else pose_yaw(answer.T_world_query))
-    best_frame = answer.places[0].frame if answer.status.names_a_place else None
-    start = next((node.id for node in topology.nodes if best_frame in node.frames), None)
-    if answer.T_world_query is not None:
-        try:
+        reason = "the map has no topology: build it from data with floor masks"
+        return whereabouts if goal is None else replace(whereabouts, no_route=f"no route to {goal}: {reason}")
+    start = next((node.id for node in topology.nodes if answer.places[0].frame in node.frames), None)
+    whereabouts = replace(whereabouts, node=start)
+    try:
+        if answer.T_world_query is not None:
             topology = with_position(topology, answer.T_world_query[:3, 3])
-        except DataError:
-            if goal is not None:
-                raise
-            return Whereabouts(answer, start, None, pose_yaw(answer.T_world_query))
-        nearest = min((edge for edge in topology.edges if edge.start == HERE), key=lambda edge: edge.length_m)
-        whereabouts = Whereabouts(answer, nearest.end, nearest.length_m, pose_yaw(answer.T_world_query))
-        start = HERE
-    else:
-        whereabouts = Whereabouts(answer, start)
-    if goal is None:
-        return whereabouts
-    if start is None:
-        raise NoRoute(
-            f"no route from {frame.id} to {goal}: "
-            f"{frame.id} was not localized at a node of the map (status {answer.status})"
-        )
-    return replace(whereabouts, route=find_route(topology, start, goal, planner))
+            nearest = min((edge for edge in topology.edges if edge.start == HERE), key=lambda edge: edge.length_m)
+            whereabouts, start = replace(whereabouts, node=nearest.end, distance_m=nearest.length_m), HERE
+        if goal is None:
+            return whereabouts
+        if start is None:
+            raise NoRoute(f"no route to {goal}: the reference frame {answer.places[0].frame} has no node in the map")
+        return replace(whereabouts, route=find_route(topology, start, goal, planner))
+    except (DataError, NoRoute, UnknownName) as error:
+        if goal is None:
+            return whereabouts
+        reason = str(error) if isinstance(error, NoRoute) else f"no route to {goal}: {error}"
+        return replace(whereabouts, no_route=reason)
 
 
-def _read_both(parts: MapParts, needs_topology: bool) -> tuple[LocalizationMap, TopologicalMap | None]:
-    topology = read_topology(parts) if needs_topology or parts.has(TOPOLOGY) else None
+def _read_both(parts: MapParts) -> tuple[LocalizationMap, TopologicalMap | None]:
+    topology = read_topology(parts) if parts.has(TOPOLOGY) else None
     return LocalizationMap.read(parts), topology

@@ -117,3 +117,27 @@ def test_images_without_what_the_map_needs_are_one_line(loose):
     )
     assert "received neither a frame nor images" in run("localize", "map").err
     assert "received both a frame and images" in run("localize", "map", "query", *loose).err
+
+
+def test_no_answer_is_ok_where_out_of_map_is_the_most_probable(capsys):
+    places = tuple(RankedPlace(f"f{i}", f"room-{i}", -float(i), p) for i, p in enumerate([0.4, *[0.01] * 7]))
+    print_answer(Localization(places, np.eye(4), "ok", out_of_map_probability=0.53))
+    printed = capsys.readouterr().out.splitlines()
+    assert printed[0] == ("status: not accepted, because the query is probably out-of-map: 53.0%, expected at most 50%")
+    assert "      3.0%  other places (3)" in printed
+    shares = [float(line.split("%")[0]) for line in printed[1:] if "%" in line]
+    assert sum(shares) == pytest.approx(100)
+
+
+def test_whether_an_answer_is_accepted_is_in_the_json(fakes, tmp_path):
+    assert run("build", "rooms", "-o", "map", "--method", "reader").code == 0
+    assert run("localize", "map", "query-2-0", "--data", "rooms", "--json").json["accepted"] is None
+    head = "{bias: -3, top_score: 0, top_probability: 0, margin: 0, log_objects: 0}"
+    posterior = f"posterior={{temperature: 1.0, max_out_of_map_probability: 1.0, head: {head}}}"
+    assert run("build", "rooms", "-o", "sure", "--method", "reader", "--set", posterior).code == 0
+    done = run("localize", "sure", "query-2-0", "--data", "rooms", "--json").json
+    assert (done["status"], done["accepted"]) == ("ok", False)
+    assert done["out_of_map_probability"] == pytest.approx(1 / (1 + np.exp(-3)))
+    done = run("map", "query", "sure", "query-2-0", "--data", "rooms", "--to", "room-3", "--json")
+    assert (done.code, done.json["accepted"], done.json["node"]) == (1, False, None)
+    assert "was not localized (not accepted, because" in done.json["no_route"]

@@ -131,3 +131,29 @@ def test_in_a_doorway_the_pose_tells_the_place():
     assert ranked(scores, pose_2d(2.4, 0, 0))[:2] == [("b-1", "b", 0.5), ("door", "a/b", 0.5)]
     assert ranked(scores, pose_2d(1.6, 0, 0))[0] == ("a-1", "a", 0.5)
     assert ranked([0.9, 0.5, 0.3, 0.4], pose_2d(2.4, 0, 0))[0] == ("a-1", "a", 0.9)
+
+
+@pytest.mark.parametrize(
+    ("status", "out_of_map", "accepted"),
+    [
+        ("ok", 0.06, True),
+        ("ok", 0.5, True),
+        ("ok", 0.53, False),
+        ("ok", 0.94, False),
+        ("no-pose", 0.06, True),
+        ("no-pose", 0.53, False),
+        ("out-of-map", 0.3, False),
+        ("ok", None, None),
+        ("no-pose", None, None),
+        ("low-score", None, False),
+    ],
+)
+def test_an_answer_is_accepted_where_it_names_a_place_that_is_more_probable_than_none(status, out_of_map, accepted):
+    places = (RankedPlace("f", "kitchen", 1.0, None if out_of_map is None else 1 - out_of_map),)
+    answer = Localization(places, np.eye(4) if status == "ok" else None, status, out_of_map_probability=out_of_map)
+    assert answer.accepted is accepted
+    if status in ("ok", "no-pose") and accepted is False:
+        assert answer.summary.startswith("not accepted, because the query is probably out-of-map: ")
+        assert f"{out_of_map:.1%}, expected at most 50%" in answer.summary
+    else:
+        assert answer.summary == status

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from fake_plugin import Reader, Rooms
 from scipy.spatial.transform import Rotation
+from tiny_folder import write_tiny_folder
 
 from salframe.framework.components.identity import UserFile
 from salframe.framework.components.installation import folder_bytes
@@ -24,6 +25,7 @@ from salframe.localization.map_files import METHOD, MapParts, read_map, write_ma
 from salframe.panoramas.frames import FrameKind, QueryFrame, ReferenceFrame
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.opening import find_dataset, find_frame, reference_frames
+from salframe.panoramas.panorama import Annotations, Panorama, visible_instances
 from salframe.topology.building_map import build_map
 
 
@@ -69,7 +71,9 @@ def test_frames_that_stand_askew_are_refused(turn, tmp_path):
     tilted, askew = np.eye(4), np.eye(4)
     tilted[:3, :3], askew[:3, :3] = Rotation.from_rotvec([0.3, -0.2, 1.0]).as_matrix(), turn
     poses = [pose_2d(1, 2, 0.5), tilted, askew]
-    frames = [ReferenceFrame(f"map-{i}", "hall", pose) for i, pose in enumerate(poses)]
+    frames = [ReferenceFrame(f"map-{i}", "hall", np.eye(4)) for i in range(len(poses))]
+    for frame, pose in zip(frames, poses, strict=True):
+        object.__setattr__(frame, "T_world_pano", pose)  # as in an edited map: a frame itself refuses it
     for count in (2, 3):
         (parts := tmp_path / str(count)).mkdir()
         MapParts(parts).write_scenes(({} for _ in range(count)), frames[:count])
@@ -354,3 +358,43 @@ def test_building_tells_how_far_it_is(fakes):
     told = []
     LocalizationMap.build(Reader(), reference_frames(Rooms()), progress=lambda *call: told.append(call))
     assert told == [(done, 5) for done in range(6)]
+
+
+@pytest.fixture(scope="module")
+def annotated(tmp_path_factory):
+    """A map of the rooms of the conformance suite, and the panorama of a query."""
+    folder = tmp_path_factory.mktemp("annotated")
+    build_map(write_tiny_folder(folder / "data"), folder / "map", "objects", topology=False)
+    return open_map(folder / "map"), find_frame(find_dataset(folder / "data"), "kitchen-query").load()
+
+
+def test_arrays_are_localized_as_the_panorama(annotated):
+    opened, seen = annotated
+    answer = opened.localize(seen)
+    ids, labels = seen.annotations.instance_id, seen.annotations.labels
+    range_m = np.where(np.isnan(seen.range_m), np.inf, seen.range_m).astype(np.float64)
+    text = Annotations(ids.astype(np.uint16), {str(id): label for id, label in labels.items()})
+    assert opened.localize(range_m=range_m, annotations=text).places == answer.places
+    assert answer.places[0].place == "kitchen"
+
+
+def test_arrays_in_a_wrong_unit_or_without_labels_are_not_localized_in_silence(annotated):
+    opened, seen = annotated
+    with pytest.raises(DataError, match="range_m has dtype uint16, expected float32 in metres"):
+        opened.localize(range_m=np.nan_to_num(seen.range_m * 1000).astype(np.uint16), annotations=seen.annotations)
+    with pytest.warns(UserWarning, match="1000 times too large, likely millimetres read as metres"):
+        opened.localize(range_m=seen.range_m * 1000, annotations=seen.annotations)
+    notes = []
+    visible = visible_instances(seen.annotations.instance_id)
+    partly = Annotations(seen.annotations.instance_id, {visible[0]: "bed"})
+    opened.localize(range_m=seen.range_m, annotations=partly, warn=notes.append)
+    (note,) = notes
+    assert f"{len(visible) - 1} of {len(visible)} objects of the instance image are ignored" in note
+    opened.localize(QueryFrame("a", lambda: Panorama("a", range_m=seen.range_m, annotations=partly)), warn=notes.append)
+    assert len(notes) == 2
+
+
+@pytest.mark.parametrize("query", ["kitchen.jpg", np.zeros((16, 32, 3), np.uint8), 7])
+def test_a_query_of_another_kind_is_refused(annotated, query):
+    with pytest.raises(DataError, match=r"the query is .*, expected a frame, a Panorama, or arrays as rgb="):
+        annotated[0].localize(query)

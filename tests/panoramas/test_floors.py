@@ -126,3 +126,32 @@ def test_a_place_goes_with_its_floor():
     assert list(rest.regions.values()) == ["kitchen"]
     assert not rest.obstacle[0].any()
     assert without_places([joined], ["hall", "kitchen"]) == ()
+
+
+def test_masks_that_were_read_from_images_are_accepted():
+    masks = FloorMasks(
+        np.where(HALL.free, np.uint8(255), np.uint8(0)),
+        HALL.region.astype(np.int64),
+        HALL.obstacle.astype(np.uint8),
+        0.5,
+        (0.0, 0.0),
+        {"1": "hall"},
+    )
+    assert drawn(masks) == drawn(HALL)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"resolution_m": np.inf}, "a resolution of inf m per pixel, expected a finite number above 0"),
+        ({"resolution_m": np.nan}, "a resolution of nan m per pixel"),
+        ({"origin_m": (0.0, np.nan)}, r"the origin \(0.0, nan\) m"),
+        ({"origin_m": (0.0, 1.0, 2.0)}, "three finite numbers"),
+        ({"z_m": np.inf}, "the height inf m"),
+        ({"regions": {"hall": 1}}, "FloorMasks.regions has the id 'hall', expected a whole number"),
+        ({"free": np.ones((3, 5))}, "FloorMasks.free has dtype float64, expected bool"),
+    ],
+)
+def test_floors_with_other_values_are_refused(change, message):
+    with pytest.raises(DataError, match=message):
+        replace(HALL, **change)

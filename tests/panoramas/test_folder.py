@@ -13,6 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from command_line import run
 
 from salframe.framework.errors import DataError
 from salframe.panoramas.floors import FloorMasks
@@ -285,3 +286,14 @@ def test_masks_of_a_floor_have_one_size(folder: Path) -> None:
     cv2.imwrite(str(folder / "floor-free.png"), np.ones((3, 3), np.uint8))
     with pytest.raises(DataError, match="the masks free, region and obstacle of a floor are 3 x 3, 9 x 6, 9 x 6"):
         dataset(folder).floors()
+
+
+def test_a_folder_without_truth_is_a_dataset(folder: Path) -> None:
+    entries = Folder(folder).manifest.frames
+    (folder / "truth.json").unlink()
+    write_manifest(folder, entries, {}, "objects.parquet")
+    assert not (folder / "truth.json").exists()
+    done = run("data", "info", str(folder), "--json").json
+    assert (done["queries"], done["queried_places"], done["queries_without_truth"]) == (1, 0, 1)
+    with pytest.raises(DataError, match=r"manifest\.json has no truth of the query 'q', expected its place"):
+        dataset(folder).truth("q")

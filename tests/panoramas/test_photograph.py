@@ -58,3 +58,21 @@ def test_images_of_another_size_are_refused():
     camera = Pinhole.of_field_of_view(640, 480, 1.0)
     with pytest.raises(DataError, match="the depth image is 320 x 240, expected 640 x 480"):
         camera.panorama("odd", np.zeros((480, 640, 3), np.uint8), np.ones((240, 320)))
+
+
+def test_depth_is_checked_as_the_range_of_a_panorama():
+    camera, rgb = Pinhole.of_field_of_view(64, 48, np.radians(70)), np.zeros((48, 64, 3), np.uint8)
+    depth_m = np.full((48, 64), 2.0)
+    depth_m[:, 20:44] = np.inf
+    range_m = camera.panorama("wall", rgb, depth_m, height=64).range_m
+    assert np.isnan(range_m[32, 64])
+    assert np.nanmax(range_m) < 3  # 2 m at most 43 deg off the axis
+    with pytest.raises(DataError, match="wall: depth_m has dtype uint16, expected float32 in metres"):
+        camera.panorama("wall", rgb, np.full((48, 64), 2000, np.uint16))
+
+
+def test_a_camera_with_a_mirror_or_degrees_is_refused():
+    with pytest.raises(DataError, match="expected a rotation without scale or mirror"):
+        Pinhole(64, 48, 40.0, (32.0, 24.0), np.diag([1.0, 1.0, -1.0]))
+    with pytest.raises(DataError, match=r"a pitch of 1718.87 deg, expected -90 to 90"):
+        Pinhole.of_field_of_view(64, 48, 1.2, pitch_rad=30.0)

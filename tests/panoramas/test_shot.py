@@ -108,8 +108,8 @@ def test_depth_of_a_cubes_faces_becomes_range(tmp_path):
     [
         ((), "received no image"),
         (("a.jpg", None, "b.png"), "received an instance image without labels, expected both"),
-        (("a.jpg", None, "b.png", "words.json"), r"words\.json does not contain labels"),
-        (("a.jpg", None, "b.png", "list.json"), r"list\.json does not contain labels"),
+        (("a.jpg", None, "b.png", "words.json"), r"words\.json has the id 'bed', expected a whole number"),
+        (("a.jpg", None, "b.png", "list.json"), r"list\.json is list, expected the label of each instance id"),
         (("a.jpg", "a.jpg"), r"a\.jpg has 3 channel\(s\) of 8 bits, expected one of 16 bits"),
     ],
 )
@@ -119,3 +119,10 @@ def test_loose_images_that_are_none_are_told(tmp_path, given, said):
     (tmp_path / "list.json").write_text('["bed"]')
     with pytest.raises(DataError, match=said):
         read_panorama(*(name and tmp_path / name for name in given))
+
+
+def test_arrays_and_units_that_are_no_files_are_told():
+    with pytest.raises(DataError, match=r"rgb is ndarray, expected the path of a file; for arrays, use salframe.Panor"):
+        read_panorama(np.zeros((16, 32, 3), np.uint8))
+    with pytest.raises(DataError, match="range_unit_m is 0, expected a positive number of metres"):
+        read_panorama("a.jpg", "a.png", range_unit_m=0)

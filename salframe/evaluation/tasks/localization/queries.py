@@ -12,6 +12,7 @@ from salframe.evaluation.report.page import floor_plan, number, numbers
 from salframe.evaluation.tasks.localization.judging import Judged
 from salframe.evaluation.tasks.localization.rows import DENIALS, PLACED, AnswerRow
 from salframe.evaluation.tasks.localization.view import LocalizationView
+from salframe.localization.answers import LocalizationStatus, is_accepted
 from salframe.panoramas.geometry import pose_yaw
 
 RIGHT, WRONG, DENIED, NONE = "right", "wrong place", "out of map", "no answer"
@@ -72,7 +73,7 @@ def _columns(rows: Sequence[AnswerRow | None], judged: Judged, index: dict[str, 
             OUTCOMES.index(outcome_of(row, bool(right))) for row, right in zip(rows, judged.correct, strict=True)
         ],
         "place": [None if one is None else index[one.place] for one in first],
-        "status": list(judged.statuses),
+        "status": [_status(row, status) for row, status in zip(rows, judged.statuses, strict=True)],
         "error": [row.error if row is not None else None for row in rows],
         "translation_m": numbers(judged.translation_m),
         "rotation_deg": numbers(judged.rotation_deg, 2),
@@ -81,6 +82,14 @@ def _columns(rows: Sequence[AnswerRow | None], judged: Judged, index: dict[str, 
         "out_of_map_probability": [None if row is None else number(row.out_of_map_probability) for row in rows],
         "ms": [None if row is None else number(row.query_ms, 1) for row in rows],
     }
+
+
+def _status(row: AnswerRow | None, status: str) -> str:
+    """Return the status of a query, and whether its place is not accepted."""
+    if row is None or row.status not in PLACED:
+        return status
+    is_rejected = is_accepted(LocalizationStatus(row.status), row.out_of_map_probability) is False
+    return f"{status}, not accepted" if is_rejected else status
 
 
 def outcome_of(row: AnswerRow | None, correct: bool) -> str:

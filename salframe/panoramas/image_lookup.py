@@ -1,0 +1,77 @@
+"""Find the frame of a dataset folder that an image file belongs to."""
+
+from __future__ import annotations
+
+import os
+import unicodedata
+from pathlib import Path
+from typing import NamedTuple
+
+from salframe.framework.errors import DataError
+from salframe.panoramas.dataset import MANIFEST
+from salframe.panoramas.folder_format import IMAGE_KEYS, Folder, FrameEntry
+
+_NUM_NEIGHBOURS = 2
+"""Number of folders above an image whose subfolders may have a manifest that names it, as ../images/a.png."""
+
+
+class FrameImage(NamedTuple):
+    """An image of a frame: the dataset folder, the frame, and the key of the image, such as "rgb"."""
+
+    folder: Folder
+    frame: FrameEntry
+    key: str
+
+
+def find_frame_image(path: Path) -> FrameImage | None:
+    """Return the frame whose image is at a path; None where no manifest.json names it.
+
+    The manifests are those in the folders above the image, with and without following links. Where none of them names
+    the image, they are those in the subfolders of the nearest folders, which may name images outside of their folder;
+    malformed ones are ignored. An image is compared by its path, in any Unicode normalization, and then by its file, so
+    that links to the file are found too.
+
+    Raises:
+        DataError: A manifest above the image is malformed, or several frames have this file under other names.
+    """
+    for root in dataset_folders(path):
+        if image := _find_in(Folder(root), path):
+            return image
+    above = list(Path(os.path.abspath(path)).parents)[:_NUM_NEIGHBOURS]
+    for manifest in sorted(file for parent in above for file in parent.glob(f"*/{MANIFEST}")):
+        try:
+            image = _find_in(Folder(manifest.parent), path)
+        except DataError:
+            continue
+        if image:
+            return image
+    return None
+
+
+def dataset_folders(path: Path) -> list[Path]:
+    """Return the folders above a path, with and without following links, that have a manifest, the nearest first."""
+    spellings = [Path(os.path.abspath(path)), path.absolute(), Path(os.path.realpath(path))]
+    folders = [parent for spelling in spellings for parent in spelling.parents if (parent / MANIFEST).exists()]
+    return list({os.path.realpath(folder): folder for folder in reversed(folders)}.values())[::-1]
+
+
+def _find_in(folder: Folder, path: Path) -> FrameImage | None:
+    frames = folder.manifest.frames
+    named = [FrameImage(folder, frame, key) for frame in frames for key in IMAGE_KEYS if getattr(frame, key)]
+    for spell in (_lexical, os.path.realpath):
+        target = spell(path)
+        matches = [image for image in named if spell(folder.root / getattr(image.frame, image.key)) == target]
+        ids = list(dict.fromkeys(image.frame.id for image in matches))
+        if len(ids) > 1:
+            raise DataError(
+                f"{path} is an image of {len(ids)} frames of {folder.root / MANIFEST} ({', '.join(ids[:3])}), expected "
+                "one: pass the id of the frame and --data"
+            )
+        if matches:
+            return matches[0]
+    return None
+
+
+def _lexical(path: Path) -> str:
+    """Return the absolute path without "." and "..", in Unicode normalization form C; links are not followed."""
+    return unicodedata.normalize("NFC", os.path.abspath(path))
