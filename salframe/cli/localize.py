@@ -49,7 +49,7 @@ def localize(
 
     The query is a frame of a dataset or loose images. Prints the places, best first, and the pose.
     """
-    from salframe.cli.output import Bars, warn_units
+    from salframe.cli.output import Bars, tell, warn_units
     from salframe.framework.errors import ConfigError
     from salframe.localization.map import open_map
     from salframe.panoramas.opening import open_frame
@@ -65,7 +65,10 @@ def localize(
         query = read_panorama(rgb, range_image, instances, labels, range_unit_m=range_unit, z_depth=z_depth)
     else:
         with Bars() as bars:
-            query = open_frame(frame, data, data_dir, overrides or (), bars.update)
+            opened = open_frame(frame, data, data_dir, overrides or (), bars.update)
+        query = opened.load()
+    for note in query.notes:
+        tell(f"{query.id} {note}")
     warn_units([query])
     answer = saved_map.localize(query)
     tell_choices(map)

@@ -97,6 +97,7 @@ class Panorama:
         valid: (H, 2H) bool, the visible part of the sphere; None: all of it.
         annotations: Annotated objects.
         range_by: Name of the range model that estimated the range; None where it comes from a sensor or a renderer.
+        notes: What the reader changed in the picture, one line each: reduced, placed as a crop, levelled.
 
     Raises:
         DataError: An image has another shape or dtype, the images differ in size, or `range_by` is set without range.
@@ -108,6 +109,7 @@ class Panorama:
     valid: np.ndarray | None = None
     annotations: Annotations | None = None
     range_by: str | None = None
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.range_by is not None and self.range_m is None:

@@ -12,8 +12,9 @@ from salframe.framework.files.reading import read_json
 from salframe.panoramas import images
 from salframe.panoramas.dataset import MANIFEST
 from salframe.panoramas.folder_format import IMAGE_KEYS, Folder
-from salframe.panoramas.geometry import range_of_cube_depth
-from salframe.panoramas.panorama import Annotations, Panorama
+from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.panorama_files import load_panorama
+from salframe.panoramas.photo_sphere import declares_panorama
 from salframe.panoramas.photograph import Pinhole
 
 _MAX_DIGITS = 5
@@ -68,18 +69,15 @@ def read_panorama(
     if (instances is None) != (labels is None):
         received = "labels without an instance image" if instances is None else "an instance image without labels"
         raise DataError(f"received {received}, expected both or neither")
-    range_m = None if range_image is None else images.read_range(Path(range_image), range_unit_m)
-    panorama = Panorama(
+    return load_panorama(
         files[0].name,
-        None if rgb is None else images.read_color(Path(rgb)),
-        range_m,
-        annotations=None
-        if instances is None or labels is None
-        else Annotations(images.read_ids(Path(instances)), _read_labels(Path(labels))),
+        rgb=None if rgb is None else Path(rgb),
+        range_image=None if range_image is None else Path(range_image),
+        instances=None if instances is None else Path(instances),
+        labels=None if labels is None else _read_labels(Path(labels)),
+        range_unit_m=range_unit_m,
+        z_depth=z_depth,
     )
-    if panorama.range_m is None or not z_depth:
-        return panorama
-    return replace(panorama, range_m=range_of_cube_depth(panorama.range_m))
 
 
 def _read_labels(path: Path) -> dict[int, str]:
@@ -106,15 +104,7 @@ def open_panorama(image: Path, range_image: Path | None = None) -> Shot:
     """
     panorama = None if range_image is not None else _in_manifest(image.resolve())
     if panorama is None:
-        rgb = images.read_color(image)
-        height, width = rgb.shape[:2]
-        if width != 2 * height:
-            raise DataError(
-                f"{image} is {width} x {height}, expected a panorama with width = 2 x height; for a photograph, "
-                "pass its horizontal field of view (--fov DEG)"
-            )
-        range_m = None if range_image is None else images.read_range(range_image)
-        panorama = Panorama(image.name, rgb, range_m)
+        panorama = load_panorama(image.name, rgb=image, range_image=range_image)
     if panorama.rgb is None:
         raise DataError(f"{image} has no colour, expected an rgb image")
     return Shot(panorama.rgb, panorama)
@@ -134,7 +124,10 @@ def open_photograph(image: Path, hfov_rad: float, pitch_rad: float = 0.0, depth_
     """
     import cv2
 
-    rgb = images.read_color(image)
+    file = images.read_color_file(image)
+    if declares_panorama(file, image):
+        raise DataError(f"{image} is an equirectangular panorama by its XMP, expected a photograph: leave out --fov")
+    rgb = file.pixels
     depth_m = None if depth_image is None else images.read_range(depth_image)
     height, width = rgb.shape[:2]
     if depth_m is not None and depth_m.shape != (height, width):
@@ -149,7 +142,8 @@ def open_photograph(image: Path, hfov_rad: float, pitch_rad: float = 0.0, depth_
         small_camera = Pinhole.of_field_of_view(*size, hfov_rad, pitch_rad)
     else:
         small_rgb = rgb
-    return Shot(rgb, small_camera.panorama(image.name, small_rgb, depth_m, rows), camera)
+    panorama = small_camera.panorama(image.name, small_rgb, depth_m, rows)
+    return Shot(rgb, replace(panorama, notes=(file.note,) if file.note else ()), camera)
 
 
 def _in_manifest(image: Path) -> Panorama | None:
