@@ -9,7 +9,7 @@ _ROWS = 128
 _CORNER_RADIUS, _RING = 0.6, (0.3, 0.4)
 """Radii relative to the height: corners lie outside the first, the image of a fisheye lens fills the ring."""
 _POLE_ROWS, _POLE_COLUMN = (0.4, 0.44), 0.08
-"""Region at the top and bottom of a circle, from its centre: at these rows the corners are black and the circle is not."""
+"""Region at the top and bottom of a circle, from its centre: at these rows the corners are black, the circle is not."""
 _MAX_BLACK, _MAX_BLACK_SHARE = 32.0, 0.25
 """Maximum brightness of the corners, absolute and relative to the ring."""
 _MIN_CONTRAST = 12.0
@@ -23,8 +23,8 @@ _NUM_SECTORS, _MIN_SECTORS, _MIN_POLES = 8, 7, 3
 def is_dual_fisheye(rgb: np.ndarray) -> bool:
     """Return whether a picture shows two fisheye circles side by side on black.
 
-    All eight corners of the two squares are black, and the circles are lit all around, even at the rows of the corners. A
-    panorama with a black cap at a pole, a dark one and a partial one are lit or black along whole rows.
+    All eight corners of the two squares are black, and the circles are lit all around, even at the rows of the corners.
+    A panorama with a black cap at a pole, a dark one and a partial one are lit or black along whole rows.
 
     Args:
         rgb: (H, 2H, 3) uint8 picture.

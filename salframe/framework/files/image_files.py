@@ -92,7 +92,7 @@ def read_image_file(path: Path, mode: int) -> ImageFile:
         raise _unreadable(path, content) from None
     if width * height > MAX_PIXELS:
         raise DataError(
-            f"{path} is {width} x {height}, expected at most {MAX_PIXELS} pixels: save it smaller, 4096 x 2048 is enough"
+            f"{path} is {width} x {height}, expected at most {MAX_PIXELS} pixels: save it smaller"
         )
     is_large = width * height > MAX_DECODED_PIXELS
     halved = {cv2.IMREAD_COLOR: cv2.IMREAD_REDUCED_COLOR_2, cv2.IMREAD_GRAYSCALE: cv2.IMREAD_REDUCED_GRAYSCALE_2}
