@@ -7,7 +7,6 @@ are ignored.
 from __future__ import annotations
 
 import io
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,8 +21,8 @@ MAX_DECODED_PIXELS = 1 << 26
 """Maximum number of pixels of the array that is returned. Larger images are reduced to half their width and height."""
 MAX_PIXELS = 4 * MAX_DECODED_PIXELS
 """Maximum number of pixels of a file: 23,170 x 11,585 for a panorama."""
-_HARMLESS = re.compile(r"Invalid SOS parameters|: \d\d? extraneous bytes before marker 0xd9")
-"""Warnings of libjpeg on complete files that some cameras write."""
+_HARMLESS = "Invalid SOS parameters"
+"""Warning of libjpeg on complete files that some cameras write. Only the first warning of a file is known."""
 _XMP, _EXTENDED_XMP = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"
 _PNG_XMP = "XML:com.adobe.xmp"
 _MAX_XMP_BYTES = 1 << 24
@@ -91,9 +90,7 @@ def read_image_file(path: Path, mode: int) -> ImageFile:
     except Exception:  # Pillow raises many types of exceptions
         raise _unreadable(path, content) from None
     if width * height > MAX_PIXELS:
-        raise DataError(
-            f"{path} is {width} x {height}, expected at most {MAX_PIXELS} pixels: save it smaller"
-        )
+        raise DataError(f"{path} is {width} x {height}, expected at most {MAX_PIXELS} pixels: save it smaller")
     is_large = width * height > MAX_DECODED_PIXELS
     halved = {cv2.IMREAD_COLOR: cv2.IMREAD_REDUCED_COLOR_2, cv2.IMREAD_GRAYSCALE: cv2.IMREAD_REDUCED_GRAYSCALE_2}
     pixels = cv2.imdecode(np.frombuffer(content, np.uint8), halved.get(mode, mode) if is_large else mode)
@@ -129,7 +126,7 @@ def _check_jpeg(content: bytes) -> tuple[int, int, tuple[bytes, ...]]:
         try:  # at an eighth of the size only the entropy decoding takes time
             simplejpeg.decode_jpeg(content, color, min_height=1, min_width=1)
         except ValueError as error:
-            if not _HARMLESS.search(str(error)):
+            if _HARMLESS not in str(error):
                 raise
     return width, height, xmp
 
