@@ -13,7 +13,7 @@ from salframe.framework.components.registry import registry
 from salframe.framework.config import parse_override
 from salframe.framework.engines.engine import open_engine
 from salframe.localization.localizer import Localizer
-from salframe.panoramas.camera_height import units_note
+from salframe.panoramas.camera_height import picture_note, units_note
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.opening import Progress, configure_dataset, open_dataset, provided, reference_frames
 
@@ -43,8 +43,8 @@ def prepare(
         overrides: Settings as "METHOD.KEY=value", "data.KEY=value" or "engine.KEY=value".
         engine: As in `find_dataset`.
         progress: As in `find_dataset`.
-        tell: Called with each component that `auto` selected, and with a warning where ranges seem to be in a wrong
-            unit.
+        tell: Called with each component that `auto` selected, with what the reader changed in the pictures, and with a
+            warning where ranges seem to be in a wrong unit.
 
     Raises:
         SalframeError: A name or a setting is wrong, or the data are missing or malformed.
@@ -61,6 +61,9 @@ def prepare(
         tell(f"{name}: {note}")
     opened = open_engine(engine, scoped.scopes["engine"]) if engine or scoped.scopes["engine"] else None
     dataset = open_dataset(config, progress and partial(progress, data_name), opened)
-    if units := units_note(reference_frames(dataset)):
+    references = reference_frames(dataset)
+    if picture := picture_note(references):
+        tell(picture)
+    if units := units_note(references):
         tell(f"warning: {units}")
     return name, dataset, localizer

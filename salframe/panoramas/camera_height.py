@@ -1,4 +1,4 @@
-"""Estimate the height of the camera above the floor from the range image, to detect ranges in a wrong unit."""
+"""Check a few frames: the height of the camera, to detect ranges in a wrong unit, and changes by the reader."""
 
 from __future__ import annotations
 
@@ -114,6 +114,23 @@ def units_note(frames: Sequence[_Source]) -> str | None:
     return f"the floor lies {height_m:.3g} m below the camera ({source}), expected {min_m:g} to {max_m:g} m: {cause}"
 
 
+def picture_note(frames: Sequence[_Source]) -> str | None:
+    """Return a one-line note where the reader changed the pictures of frames; None where it did not.
+
+    The same few frames as in `units_note` are loaded. Those that cannot be read are ignored.
+    """
+    notes = {}
+    for frame in _sample(frames):
+        panorama = _load(frame)
+        if panorama is not None and panorama.notes:
+            notes[panorama.id] = panorama.notes[0]
+    if not notes:
+        return None
+    first = next(iter(notes))
+    others = f" ({len(notes)} of the {len(_sample(frames))} panoramas that were checked)" if len(frames) > 1 else ""
+    return f"{first}: {notes[first]}{others}"
+
+
 def _sample(frames: Sequence[_Source]) -> list[_Source]:
     """Return NUM_FRAMES frames at equal distances, among them the first and the last."""
     if not frames:
@@ -122,8 +139,12 @@ def _sample(frames: Sequence[_Source]) -> list[_Source]:
 
 
 def _height_of(frame: _Source) -> float | None:
+    panorama = _load(frame)
+    return None if panorama is None or panorama.range_m is None else camera_height(panorama.range_m)
+
+
+def _load(frame: _Source) -> Panorama | None:
     try:
-        panorama = frame if isinstance(frame, Panorama) else frame.load()
+        return frame if isinstance(frame, Panorama) else frame.load()
     except Exception:  # raised by a plugin; the code that uses the frame later reports the error
         return None
-    return None if panorama.range_m is None else camera_height(panorama.range_m)

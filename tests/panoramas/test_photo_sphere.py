@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from salframe.framework.errors import DataError
 from salframe.panoramas import images
+from salframe.panoramas.camera_height import picture_note
 from salframe.panoramas.folder_format import Folder, FrameEntry, write_manifest
 from salframe.panoramas.geometry import equirectangular_rays
 from salframe.panoramas.shot import open_panorama, open_photograph, read_panorama
@@ -239,3 +240,13 @@ def test_a_folder_levels_its_frames_unless_their_poses_are_tilted(tmp_path):
     np.testing.assert_array_equal(kept.rgb, seen_by(20, 0))
     assert upright.notes[0].startswith("levelled")
     assert kept.notes[0].startswith("not levelled")
+
+
+def test_a_note_on_a_few_of_many_frames(tmp_path):
+    write(tmp_path / "a.png", seen_by(20, 0), packet(PosePitchDegrees=20))
+    tilted, plain = read_panorama(tmp_path / "a.png"), read_panorama(write(tmp_path / "b.png", seen_by(0, 0)))
+    assert picture_note([plain] * 9) is None
+    assert picture_note([plain] * 8 + [tilted]) == (
+        "a.png: levelled from pitch 20 deg and roll 0 deg, as its Photo Sphere XMP says "
+        "(1 of the 3 panoramas that were checked)"
+    )
