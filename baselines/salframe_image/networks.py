@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from salframe.framework.component import ComponentConfig
-from salframe.framework.components.identity import UserFile
+from salframe.framework.components.identity import SingleFile
 from salframe.framework.errors import WeightsError
 from salframe.framework.files.weights import Download, NetworkWeights, WeightsFile
 from salframe.framework.onnx import open_model
@@ -116,7 +116,7 @@ class OwnNetwork(OnnxImageNetwork):
     version = "1"
 
     class Config(OnnxImageNetwork.Config):
-        model: UserFile | None = Field(None, description="path of the ONNX file (required)")
+        model: SingleFile | None = Field(None, description="path of the ONNX file (required)")
         output: str | None = Field(
             None, description="output tensor with features of shape (N, C, h, w) or (N, C); null: the first output"
         )

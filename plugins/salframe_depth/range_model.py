@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from salframe.framework.component import ComponentConfig
-from salframe.framework.components.identity import UserFile
+from salframe.framework.components.identity import SingleFile
 from salframe.framework.errors import ConfigError, InputMissing, WeightsError
 from salframe.panoramas.camera_height import camera_height
 from salframe.panoramas.geometry import equirectangular_rays
@@ -40,7 +40,7 @@ class OnnxDepth(RangeModel):
     version = "1"
 
     class Config(ComponentConfig):
-        model: UserFile | None = Field(None, description="path of an ONNX file")
+        model: SingleFile | None = Field(None, description="path of an ONNX file")
         gives: Literal["inverse", "z-depth", "range", "points"] = Field(
             "inverse",
             description="output of the network: 1 / depth, depth along the view's axis, range, or points (x, y, z)",

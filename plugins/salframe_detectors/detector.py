@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from salframe.framework.component import ComponentConfig
-from salframe.framework.components.identity import UserFile
+from salframe.framework.components.identity import SingleFile
 from salframe.framework.components.registry import registry
 from salframe.framework.components.slots import slot
 from salframe.framework.errors import ConfigError, InputMissing, WeightsError
@@ -43,7 +43,7 @@ class OnnxDetector(Detector):
     weights = tuple(ZOO.values())
 
     class Config(ComponentConfig):
-        model: Literal[tuple(ZOO)] | UserFile = Field(  # type: ignore[valid-type]
+        model: Literal[tuple(ZOO)] | SingleFile = Field(  # type: ignore[valid-type]
             "yolox-nano",
             union_mode="left_to_right",
             description=f"path of an ONNX file, or name of weights to download: {', '.join(ZOO)}",
@@ -172,7 +172,7 @@ class OnnxDetector(Detector):
         return [suppress(view_detections, self.config.overlap) for view_detections in detections]
 
 
-def _model_path(model: str | UserFile) -> Path:
+def _model_path(model: str | SingleFile) -> Path:
     """Return the path of a network: verified downloaded weights, or the user's file. Raises WeightsError."""
     if isinstance(model, str):
         return ZOO[model].paths()[0]

@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from salframe.framework.component import ComponentConfig
-from salframe.framework.components.identity import UserFile
+from salframe.framework.components.identity import SingleFile
 from salframe.framework.errors import InputMissing, WeightsError
 from salframe.framework.files.weights import Link, NetworkWeights, WeightsFile
 from salframe.graphs.boxes import detections_where_known
@@ -84,12 +84,12 @@ class SegmentsDetector(Detector):
     weights = (ADE20K,)
 
     class Config(ComponentConfig):
-        model: Literal["ade20k"] | UserFile = Field(
+        model: Literal["ade20k"] | SingleFile = Field(
             "ade20k",
             union_mode="left_to_right",
             description="path of an ONNX or TensorFlow Lite file, or name of weights to download: ade20k",
         )
-        card: UserFile | None = Field(
+        card: SingleFile | None = Field(
             None,
             description="path of the network's model card; null: NAME.yaml beside the network's file, else the card "
             "that salframe ships for the file",
@@ -253,7 +253,7 @@ class Classes:
         return joined
 
 
-def _model_path(model: str | UserFile) -> Path:
+def _model_path(model: str | SingleFile) -> Path:
     """Return the path of a network: verified downloaded weights, or the user's file. Raises WeightsError."""
     if isinstance(model, str):
         return ADE20K.paths()[0]

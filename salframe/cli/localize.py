@@ -48,7 +48,7 @@ def localize(
 
     The query is a frame of a dataset or loose images. Prints the places, best first, and the pose.
     """
-    from salframe.cli.output import Bars, warn
+    from salframe.cli.output import Bars, tell, warn
     from salframe.framework.errors import ConfigError
     from salframe.localization.map import open_map
     from salframe.panoramas.opening import open_frame
@@ -65,7 +65,10 @@ def localize(
         query = read_panorama(rgb, range_image, instances, labels, **encoding)
     else:
         with Bars() as bars:
-            query = open_frame(frame, data, data_dir, overrides or (), bars.update)
+            opened = open_frame(frame, data, data_dir, overrides or (), bars.update)
+        query = opened.load()
+    for note in query.notes:
+        tell(f"{query.id} {note}")
     answer = saved_map.localize(query, warn=warn)
     tell_choices(map)
     if as_json:

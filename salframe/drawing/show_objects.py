@@ -29,7 +29,7 @@ from salframe.framework.errors import (
     WeightsError,
     describe_error,
 )
-from salframe.framework.files.reading import image_notes
+from salframe.framework.files.image_files import image_notes
 from salframe.framework.files.writing import atomic_path
 from salframe.framework.validation import Settings, validate
 from salframe.graphs.detections import Detections
@@ -107,7 +107,8 @@ class ObjectViews:
     Attributes:
         views: The images that were shown, in the order of the arguments.
         failures: A one-line error for each other image.
-        notes: Notes for the user: the component that `auto` selected, and ranges that seem to have a wrong unit.
+        notes: Notes for the user: the component that `auto` selected, what the reader changed in an image, and ranges
+            that seem to have a wrong unit.
     """
 
     views: tuple[ObjectView, ...]
@@ -179,6 +180,7 @@ def show_objects(
                 choice = Choice(image.name, partial(frozenset, provides))
                 stages[provides] = _Stages(validate(ShowConfig, content, "show-objects", choice))
                 notes |= dict.fromkeys(choice.notes)
+            notes |= dict.fromkeys(f"{image.name} {note}" for note in shot.panorama.notes)
             notes |= {f"warning: {note}": None for note in _range_notes(image, shot, encoding)}
             views.append(_show(image, picture, shot, stages[provides]))
         except SETUP_ERRORS:

@@ -11,6 +11,7 @@ import numpy as np
 
 from salframe.framework.engines.worker import threads_allowed
 from salframe.framework.errors import WeightsError
+from salframe.framework.files.onnx_files import SUFFIX, external_files
 from salframe.framework.files.reading import read_network
 
 Shape = tuple[int | None, ...]
@@ -68,7 +69,8 @@ def open_model(
         dtype: The expected dtype of all inputs.
 
     Raises:
-        WeightsError: The file is not an ONNX network with these inputs and outputs. The message is one line.
+        WeightsError: The file is not an ONNX network with these inputs and outputs, or points to a file that is missing
+            or outside its folder. The message is one line.
     """
     import onnxruntime
 
@@ -78,7 +80,13 @@ def open_model(
     options.add_session_config_entry(
         "session.intra_op.allow_spinning", "0"
     )  # spinning threads would occupy cores that other methods can use
+    # The network is loaded from bytes, to which outputs are added, so the runtime must be told its folder.
+    options.add_session_config_entry(
+        "session.model_external_initializers_file_folder_path", str(path.parent.absolute())
+    )
     content = read_network(path)
+    if external_files(path) and path.suffix.lower() != SUFFIX:
+        raise WeightsError(f"{path} points to other files, expected a file name that ends in {SUFFIX}")
     try:
         session = onnxruntime.InferenceSession(
             b"".join([content, *map(_as_output, outputs)]), options, providers=["CPUExecutionProvider"]

@@ -14,9 +14,9 @@ from salframe.framework.components.registry import registry
 from salframe.framework.config import parse_override
 from salframe.framework.engines.engine import open_engine
 from salframe.localization.localizer import Localizer
-from salframe.panoramas.data_checks import data_notes
+from salframe.panoramas.data_checks import data_notes, picture_note
 from salframe.panoramas.dataset import Dataset
-from salframe.panoramas.opening import Progress, configure_dataset, open_dataset, provided
+from salframe.panoramas.opening import Progress, configure_dataset, open_dataset, provided, reference_frames
 
 Tell = Callable[[str], None]
 """Called with a line that the user must read, such as the component that `auto` selected, or a warning."""
@@ -48,7 +48,8 @@ def prepare(
         overrides: Settings as "METHOD.KEY=value", "data.KEY=value" or "engine.KEY=value".
         engine: As in `find_dataset`.
         progress: As in `find_dataset`.
-        tell: Called with each component that `auto` selected, and with the warnings of `data_notes`.
+        tell: Called with each component that `auto` selected, with what the reader changed in the pictures, and with
+            the warnings of `data_notes`.
 
     Raises:
         SalframeError: A name or a setting is wrong, or the data are missing or malformed.
@@ -65,6 +66,8 @@ def prepare(
         tell(f"{name}: {note}")
     opened = open_engine(engine, scoped.scopes["engine"]) if engine or scoped.scopes["engine"] else None
     dataset = open_dataset(config, progress and partial(progress, data_name), opened)
+    if picture := picture_note(reference_frames(dataset)):
+        tell(picture)
     for note in data_notes(dataset):
         tell(f"warning: {note}")
     return name, dataset, localizer

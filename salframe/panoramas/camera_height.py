@@ -1,4 +1,4 @@
-"""Estimate the height of the camera above the floor from the range image, to detect ranges in a wrong unit."""
+"""Check a few frames: the height of the camera, to detect ranges in a wrong unit, and changes by the reader."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from salframe.panoramas.camera_height import camera_height, units_note
+from salframe.panoramas.camera_height import NUM_FRAMES, camera_height, units_note
 from salframe.panoramas.cube_depth import is_cube_depth
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.opening import reference_frames
@@ -14,6 +14,7 @@ from salframe.panoramas.panorama import Panorama, unlabelled_note
 from salframe.panoramas.pose_checks import pose_notes
 from salframe.panoramas.range_missing import missing_note
 from salframe.panoramas.region_check import check_regions
+from salframe.panoramas.samples import Frame, load_samples
 
 MAX_HEIGHT_ERROR = 0.07
 """Maximum relative difference of two heights of one camera."""
@@ -32,6 +33,20 @@ def data_notes(dataset: Dataset) -> list[str]:
     folds, frames, floors = dataset.folds(), reference_frames(dataset), dataset.floors()
     notes = units_note(frames), missing_note(frames), check_regions(frames, floors)
     return [*(note for note in notes if note), *(pose_notes(folds[0].references, floors) if folds else [])]
+
+
+def picture_note(frames: Sequence[Frame]) -> str | None:
+    """Return a one-line note where the reader changed the pictures of frames; None where it did not.
+
+    A few of the frames are loaded. Those that cannot be read are ignored.
+    """
+    panoramas = [panorama for _, panorama in load_samples(frames, NUM_FRAMES)]
+    notes = {panorama.id: panorama.notes[0] for panorama in panoramas if panorama.notes}
+    if not notes:
+        return None
+    first = next(iter(notes))
+    others = f" ({len(notes)} of the {len(panoramas)} panoramas that were checked)" if len(frames) > 1 else ""
+    return f"{first}: {notes[first]}{others}"
 
 
 def query_notes(panorama: Panorama, camera_z_m: Sequence[float] | np.ndarray = ()) -> list[str]:

@@ -22,12 +22,15 @@ from salframe.panoramas.dataset import MANIFEST
 from salframe.panoramas.floors import MAX_CAMERA_M, SAME_FLOOR_M, FloorMasks, check_heights
 from salframe.panoramas.frames import FrameKind, QueryFrame, ReferenceFrame, Truth
 from salframe.panoramas.geometry import is_rigid
-from salframe.panoramas.panorama import Annotations, Panorama
+from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.panorama_files import load_panorama
 from salframe.panoramas.pose_conventions import PoseConvention, convert_pose
 from salframe.panoramas.range_encoding import MAX_STEP, RangeEncoding, RangeKind
 
 IMAGE_KEYS = ("rgb", "range", "instances", "valid")
 """Keys of a frame in the manifest that name an image file."""
+_MIN_UPRIGHT_COSINE = np.cos(np.radians(1.0))
+"""Cosine of the maximum tilt of a pose that counts as upright."""
 _WRITTEN_AS = {
     "rgb": ("rgb", ".jpg"),
     "range": ("range", ".range.png"),
@@ -221,22 +224,26 @@ class Folder:
         return QueryFrame(entry.id, partial(self.load, entry), content)
 
     def load(self, frame: FrameEntry) -> Panorama:
-        """Read the panorama of a frame."""
-        instances = self._part(frame.instances, images.read_ids)
-        encoding = frame.encoding(self.manifest.encoding(RangeEncoding()))
-        return Panorama(
-            frame.id,
-            rgb=self._part(frame.rgb, images.read_color),
-            range_m=self._part(frame.range, partial(images.read_range, encoding=encoding)),
-            valid=self._part(frame.valid, images.read_mask),
-            annotations=None
-            if instances is None
-            else Annotations(instances, self.labels, rendered=self.manifest.rendered),
-            range_encoding=encoding if frame.range else None,
-        )
+        """Read the panorama of a frame.
 
-    def _part(self, name: str | None, read):
-        return None if name is None else read(self.root / name)
+        A picture that is tilted by its XMP is levelled, unless the pose of the frame is tilted: such a pose describes
+        the picture as it is stored.
+        """
+        pose = self._pose(frame.pose)
+        rgb, range_image, instances, valid = (
+            None if name is None else self.root / name for name in (getattr(frame, key) for key in IMAGE_KEYS)
+        )
+        return load_panorama(
+            frame.id,
+            rgb=rgb,
+            range_image=range_image,
+            instances=instances,
+            valid=valid,
+            labels=self.labels if instances else None,
+            rendered=self.manifest.rendered,
+            encoding=frame.encoding(self.manifest.encoding(RangeEncoding())),
+            level=pose is None or pose[2, 2] > _MIN_UPRIGHT_COSINE,
+        )
 
     def floors(self) -> list[FloorMasks]:
         """Read the floor masks."""

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from salframe.framework.errors import DataError
-from salframe.framework.files.reading import read_image
+from salframe.framework.files.image_files import ImageFile, read_image, read_image_file
 from salframe.framework.files.writing import atomic_path
 from salframe.panoramas.panorama import clean_range
 from salframe.panoramas.range_encoding import MAX_STEP, RangeEncoding
@@ -19,9 +20,15 @@ _FORMAT_OPTIONS = {".png": [_PNG_COMPRESSION, 2], ".jpg": [_JPEG_QUALITY, 93], "
 
 def read_color(path: Path) -> np.ndarray:
     """Read a colour image, (H, W, 3) uint8 RGB. Raises DataError."""
+    return read_color_file(path).pixels
+
+
+def read_color_file(path: Path) -> ImageFile:
+    """Read a colour image, (H, W, 3) uint8 RGB, with its size and metadata. Raises DataError."""
     import cv2
 
-    return cv2.cvtColor(read_image(path, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+    file = read_image_file(path, cv2.IMREAD_COLOR)
+    return replace(file, pixels=cv2.cvtColor(file.pixels, cv2.COLOR_BGR2RGB))
 
 
 def write_color(path: Path, rgb: np.ndarray) -> None:

@@ -163,6 +163,7 @@ class Panorama:
         annotations: Annotated objects.
         range_by: Name of the range model that estimated the range; None where it comes from a sensor or a renderer.
         range_encoding: Encoding of the file that the range was read from; None where there is no file, or no panorama.
+        notes: What the reader changed in the picture, one line each: reduced, placed as a crop, levelled.
 
     Raises:
         DataError: An image has another shape or dtype, the images differ in size, or `range_by` is set without range.
@@ -175,6 +176,7 @@ class Panorama:
     annotations: Annotations | None = None
     range_by: str | None = None
     range_encoding: RangeEncoding | None = None
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.range_by is not None and self.range_m is None:

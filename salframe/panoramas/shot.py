@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,9 @@ from salframe.framework.errors import DataError
 from salframe.framework.files.reading import read_json
 from salframe.panoramas import images
 from salframe.panoramas.image_lookup import find_frame_image
-from salframe.panoramas.panorama import Annotations, Panorama, labels_by_id
+from salframe.panoramas.panorama import Panorama, labels_by_id
+from salframe.panoramas.panorama_files import load_panorama
+from salframe.panoramas.photo_sphere import declares_panorama
 from salframe.panoramas.photograph import Pinhole
 from salframe.panoramas.range_encoding import MILLIMETRE, RangeEncoding, RangeKind
 
@@ -78,16 +80,13 @@ def read_panorama(
     if (instances is None) != (labels is None):
         received = "labels without an instance image" if instances is None else "an instance image without labels"
         raise DataError(f"received {received}, expected both or neither")
-    encoding = RangeEncoding(range_unit_m, tuple(range_missing), RangeKind.CUBE if z_depth else range_kind)
-    range_m = None if range_image is None else images.read_range(Path(range_image), encoding)
-    return Panorama(
+    return load_panorama(
         files[0].name,
-        None if rgb is None else images.read_color(Path(rgb)),
-        range_m,
-        annotations=None
-        if instances is None or labels is None
-        else Annotations(images.read_ids(Path(instances)), labels_by_id(read_json(Path(labels)), str(labels))),
-        range_encoding=None if range_m is None else encoding,
+        rgb=None if rgb is None else Path(rgb),
+        range_image=None if range_image is None else Path(range_image),
+        instances=None if instances is None else Path(instances),
+        labels=None if labels is None else labels_by_id(read_json(Path(labels)), str(labels)),
+        encoding=RangeEncoding(range_unit_m, tuple(range_missing), RangeKind.CUBE if z_depth else range_kind),
     )
 
 
@@ -107,16 +106,7 @@ def open_panorama(image: Path, range_image: Path | None = None, encoding: RangeE
     """
     panorama = None if range_image is not None else _in_manifest(image)
     if panorama is None:
-        rgb = images.read_color(image)
-        height, width = rgb.shape[:2]
-        if width != 2 * height:
-            raise DataError(
-                f"{image} is {width} x {height}, expected a panorama with width = 2 x height; for a photograph, "
-                "pass its horizontal field of view (--fov DEG)"
-            )
-        encoding = encoding or RangeEncoding()
-        range_m = None if range_image is None else images.read_range(range_image, encoding)
-        panorama = Panorama(image.name, rgb, range_m, range_encoding=None if range_m is None else encoding)
+        panorama = load_panorama(image.name, rgb=image, range_image=range_image, encoding=encoding)
     if panorama.rgb is None:
         raise DataError(f"{image} has no colour, expected an rgb image")
     return Shot(panorama.rgb, panorama)
@@ -144,7 +134,10 @@ def open_photograph(
     """
     import cv2
 
-    rgb = images.read_color(image)
+    file = images.read_color_file(image)
+    if declares_panorama(file, image):
+        raise DataError(f"{image} is an equirectangular panorama by its XMP, expected a photograph: leave out --fov")
+    rgb = file.pixels
     steps = None if depth_image is None else images.read_ids(depth_image)
     height, width = rgb.shape[:2]
     if steps is not None and steps.shape != (height, width):
@@ -161,7 +154,8 @@ def open_photograph(
         small_camera = Pinhole.of_field_of_view(*size, hfov_rad, pitch_rad)
     else:
         small_rgb = rgb
-    return Shot(rgb, small_camera.panorama(image.name, small_rgb, depth_m, rows), camera, steps)
+    panorama = small_camera.panorama(image.name, small_rgb, depth_m, rows)
+    return Shot(rgb, replace(panorama, notes=(file.note,) if file.note else ()), camera, steps)
 
 
 def _in_manifest(image: Path) -> Panorama | None:

@@ -114,11 +114,15 @@ def _user_files(model: BaseModel) -> Iterator[_FileSetting]:
             continue
         for kind in _alternatives(field.annotation):
             parts = typing.get_args(kind) if typing.get_origin(kind) in (tuple, list) else ()
-            if kind is UserFile:
+            if _is_user_file(kind):
                 yield _FileSetting(name, match_only, inside(name, lambda file: file))
-            elif any(UserFile in _alternatives(part) for part in parts):
+            elif any(_is_user_file(kind) for part in parts for kind in _alternatives(part)):
                 count = 1 if typing.get_origin(kind) is list or Ellipsis in parts else len(parts)
                 yield _FileSetting(name, match_only, inside(name, partial(_repeat, count)))
+
+
+def _is_user_file(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, UserFile)
 
 
 def _put_at(

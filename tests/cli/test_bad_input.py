@@ -79,7 +79,7 @@ SPOILT_FOLDERS = {
     ),
     "not twice as wide": (
         with_image("kitchen-map.rgb.png", np.ones((192, 500, 3), np.uint8)),
-        r"the rgb image is 500 x 192, expected width = 2 x height \(equirectangular\)",
+        r"is 500 x 192, expected a panorama with width = 2 x height",
     ),
     "missing key": (change_manifest(lambda manifest: manifest.pop("format")), r"manifest\.json: format is missing"),
     "missing id": (

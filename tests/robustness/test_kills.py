@@ -19,7 +19,7 @@ from typing import Any
 import pytest
 from command_line import without_times
 
-from salframe.framework.files.reading import read_image
+from salframe.framework.files.image_files import read_image
 
 sys.path.insert(0, str(Path(__file__).parent))
 

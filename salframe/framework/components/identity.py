@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,9 +16,10 @@ from pydantic.fields import FieldInfo
 from pydantic_core import core_schema, to_jsonable_python
 
 from salframe.framework.component import ComponentConfig
-from salframe.framework.errors import ConfigError, DataError
+from salframe.framework.errors import ConfigError, DataError, WeightsError
 from salframe.framework.files.bounded import why
 from salframe.framework.files.hashes import digest, file_sha256
+from salframe.framework.files.onnx_files import SUFFIX, external_files
 
 if sys.platform == "win32":
     from pathlib import WindowsPath as _Path
@@ -27,6 +28,9 @@ else:
 
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler
+
+MAX_FOLDER_FILES, MAX_FOLDER_BYTES = 10_000, 1 << 32
+"""Maximum number and total size of the files in a folder that a setting names. All of them are hashed."""
 
 
 class UserFile(_Path):
@@ -38,6 +42,10 @@ class UserFile(_Path):
         return core_schema.no_info_after_validator_function(
             cls, paths, serialization=core_schema.to_string_ser_schema()
         )
+
+
+class SingleFile(UserFile):
+    """Type of a setting that names a file of the user. A folder has no identity, so that none is hashed by mistake."""
 
 
 def identity(config: ComponentConfig, *, describing: bool = False) -> dict[str, Any]:
@@ -110,6 +118,8 @@ def _value(value: Any, describing: bool) -> Any:
         return identity(value, describing=describing)
     if isinstance(value, BaseModel):
         return settings_identity(value, describing=describing)
+    if isinstance(value, SingleFile) and value.is_dir():
+        raise ConfigError(f"a setting names the folder {value}, expected a file")
     if isinstance(value, UserFile):
         return content_sha256(value) or str(value)
     if isinstance(value, Mapping):
@@ -124,19 +134,40 @@ def _value(value: Any, describing: bool) -> Any:
 def content_sha256(path: Path) -> str | None:
     """Return the sha256 (hex) of a file, or of the names and contents of all files in a folder.
 
-    Returns None if there is no file or folder of this name.
+    The hash of an ONNX file that points to other files includes theirs. Returns None if there is no file or folder of
+    this name.
 
     Raises:
-        ConfigError: A file cannot be read.
+        ConfigError: A file cannot be read, or a folder holds too many or too large files.
     """
     try:
         if path.is_file():
-            return file_sha256(path)
+            external = external_files(path) if path.suffix.lower() == SUFFIX else ()
+            own = file_sha256(path)
+            return digest([own, _hash_files(path.parent, external)]) if external else own
         if not path.is_dir():
             return None
-        files = sorted(file for file in path.rglob("*") if file.is_file())
-        return digest([[file.relative_to(path).as_posix(), file_sha256(file)] for file in files])
-    except DataError as error:
+        return digest(_hash_files(path, sorted(_list_files(path))))
+    except (DataError, WeightsError) as error:
         raise ConfigError(str(error)) from None
     except (OSError, ValueError) as error:
         raise ConfigError(f"cannot read {path}: {why(error)}") from None
+
+
+def _hash_files(folder: Path, files: Sequence[Path]) -> list[list[str]]:
+    return [[file.relative_to(folder).as_posix(), file_sha256(file)] for file in files]
+
+
+def _list_files(folder: Path) -> list[Path]:
+    """Return all files below a folder. Raises ConfigError, before any is read, if they are too many or too large."""
+    files, size = [], 0
+    for file in folder.rglob("*"):
+        if file.is_file():
+            files.append(file)
+            size += file.stat().st_size
+        if len(files) > MAX_FOLDER_FILES or size > MAX_FOLDER_BYTES:
+            raise ConfigError(
+                f"the folder {folder} holds more than {MAX_FOLDER_FILES} files or {MAX_FOLDER_BYTES >> 30} GiB, "
+                "expected a file or a folder with only the files of a setting"
+            )
+    return files

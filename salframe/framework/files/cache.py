@@ -15,7 +15,7 @@ import numpy as np
 from salframe.framework.errors import ConfigError
 from salframe.framework.files.array_files import MAX_BYTES, pack_arrays, parse_arrays
 from salframe.framework.files.bounded import read_bytes
-from salframe.framework.files.hashes import digest
+from salframe.framework.files.hashes import canonical_json, digest
 from salframe.framework.files.writing import write_bytes
 
 LIMIT, DEFAULT_LIMIT_GB = "SALFRAME_CACHE_GB", 20.0
@@ -47,7 +47,8 @@ class CacheState:
 class Cache:
     """Cache of named arrays, addressed by the content of their key, with the time that their computation took.
 
-    A damaged entry, detected by its checksum, counts as missing. If the entries exceed the maximum size, the least
+    A damaged entry, detected by its checksum, counts as missing, and so does the entry of another key, since each entry
+    holds its own key. If the entries exceed the maximum size, the least
     recently used are removed.
 
     Args:
@@ -75,6 +76,8 @@ class Cache:
                 return None
             arrays = parse_arrays(packed)
             seconds = float(arrays.pop("_seconds"))
+            if arrays.pop("_key").tobytes() != canonical_json(key):  # a renamed entry
+                return None
         except (OSError, ValueError, KeyError):
             return None
         with suppress(OSError):  # the file may be read-only, or removed by another process
@@ -86,7 +89,8 @@ class Cache:
 
         Does nothing if the folder is read-only or the disk is full.
         """
-        content = pack_arrays({**arrays, "_seconds": np.array(seconds)})
+        own = {"_seconds": np.array(seconds), "_key": np.frombuffer(canonical_json(key), np.uint8)}
+        content = pack_arrays({**arrays, **own})
         try:
             write_bytes(self._path(key), content + hashlib.sha256(content).digest())
         except OSError:

@@ -31,4 +31,9 @@ def _hash(path: Path, size: int, modified_ns: int) -> str:
 
 def digest(value: Any) -> str:
     """Return the sha256 (hex) of a JSON-serializable value. Equal values have equal digests."""
-    return hashlib.sha256(json.dumps(value, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+    return hashlib.sha256(canonical_json(value)).hexdigest()
+
+
+def canonical_json(value: Any) -> bytes:
+    """Return a JSON-serializable value as JSON. Equal values have equal bytes."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":")).encode()

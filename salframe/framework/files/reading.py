@@ -6,7 +6,6 @@ in YAML are read by `salframe.framework.config`. The limits are in `salframe.fra
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import lru_cache
@@ -25,10 +24,8 @@ _Model = TypeVar("_Model", bound=BaseModel)
 
 _MAX_LOG, _MAX_NETWORK = 1 << 30, 1 << 31
 """Maximum sizes of a .jsonl file and of a network, in bytes."""
-_MAX_ROWS, _MAX_PIXELS = 1 << 20, 1 << 26
-"""Maximum number of rows of a table, and of pixels of an image."""
-_END_OF_JPEG, _SCAN_OF_JPEG = b"\xff\xd9", b"\xff\xda"
-_END_OF_PNG = b"\0\0\0\0IEND\xaeB`\x82"
+_MAX_ROWS = 1 << 20
+"""Maximum number of rows of a table."""
 
 
 @contextmanager
@@ -149,49 +146,6 @@ def read_table(path: Path, row: type[_Model]) -> list[_Model]:
         raise DataError(f"{path} is not a Parquet table: {one_line(error)}") from None
     validated: list[_Model] = check_as(rows, list[row], path)  # type: ignore[valid-type]
     return validated
-
-
-def read_image(path: Path, mode: int) -> np.ndarray:
-    """Read the pixels of a JPEG or PNG.
-
-    Args:
-        path: The file.
-        mode: Reading mode of OpenCV. cv2.IMREAD_COLOR gives BGR.
-
-    Raises:
-        DataError: The file is missing, damaged, truncated or too large.
-    """
-    import cv2
-    from PIL import Image
-
-    with reading(path, "a readable image"):
-        content = read_bytes(path)
-    try:
-        with Image.open(io.BytesIO(content), formats=("PNG", "JPEG")) as picture:
-            width, height = picture.size
-            is_complete = content.rfind(_END_OF_JPEG) > content.rfind(_SCAN_OF_JPEG)
-            if picture.format == "PNG":  # libpng would print errors of a truncated file to stderr
-                is_complete = _END_OF_PNG in content
-            picture.verify()
-    except Exception:  # Pillow raises many types of exceptions
-        is_complete, width, height = False, 0, 0
-    if width * height > _MAX_PIXELS:
-        raise DataError(f"{path} is {width} x {height}, expected at most {_MAX_PIXELS} pixels")
-    image = cv2.imdecode(np.frombuffer(content, np.uint8), mode) if is_complete else None
-    if image is None:
-        raise DataError(f"{path} is not a readable image ({len(content)} bytes), expected a complete JPEG or PNG")
-    return image
-
-
-def image_notes(path: Path) -> dict[str, Any]:
-    """Return the text metadata of a PNG, empty if the file is not a PNG."""
-    from PIL import Image
-
-    try:
-        with Image.open(io.BytesIO(read_bytes(path)), formats=("PNG",)) as picture:
-            return {str(key): value for key, value in picture.info.items()}
-    except Exception:  # Pillow raises many types of exceptions
-        return {}
 
 
 def read_network(path: Path) -> bytes:

@@ -50,6 +50,19 @@ def test_a_damaged_entry_is_computed_again_and_replaced(tmp_path, damage):
     np.testing.assert_array_equal(cache.get("key")[0]["points"], ARRAYS["points"])
 
 
+def test_an_entry_under_another_key_is_not_believed(tmp_path):
+    """A renamed entry is what a collision of hashes would give."""
+    cache = Cache(tmp_path)
+    cache.put({"frame": 1}, ARRAYS, 1.0)
+    renamed = cache._path({"frame": 2})
+    renamed.parent.mkdir(exist_ok=True)
+    renamed.write_bytes(entry(cache).read_bytes())
+    assert cache.get({"frame": 2}) is None
+    cache.put({"frame": 2}, {"points": np.ones(3)}, 1.0)
+    np.testing.assert_array_equal(cache.get({"frame": 2})[0]["points"], np.ones(3))
+    np.testing.assert_array_equal(cache.get({"frame": 1})[0]["points"], ARRAYS["points"])
+
+
 @pytest.mark.slow
 def test_3000_damaged_entries_raise_nothing(tmp_path):
     rng = np.random.default_rng(int(os.environ.get("SALFRAME_TEST_SEEDS", "0").split(",")[0]))

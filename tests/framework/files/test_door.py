@@ -8,7 +8,10 @@ from pathlib import Path
 import pytest
 
 REPOSITORY = Path(__file__).parents[3]
-DOOR = {f"salframe/framework/files/{name}.py" for name in ("array_files", "bounded", "reading", "writing", "hashes")}
+DOOR = {
+    f"salframe/framework/files/{name}.py"
+    for name in ("array_files", "bounded", "image_files", "reading", "writing", "hashes")
+}
 LIBRARIES = {"json", "np", "numpy", "onnx", "pickle", "torch", "yaml"}
 READS = {
     "open", "read_text", "read_bytes", "safe_load", "full_load", "imread", "imdecode", "fromfile", "loadtxt",

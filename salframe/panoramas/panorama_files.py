@@ -1,0 +1,120 @@
+"""The one reader of the image files of a panorama: it places a picture on the sphere as its metadata says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from salframe.framework.errors import DataError
+from salframe.panoramas import images
+from salframe.panoramas.fisheye import is_dual_fisheye
+from salframe.panoramas.panorama import Annotations, Panorama
+from salframe.panoramas.photo_sphere import PhotoSphere, read_photo_sphere
+from salframe.panoramas.range_encoding import RangeEncoding
+
+
+def load_panorama(
+    id: str,
+    *,
+    rgb: Path | None = None,
+    range_image: Path | None = None,
+    instances: Path | None = None,
+    valid: Path | None = None,
+    labels: Mapping[int, str] | None = None,
+    rendered: bool = False,
+    encoding: RangeEncoding | None = None,
+    level: bool = True,
+) -> Panorama:
+    """Read the image files of a panorama.
+
+    A picture whose Photo Sphere XMP declares a crop is placed on the full sphere, and `valid` is false elsewhere. One
+    whose XMP declares a tilt is turned upright. The other images are in the same pixel grid and are changed alike.
+
+    Args:
+        id: Id of the panorama.
+        rgb: JPEG or PNG file.
+        range_image: 16-bit file, 0 where the range is unknown.
+        instances: 16-bit file with the id of the object at each pixel, 0 where there is none.
+        valid: File that is black where the panorama has no image.
+        labels: Label of each instance id.
+        rendered: As in `Annotations`.
+        encoding: What the values of the range image mean; None: millimetres along the ray.
+        level: Whether to turn a tilted picture upright.
+
+    Raises:
+        DataError: A file is missing or malformed, the images differ in size, the XMP contradicts them, or the picture
+            shows two fisheye circles.
+    """
+    color = None if rgb is None else images.read_color_file(rgb)
+    notes: list[str] = []
+    sphere = None
+    if rgb is not None and color is not None:
+        sphere = read_photo_sphere(color, rgb)
+        _check_panorama(rgb, color.pixels, is_crop=sphere is not None and sphere.is_crop)
+        notes += [color.note] if color.note else []
+    parts = {
+        "rgb": None if color is None else color.pixels,
+        "range": None if range_image is None else images.read_ids(range_image),
+        "instances": None if instances is None else images.read_ids(instances),
+        "valid": None if valid is None else images.read_mask(valid),
+    }
+    if sphere is not None and rgb is not None:
+        paths = {"range": range_image, "instances": instances, "valid": valid}
+        _check_sizes(rgb, parts, paths)
+        parts = _place(parts, sphere)
+    encoding = encoding or RangeEncoding()
+    if (steps := parts["range"]) is not None:
+        parts["range"] = encoding.panorama_range(steps)
+    if sphere is not None and level:
+        parts = {name: None if image is None else sphere.level(image) for name, image in parts.items()}
+    if sphere is not None and (note := sphere.note(levelled=level)):
+        notes.append(note)
+    instance_id = parts["instances"]
+    annotations = None if instance_id is None else Annotations(instance_id, labels or {}, rendered=rendered)
+    return Panorama(
+        id,
+        parts["rgb"],
+        parts["range"],
+        parts["valid"],
+        annotations,
+        range_encoding=None if steps is None else encoding,
+        notes=tuple(notes),
+    )
+
+
+def _check_panorama(path: Path, rgb: np.ndarray, *, is_crop: bool) -> None:
+    """Check that a picture is a stitched panorama or a crop of one. Raises DataError."""
+    height, width = rgb.shape[:2]
+    if width != 2 * height and not is_crop:
+        raise DataError(
+            f"{path} is {width} x {height}, expected a panorama with width = 2 x height; for a photograph, "
+            "pass its horizontal field of view (show-objects --fov DEG, open_photograph)"
+        )
+    if width == 2 * height and is_dual_fisheye(rgb):
+        raise DataError(
+            f"{path} shows two fisheye circles side by side, expected an equirectangular panorama: "
+            "stitch it first, with the program of the camera's maker"
+        )
+
+
+def _check_sizes(rgb: Path, parts: Mapping[str, np.ndarray | None], paths: Mapping[str, Path | None]) -> None:
+    """Check that the images have the size of the picture. Raises DataError."""
+    picture = parts["rgb"]
+    for name, path in paths.items():
+        image = parts[name]
+        if image is not None and picture is not None and image.shape[:2] != picture.shape[:2]:
+            size, expected = (" x ".join(map(str, part.shape[1::-1])) for part in (image, picture))
+            raise DataError(f"{path} is {size}, expected {expected} like {rgb}, whose XMP applies to both")
+
+
+def _place(parts: Mapping[str, np.ndarray | None], sphere: PhotoSphere) -> dict[str, np.ndarray | None]:
+    """Place the images of a crop on the sphere, with the mask of its part."""
+    placed = dict(parts)
+    if sphere.is_crop:
+        picture = parts["rgb"]
+        if placed["valid"] is None and picture is not None:
+            placed["valid"] = np.ones(picture.shape[:2], bool)
+        placed = {name: None if image is None else sphere.place(image, 0) for name, image in placed.items()}
+    return placed
