@@ -276,7 +276,8 @@ class Folder:
                 f"{self.root / MANIFEST}: {heights_m.count(None)} of {len(heights_m)} floors have no z_m, expected the "
                 "height of each floor in the world in metres"
             )
-        cameras_m = [frame.pose[11] for frame in self.manifest.frames if frame.pose is not None]
+        poses = [self._pose(frame.pose) for frame in self.manifest.frames]
+        cameras_m = [float(pose[2, 3]) for pose in poses if pose is not None]
         lowest_m, highest_m = min(cameras_m), max(cameras_m)
         if highest_m - lowest_m > MIN_STOREY_M:
             raise DataError(
