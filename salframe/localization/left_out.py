@@ -26,7 +26,7 @@ def check_left_out(left_out: Mapping[str, DataError | InputMissing], num_frames:
     if len(left_out) <= MAX_LEFT_OUT_SHARE * num_frames:
         return
     missing = [error for error in left_out.values() if isinstance(error, InputMissing)]
-    first = (missing or list(left_out.values()))[0]
+    first = missing[0] if missing else next(iter(left_out.values()))
     if num_frames == 1:
         raise type(first)(str(first))
     message = (
