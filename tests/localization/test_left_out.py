@@ -6,6 +6,7 @@ import pytest
 from command_line import run
 from fake_plugin import Reader, Rooms
 
+from salframe.framework.components.registry import registry
 from salframe.framework.errors import DataError, InputMissing
 from salframe.localization.left_out import check_left_out, left_out_note
 from salframe.localization.map import LocalizationMap
@@ -79,6 +80,19 @@ def salframe_provides():
 """
 
 
+@pytest.fixture
+def partial(tmp_path, monkeypatch):
+    """The components of PARTIAL as the only ones, and the engines."""
+    (tmp_path / "partial_plugin.py").write_text(PARTIAL)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("SALFRAME_PLUGINS", "partial_plugin,salframe_engines")
+    monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path / "cache"))
+    monkeypatch.chdir(tmp_path)
+    registry.cache_clear()
+    yield
+    registry.cache_clear()
+
+
 @pytest.mark.parametrize(
     ("settings", "status", "ended", "code"),
     [
@@ -87,12 +101,7 @@ def salframe_provides():
         (("last_reference=2",), {}, "unavailable", 1),
     ],
 )
-def test_a_missing_input_is_no_crash(tmp_path, monkeypatch, settings, status, ended, code):
-    (tmp_path / "partial_plugin.py").write_text(PARTIAL)
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setenv("SALFRAME_PLUGINS", "partial_plugin,salframe_engines")
-    monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path / "cache"))
-    monkeypatch.chdir(tmp_path)
+def test_a_missing_input_is_no_crash(partial, settings, status, ended, code):
     sets = [part for setting in settings for part in ("--set", setting)]
     done = run("compare", "--methods", "partial", "--data", "rooms", "--engine", "inline", "--json", *sets)
     (row,) = done.json["rows"]
