@@ -137,7 +137,7 @@ def test_a_comparison_refuses_a_map_as_build_does(data):
     done = compare("./data", "--json")
     assert done.code == 1
     assert re.search(reason, done.json["rows"][0]["reason"])
-    assert_one_line(run("build", "./data", "-o", "map"), reason)
+    assert_one_line(run("build", "./data", "-o", "map", "--set", "detector.kind=annotations"), reason)
 
 
 def test_a_comparison_without_any_usable_frame_fails(data):
