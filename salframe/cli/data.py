@@ -41,7 +41,8 @@ def info(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, as
     """
     from contextlib import suppress
 
-    from salframe.cli.output import Bars, warn
+    from salframe.cli.output import Bars, tell, warn
+    from salframe.evaluation.true_places import places_notes
     from salframe.framework.errors import DataError, TruthMissing
     from salframe.panoramas.data_checks import data_notes
     from salframe.panoramas.opening import find_dataset, reference_frames
@@ -54,6 +55,8 @@ def info(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, as
             warn(note)
     except DataError as error:  # building a map stops with it
         warn(str(error))
+    for note in places_notes(dataset):
+        tell(note)
     queries = {query.id for fold in folds for query in fold.queries}
     true_places = {}
     for query in queries:

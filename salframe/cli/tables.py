@@ -167,7 +167,7 @@ def _print_notes(result: Result[Any] | StudyResult) -> None:
     for row in result.rows:
         failures = ", ".join(f"{count} {status}" for status, count in row.status.items() if status != "ok")
         if remarks := "; ".join(part for part in (row.remark, failures) if part):
-            notes.append(f"{row.method}: {remarks}")
+            notes.append(f"{row.title}: {remarks}")
     for note in notes:
         _say(note)
 

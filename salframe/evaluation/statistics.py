@@ -126,11 +126,15 @@ def holm(p_values: Sequence[float | None]) -> list[float | None]:
     return adjusted
 
 
-def macro_averages(first_place: Sequence[str | None], true_place: Sequence[str]) -> tuple[float, float]:
-    """Return the macro precision and the macro recall: unweighted means over the true places.
+def macro_averages(
+    first_place: Sequence[str | None], true_place: Sequence[str]
+) -> tuple[float, float] | tuple[None, None]:
+    """Return the macro precision and the macro recall: unweighted means over the true places; None without places.
 
     The precision of a place that was never answered is 0.
     """
+    if not true_place:
+        return None, None
     places = sorted(set(true_place))
     answered, true = np.array([place or "" for place in first_place], np.str_), np.array(true_place, np.str_)
     hits = np.array([(answered == place) & (true == place) for place in places]).sum(1)

@@ -14,12 +14,13 @@ import numpy as np
 from salframe.framework.component import ComponentConfig
 from salframe.framework.components.installation import folder_bytes
 from salframe.framework.components.registry import registry
-from salframe.framework.errors import DataError, InvalidAnswer, describe_error
+from salframe.framework.errors import FRAME_ERRORS, DataError, InputMissing, InvalidAnswer, describe_error
 from salframe.framework.files.array_files import FileStamp
 from salframe.framework.files.cache import Cache
 from salframe.graphs.scene_index import scene_index_notes
 from salframe.localization.answers import Localization
 from salframe.localization.describing import check_parts, describe_ahead, describe_frame, suggest_components
+from salframe.localization.left_out import check_left_out, left_out_note
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map_files import MapParts, read_map, write_map
 from salframe.localization.preparing import Tell, python_warning, silent
@@ -67,6 +68,8 @@ class LocalizationMap:
     ) -> LocalizationMap:
         """Describe reference frames and index them.
 
+        Frames that the localizer cannot use are left out, up to MAX_LEFT_OUT_SHARE of them.
+
         Args:
             localizer: The localizer.
             frames: The reference frames.
@@ -74,14 +77,14 @@ class LocalizationMap:
             dataset: As in `describe_frame`.
             floors: Floors of the map.
             progress: Called as progress(done, total) with numbers of frames.
-            tell: Called with the notes of the localizer on the descriptions.
+            tell: Called with the notes of the localizer on the descriptions, and on the frames that were left out.
 
         Raises:
-            DataError: There are no frames.
-            InputMissing: The localizer cannot use a frame.
+            DataError: There are no frames, or too many cannot be read.
+            InputMissing: The localizer cannot use too many of the frames.
         """
-        packed = _describe_all(localizer, frames, cache, dataset, progress, tell)
-        built = cls(localizer, packed, list(frames), floors)
+        packed, usable = _describe_all(localizer, frames, cache, dataset, progress, tell)
+        built = cls(localizer, packed, usable, floors)
         built._index()
         for note in scene_index_notes(localizer.config, len(frames)):
             tell(note)
@@ -180,8 +183,8 @@ class LocalizationMap:
 
         `floors` are those of the changed map; the other arguments are as in `build`. Raises as `build`.
         """
-        packed = _describe_all(self.localizer, frames, cache, dataset, progress, tell)
-        self._replace({frame.place for frame in frames}, packed, frames, floors)
+        packed, usable = _describe_all(self.localizer, frames, cache, dataset, progress, tell)
+        self._replace({frame.place for frame in frames}, packed, usable, floors)
         for note in scene_index_notes(self.localizer.config, len(self.frames)):
             tell(note)
 
@@ -326,23 +329,30 @@ def _describe_all(
     dataset: str,
     progress: Callable[[int, int], None] | None,
     tell: Tell,
-) -> list[Description]:
-    """Return the packed descriptions of frames."""
+) -> tuple[list[Description], list[ReferenceFrame]]:
+    """Return the packed descriptions of the frames that can be used, and these frames."""
     if not frames:
         raise DataError("a map needs at least one reference frame, received none")
-    packed, notes = [], []
+    packed, usable, notes = [], [], []
+    left_out: dict[str, DataError | InputMissing] = {}
     for done, frame in enumerate(frames):
         if progress:
             progress(done, len(frames))
-        description, _ = describe_frame(localizer, frame, cache, dataset)
+        try:
+            description, _ = describe_frame(localizer, frame, cache, dataset)
+        except FRAME_ERRORS as error:
+            left_out[frame.id] = error
+            continue
         packed.append(localizer.pack(description))
+        usable.append(frame)
         if note := localizer.note(description):
             notes.append(f"{frame.id}: {note}")
     if progress:
         progress(len(frames), len(frames))
-    for note in notes:
+    check_left_out(left_out, len(frames))
+    for note in [*notes, *filter(None, [left_out_note(left_out)])]:
         tell(note)
-    return packed
+    return packed, usable
 
 
 @contextmanager

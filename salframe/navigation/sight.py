@@ -6,10 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from salframe.framework.errors import FRAME_ERRORS, MethodFailed
+from salframe.framework.errors import FRAME_ERRORS, DataError, InputMissing, MethodFailed, MethodUnavailable
 from salframe.framework.files.cache import Cache
 from salframe.localization.answers import LocalizationStatus
 from salframe.localization.describing import describe_frame
+from salframe.localization.left_out import check_left_out, left_out_note
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map import LocalizationMap
 from salframe.navigation.agent import Located
@@ -57,18 +58,14 @@ class Sight:
     def __init__(self, localizer: Localizer, dataset: str, positioning: bool) -> None:
         self._localizer, self._dataset, self._positioning, self._cache = localizer, dataset, positioning, Cache()
         self._descriptions: dict[str, Description | None] = {}
-        self._left_out: list[str] = []
+        self._left_out: dict[str, DataError | InputMissing] = {}
         self._frames: dict[str, ReferenceFrame] = {}
         self._map: LocalizationMap | None = None
 
     @property
     def warning(self) -> str | None:
         """A warning on reference frames that were left out, None where there is none."""
-        return (
-            f"{len(self._left_out)} reference frame(s) left out, the first: {self._left_out[0]}"
-            if self._left_out
-            else None
-        )
+        return left_out_note(self._left_out)
 
     def look(self, world: World, T_world_pano: np.ndarray, yaw_rad: float) -> Located | None:
         """Localize an agent.
@@ -95,12 +92,16 @@ class Sight:
 
     def _map_of(self, frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks]) -> LocalizationMap:
         """Return the map of these frames and floors. Each frame is described once; frames that cannot be used are left
-        out."""
+        out. Raises MethodFailed where these are too many."""
         usable = [frame for frame in frames if self._describe(frame) is not None]
         if self._map is not None and [frame.id for frame in usable] == list(self._frames):
             return self._map
-        if not usable:
-            raise MethodFailed("; ".join(["no reference frame can be used", *self._left_out[:1]]))
+        try:
+            check_left_out({one.id: self._left_out[one.id] for one in frames if one.id in self._left_out}, len(frames))
+        except InputMissing as error:
+            raise MethodUnavailable(str(error)) from error
+        except DataError as error:
+            raise MethodFailed(str(error)) from error
         self._frames = {frame.id: frame for frame in usable}
         descriptions = [description for id in self._frames if (description := self._descriptions[id]) is not None]
         self._map = LocalizationMap.from_descriptions(self._localizer, descriptions, usable, floors)
@@ -112,5 +113,5 @@ class Sight:
                 self._descriptions[frame.id] = describe_frame(self._localizer, frame, self._cache, self._dataset)[0]
             except FRAME_ERRORS as error:
                 self._descriptions[frame.id] = None
-                self._left_out.append(f"{frame.id}: {error}")
+                self._left_out[frame.id] = error
         return self._descriptions[frame.id]

@@ -122,15 +122,22 @@ def compare(data: object, *more: str) -> Result:
 
 
 def test_a_comparison_says_which_frames_it_could_not_use_and_measures_the_rest(data):
-    cut(data / "frames" / "kitchen-map.range.png")
     cut(data / "frames" / "lounge-query.range.png")
     (row,) = compare("./data", "--json").json["rows"]
     assert row["status"] == {"no-pose": 2, "error": 1}
     assert re.fullmatch(
-        r"1 reference frame\(s\) left out, the first: .*kitchen-map\.range\.png is not a readable image.*; "
         r"1 query frame\(s\) that cannot be used, the first: .*lounge-query\.range\.png is not a readable image.*",
         row["reason"],
     )
+
+
+def test_a_comparison_refuses_a_map_as_build_does(data):
+    cut(data / "frames" / "kitchen-map.range.png")
+    reason = r"1 of 3 reference frames cannot be used, .*kitchen-map\.range\.png is not a readable image"
+    done = compare("./data", "--json")
+    assert done.code == 1
+    assert re.search(reason, done.json["rows"][0]["reason"])
+    assert_one_line(run("build", "./data", "-o", "map", "--set", "detector.kind=annotations"), reason)
 
 
 def test_a_comparison_without_any_usable_frame_fails(data):
@@ -139,8 +146,7 @@ def test_a_comparison_without_any_usable_frame_fails(data):
     done = compare("./data", "--json")
     assert done.code == 1
     assert re.fullmatch(
-        r"DataError: .*|fold all has no reference frame that can be used; .*is not a readable image.*",
-        done.json["rows"][0]["reason"],
+        r"3 of 3 reference frames cannot be used, .*is not a readable image.*", done.json["rows"][0]["reason"]
     )
 
 

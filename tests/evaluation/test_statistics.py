@@ -70,6 +70,7 @@ def test_macro_averages_weigh_places_alike():
     asked = ["kitchen"] * 4 + ["bath"]
     assert macro_averages(answered, asked) == (0.375, 0.375)
     assert macro_averages(["a", None], ["a", "b"]) == (0.5, 0.5)
+    assert macro_averages([], []) == (None, None)
 
 
 def test_paired_test_of_single_queries_is_mcnemars():

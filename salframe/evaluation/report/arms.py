@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from salframe.evaluation.report.view import RunView
+from salframe.evaluation.runs.changes import base_of, hidden_in, with_changes
 from salframe.evaluation.runs.method_row import MethodRow
-from salframe.framework.components.settings import spell_value
+from salframe.framework.components.settings import flatten, spell_value
 
 SEED = "seed"
 """Setting of the data over which runs are pooled."""
@@ -29,7 +30,7 @@ class Arm:
     Attributes:
         name: Short name, unique in the report.
         label: Label in the runs.
-        base: The label without its settings.
+        base: The label without its varied settings, with other settings that differ from the preset of its name.
         varied: Values of the settings in which the arms differ, by dotted key.
         row: Row of the method over all seeds.
         entries: The runs of the arm.
@@ -64,14 +65,19 @@ def name_arms(
 ) -> list[Arm]:
     """Return the arms of runs, from the result of `find_entries` and the row of each arm."""
     labels = [views[arm_entries[0].run].records[arm_entries[0].method].label for arm_entries in entries]
-    bases = [label.partition("[")[0] for label in labels]
+    bases = [base_of(label) for label in labels]
     settings = [
         _settings_of(views[arm_entries[0].run], label) for arm_entries, label in zip(entries, labels, strict=True)
     ]
     keys = find_varied(settings, bases)
     named = [{key: spell_value(arm_settings[key]) for key in keys if key in arm_settings} for arm_settings in settings]
-    names = _short_names(bases, named)
-    return [Arm(*parts) for parts in zip(names, labels, bases, named, rows, entries, strict=True)]
+    changes = [
+        views[arm_entries[0].run].result.request.get("changes", {}).get(label, ())
+        for arm_entries, label in zip(entries, labels, strict=True)
+    ]
+    titles = [with_changes(base, hidden_in(one, shown)) for base, one, shown in zip(bases, changes, named, strict=True)]
+    names = _short_names(titles, named)
+    return [Arm(*parts) for parts in zip(names, labels, titles, named, rows, entries, strict=True)]
 
 
 def find_varied(settings: Sequence[Mapping[str, Any]], bases: Sequence[str]) -> list[str]:
@@ -102,17 +108,6 @@ def _settings_of(view: RunView[Any, Any], label: str) -> dict[str, Any]:
     """Return the settings of a method and of its data without the seed, by dotted key."""
     data = {key: value for key, value in view.data.items() if key != SEED}
     return {**flatten(view.result.request["methods"][label]), **flatten(data, "data.")}
-
-
-def flatten(settings: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return nested settings by dotted key."""
-    flat: dict[str, Any] = {}
-    for key, value in settings.items():
-        if isinstance(value, Mapping) and value:
-            flat |= flatten(value, f"{prefix}{key}.")
-        else:
-            flat[prefix + key] = value
-    return flat
 
 
 def short_key(key: str, keys: Sequence[str]) -> str:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from salframe.evaluation.report.arms import Arm, flatten
+from salframe.evaluation.report.arms import Arm
 from salframe.evaluation.report.view import RunView
-from salframe.framework.component import ComponentConfig
 from salframe.framework.components.registry import registry
-from salframe.framework.components.settings import spell_value
+from salframe.framework.components.settings import changed_settings, flatten, shorten_value, spell_value
 from salframe.framework.errors import SalframeError
 from salframe.framework.validation import validate
 
@@ -42,36 +40,11 @@ def describe_run(view: RunView[Any, Any]) -> dict[str, Any]:
 def describe_component(role: str, settings: Mapping[str, Any]) -> str:
     """Return the name of a component and its changed settings; all settings where the component is unknown."""
     try:
-        changed = dict(_changed(validate(registry().get(role, settings["kind"]).Config, settings, role)))
+        changed = dict(changed_settings(validate(registry().get(role, settings["kind"]).Config, settings, role)))
     except (SalframeError, KeyError):
         changed = flatten({key: value for key, value in settings.items() if key != "kind"})
-    parts = [f"{key}={shorten(value)}" for key, value in changed.items()]
+    parts = [f"{key}={shorten_value(value)}" for key, value in changed.items()]
     return f"{settings.get('kind')}: {', '.join(parts)}" if parts else str(settings.get("kind"))
-
-
-def _changed(config: ComponentConfig, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the settings that differ from their defaults, by dotted key."""
-    values = config.model_dump(mode="json")
-    default = type(config).model_construct().model_dump(mode="json", warnings=False)
-    for name in type(config).model_fields:
-        value, key = getattr(config, name), prefix + name
-        if isinstance(value, ComponentConfig):
-            if value.kind != (default.get(name) or {}).get("kind"):
-                yield key, value.kind
-            yield from _changed(value, f"{key}.")
-        elif name != "kind":
-            plain = flatten({key: default.get(name)})
-            yield from (
-                (inner, inner_value)
-                for inner, inner_value in flatten({key: values[name]}).items()
-                if plain.get(inner) != inner_value
-            )
-
-
-def shorten(value: Any, max_length: int = 60) -> str:
-    """Return the value of a setting in at most `max_length` characters. A path is reduced to its last part."""
-    text = Path(value).name if isinstance(value, str) and "/" in value else spell_value(value)
-    return text if len(text) <= max_length else f"{text[: max_length - 1]}…"
 
 
 def list_notes(views: Sequence[RunView[Any, Any]], arms: Sequence[Arm]) -> list[str]:

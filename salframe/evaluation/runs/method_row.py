@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, field, fields
 from functools import cache
 from typing import Any, Self, get_args, get_type_hints
 
+from salframe.evaluation.runs.changes import with_changes
 from salframe.evaluation.runs.inputs import ESTIMATED_RANGE
 from salframe.evaluation.runs.rows import PieceStatus
 from salframe.evaluation.runs.run_folder import MethodStatus
@@ -21,6 +22,7 @@ class MethodRow(ABC):
 
     Attributes:
         method: Label of the method.
+        changes: Its settings that differ from the preset or component of its name, "key=value" each.
         given: Parts of panoramas that it received as input, with the noise added to them; ESTIMATED_RANGE is one of
             them where it estimated the range.
         available: Whether it can run here.
@@ -32,6 +34,7 @@ class MethodRow(ABC):
     """
 
     method: str
+    changes: tuple[str, ...] = ()
     input: tuple[str, ...] = ()
     available: bool = True
     ended: MethodStatus = MethodStatus.DONE
@@ -68,6 +71,11 @@ class MethodRow(ABC):
     @abstractmethod
     def measured(self) -> bool:
         """Whether the method has numbers."""
+
+    @property
+    def title(self) -> str:
+        """The label of the method with the settings that differ from its preset, for tables."""
+        return with_changes(self.method, self.changes)
 
     @property
     def remark(self) -> str | None:

@@ -28,12 +28,21 @@ class Survey(Generic[Piece]):
 
 @dataclass(frozen=True, eq=False)
 class Record(Generic[PieceRowT]):
-    """A method in a run: its outcome, its rows in the order of the pieces (None: none yet), and its folder."""
+    """A method in a run.
+
+    Attributes:
+        label: Label of the method.
+        outcome: Its outcome.
+        rows: Its rows in the order of the pieces; None: none yet.
+        folder: Its folder.
+        changes: Its settings that differ from its preset, "key=value" each.
+    """
 
     label: str
     outcome: Outcome
     rows: tuple[PieceRowT | None, ...]
     folder: Path
+    changes: tuple[str, ...] = ()
 
     @property
     def done(self) -> bool:
@@ -61,9 +70,12 @@ def in_common(records: Sequence[Record[Any]]) -> dict[str, Any]:
                 errors.setdefault(row.status, row.error)
         if record.outcome.status in (MethodStatus.DONE, MethodStatus.CRASHED):
             statuses += [PieceStatus.CRASHED if row is None else row.status for row in record.rows]
+        elif record.outcome.status is MethodStatus.UNAVAILABLE:
+            statuses += [row.status for row in record.rows if row is not None]
     reasons = dict.fromkeys(record.outcome.reason for record in records if record.outcome.reason)
     return {
         "method": records[0].label,
+        "changes": records[0].changes,
         "input": worst.input,
         "available": worst.status is not MethodStatus.UNAVAILABLE,
         "ended": worst.status,

@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from salframe.evaluation.runs.changes import find_changes
 from salframe.evaluation.runs.limits import NO_LIMITS, Limits
 from salframe.evaluation.tables.text import list_methods
 from salframe.framework.component import ComponentConfig
@@ -92,7 +93,9 @@ class Resolved:
         engine: Configuration of the engine.
         scopes: Settings of anything else, by scope.
         notes: Notes on methods that replace a requested one, and on the components that `auto` selected.
-        asked_as: The requested label of each method, by its label in the run.
+        requested_as: The requested label of each method, by its label in the run.
+        changes: The settings of methods that differ from the preset or component of their name, "key=value" each, by
+            label. Methods without such settings are missing.
     """
 
     methods: Mapping[str, ComponentConfig]
@@ -102,6 +105,7 @@ class Resolved:
     scopes: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     requested_as: Mapping[str, str] = field(default_factory=dict)
+    changes: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
 
 def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = ()) -> Resolved:
@@ -135,6 +139,7 @@ def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = (
     notes: list[str] = []
     taken: dict[str, list[str]] = {}
     requested_as: dict[str, str] = {}
+    changes: dict[str, Sequence[str]] = {}
     for label, variant in requested.items():
         choice = Choice(data_name, provides)
         settings_of_variant = [nest(key.split("."), value) for key, value in variant.settings.items()]
@@ -146,11 +151,23 @@ def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = (
         runs = label.replace(variant.name, other, 1) if other is not None and named else label
         if runs == label or runs not in requested:
             methods[runs], requested_as[runs] = instead, label
+            runner, standard_choice = other or variant.method, Choice(data_name, provides)
+            if over or runs != runner:
+                changes[runs] = find_changes(role, runs, runner, variant.settings, instead, standard_choice)
             for line in choice.notes:
                 taken.setdefault(line, []).append(runs)
     notes += [f"{list_methods(takers, methods)}: {line}" for line, takers in taken.items()]
     engine = configure_default("engine", request.engine or default_of("engine"), overrides.scopes["engine"])
-    return Resolved(methods, data_name, data, engine, overrides.scopes, tuple(notes), requested_as)
+    return Resolved(
+        methods,
+        data_name,
+        data,
+        engine,
+        overrides.scopes,
+        tuple(notes),
+        requested_as,
+        {label: one for label, one in changes.items() if one},
+    )
 
 
 def decide(

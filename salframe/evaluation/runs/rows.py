@@ -23,9 +23,13 @@ Amount = Annotated[float, Field(ge=0)]
 
 
 class PieceStatus(StrEnum):
-    """How the work on one piece ended: done, the piece cannot be used, or the method crashed."""
+    """How the work on one piece ended.
+
+    It is done, the piece lacks a part that the method needs, the piece cannot be read, or the method crashed.
+    """
 
     OK = "ok"
+    INPUT_MISSING = "input-missing"
     ERROR = "error"
     CRASHED = "crashed"
 

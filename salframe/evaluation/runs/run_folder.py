@@ -12,6 +12,7 @@ from typing import Any, Literal, TypeVar
 from urllib.parse import quote
 
 import yaml
+from pydantic import Field
 
 from salframe.evaluation.runs.request import Resolved
 from salframe.evaluation.runs.rows import PieceRow, read_rows
@@ -91,11 +92,15 @@ class _Request(Settings):
     seed: int
     data: dict[str, Any]
     methods: dict[str, dict[str, Any]]
+    changes: dict[str, list[str]] = Field({})
 
 
 @dataclass(frozen=True)
 class Run:
-    """A run folder. `content` is that of its request.yaml: task, seed, data, and settings of methods by label."""
+    """A run folder.
+
+    `content` is that of its request.yaml: task, seed, data, and by label the settings of methods and their changes.
+    """
 
     directory: Path
     content: Mapping[str, Any] = field(repr=False)
@@ -127,6 +132,8 @@ class Run:
             "data": resolved.data.model_dump(mode="json"),
             "methods": settings,
         }
+        if resolved.changes:
+            request["changes"] = {label: list(changes) for label, changes in resolved.changes.items()}
         text = yaml.safe_dump(request, sort_keys=False)
         directory, content = runs / f"{name}-{key[:8]}", parse_yaml(text)
         path = directory / REQUEST
@@ -167,6 +174,10 @@ class Run:
     def labels(self) -> list[str]:
         """Labels of the methods, in the order of the request."""
         return list(self.content["methods"])
+
+    def changes(self, label: str) -> tuple[str, ...]:
+        """Return the settings of a method that differ from its preset, "key=value" each."""
+        return tuple(self.content.get("changes", {}).get(label, ()))
 
     def data(self) -> ComponentConfig:
         """Return the configuration of the data set. Raises ConfigError, and UnknownName where it is not installed."""

@@ -75,7 +75,8 @@ def _attempt(task: AnyTask, work: Callable[[Any], Row], piece: Any, folder: Path
     except MethodFailed:
         raise
     except FRAME_ERRORS as error:
-        return {**task.failed(piece), "status": PieceStatus.ERROR, "error": str(error)}
+        status = PieceStatus.INPUT_MISSING if isinstance(error, InputMissing) else PieceStatus.ERROR
+        return {**task.failed(piece), "status": status, "error": str(error)}
     except Exception as error:  # an exception on one piece must not affect the others
         log_crash(folder, " ".join(map(str, task.key(piece))))
         return {**task.failed(piece), "status": PieceStatus.CRASHED, "error": describe_error(error)}

@@ -11,6 +11,7 @@ from typing import Any
 
 from pydantic import ConfigDict, Field, model_validator
 
+from salframe.evaluation.runs.changes import base_of, with_changes
 from salframe.evaluation.runs.method_row import MethodRow
 from salframe.evaluation.runs.request import Request, Resolved, Variant
 from salframe.evaluation.runs.runner import pool, run_task
@@ -201,14 +202,8 @@ def leading_columns(
     }
     names = (DATA, ARM, *kind.Options.model_fields)
     of_data = {key: texts for key, texts in texts_by_key.items() if key in names or key.startswith(f"{DATA}.")}
-    methods = {METHOD: [_name(row.method) for row in rows]}
+    methods = {METHOD: [with_changes(base_of(row.method), row.changes) for row in rows]}
     return {**of_data, **methods, **{key: texts for key, texts in texts_by_key.items() if key not in of_data}}
-
-
-def _name(label: str) -> str:
-    """Return the label of a method without the settings in brackets."""
-    name, _, rest = label.partition("[")
-    return name + rest.rpartition("]")[2]
 
 
 def read_study(file: Path) -> Study:

@@ -11,10 +11,10 @@ from salframe.evaluation.tables.text import NONE, fixed, format_bytes, interval,
 
 
 class TableRow(Protocol):
-    """A row of a table: the label and the input of a method, and whether it was measured."""
+    """A row of a table: the title and the input of a method, and whether it was measured."""
 
     @property
-    def method(self) -> str: ...
+    def title(self) -> str: ...
     @property
     def input(self) -> tuple[str, ...]: ...
     @property

@@ -44,7 +44,7 @@ def draw_table(
     Args:
         columns: The columns, from left to right.
         rows: The rows.
-        leading: Text of each row by heading, left of the columns; the method's label by default.
+        leading: Text of each row by heading, left of the columns; the method's title by default.
         title: The table's title.
     """
     leading = leading_methods(rows) if leading is None else leading
@@ -64,8 +64,8 @@ def draw_table(
 
 
 def leading_methods(rows: Sequence[TableRow]) -> dict[str, list[str]]:
-    """Return the labels of the rows' methods as a leading column."""
-    return {METHOD: [row.method for row in rows]}
+    """Return the titles of the rows' methods as a leading column."""
+    return {METHOD: [row.title for row in rows]}
 
 
 def select_leading(

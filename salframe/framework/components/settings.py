@@ -7,6 +7,7 @@ import types
 import typing
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel
@@ -64,6 +65,60 @@ def list_settings(config: BaseModel, prefix: str = "") -> Iterator[Setting]:
 def spell_value(value: Any) -> str:
     """Return the value of a setting as text: a string unchanged, any other value as JSON."""
     return value if isinstance(value, str) else json.dumps(value)
+
+
+def shorten_value(value: Any, max_length: int = 60) -> str:
+    """Return the value of a setting in at most `max_length` characters. A path is reduced to its last part."""
+    text = Path(value).name if isinstance(value, str) and "/" in value else spell_value(value)
+    return text if len(text) <= max_length else f"{text[: max_length - 1]}…"
+
+
+def flatten(settings: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return nested settings by dotted key."""
+    flat: dict[str, Any] = {}
+    for key, value in settings.items():
+        if isinstance(value, Mapping) and value:
+            flat |= flatten(value, f"{prefix}{key}.")
+        else:
+            flat[prefix + key] = value
+    return flat
+
+
+def changed_settings(
+    config: BaseModel, reference: BaseModel | None = None, prefix: str = ""
+) -> Iterator[tuple[str, Any]]:
+    """Yield the settings that differ from those of a reference, by dotted key.
+
+    A slot is named by its key alone, with the name of its component as the value. Below a slot that holds another
+    component, the settings that differ from the defaults of that component follow.
+
+    Args:
+        config: The configuration.
+        reference: The configuration to compare with; None: the defaults.
+        prefix: Start of the keys.
+    """
+    values = config.model_dump(mode="json")
+    base = reference if type(reference) is type(config) else type(config).model_construct()
+    base_values = base.model_dump(mode="json", warnings=False)
+    for name in type(config).model_fields:
+        value, key = getattr(config, name), prefix + name
+        if isinstance(value, ComponentConfig):
+            if value.kind != _kind(base_values.get(name)):
+                yield key, value.kind
+            yield from changed_settings(value, getattr(base, name, None), f"{key}.")
+        elif holds_components(value):
+            before = getattr(base, name, ()) or ()
+            kinds = [item.kind for item in value]
+            if kinds != [_kind(item) for item in base_values.get(name) or ()]:
+                yield key, kinds
+            for number, item in enumerate(value):
+                yield from changed_settings(item, before[number] if number < len(before) else None, f"{key}[{number}].")
+        elif name != "kind":
+            new, old = flatten({key: values[name]}), flatten({key: base_values.get(name)})
+            if old.keys() <= new.keys():
+                yield from ((inner, one) for inner, one in new.items() if inner not in old or old[inner] != one)
+            else:
+                yield key, values[name]
 
 
 def _kind(default: Any) -> Any:

@@ -2,8 +2,9 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-from salframe.evaluation.report.arms import Entry, find_entries, find_varied, flatten, name_arms, short_key
+from salframe.evaluation.report.arms import Entry, find_entries, find_varied, name_arms, short_key
 from salframe.evaluation.report.view import RunView
+from salframe.framework.components.settings import flatten
 
 
 def view(methods, data=None, task="localization"):

@@ -39,9 +39,9 @@ def test_the_plotly_bundle_is_small_and_comes_with_its_licence():
 def test_the_page_of_a_run_holds_every_row_and_query(comparison, read):
     content, islands = read(comparison.report)
     (table,) = content["tables"]["usual"]
-    assert [row[0] for row in table["rows"]] == ["reader", "greedy", "weightless"]
+    assert [row[0] for row in table["rows"]] == ["reader", "greedy[wrong_from=2,refuse_in=1]", "weightless"]
     assert table["rows"][0][2].startswith("100.0 (")
-    assert content["title"] == "reader, greedy and weightless on rooms"
+    assert content["title"] == "reader, greedy[wrong_from=2,refuse_in=1] and weightless on rooms"
     assert re.fullmatch(r"Localization, \d{4}-\d\d-\d\d, salframe [\d.]+", content["subtitle"])
     assert any("weightless.pth is not at hand" in note for note in content["notes"])
     (asked,) = content["sets"]

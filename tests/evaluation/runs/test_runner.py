@@ -71,7 +71,7 @@ def test_the_exit_code_tells_of_a_method_that_exits(faults, engine):
     asked = ("compare", "--methods", "faulty,reader", "--data", "rooms", "--engine", engine)
     done = salframe(*asked, "--set", "where=match")
     assert done.code == 1
-    assert "faulty: SystemExit: the network wants to leave" in done.out
+    assert "faulty[where=match]: SystemExit: the network wants to leave" in done.out
     assert "100.0 (72-100)" in done.out
 
 

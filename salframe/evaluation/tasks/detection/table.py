@@ -93,7 +93,7 @@ def class_tables(rows: Sequence[DetectionRow]) -> list[Table]:
     """Return a table of the classes of each detector that was measured."""
     return [
         Table(
-            (row.method, "precision %", "recall %", "annotated", "detections", "right"),
+            (row.title, "precision %", "recall %", "annotated", "detections", "right"),
             [
                 [
                     label,

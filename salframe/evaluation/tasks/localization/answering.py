@@ -14,10 +14,19 @@ from salframe.evaluation.runs.rows import DescriptionLine, MapLine, Row, RowWrit
 from salframe.evaluation.runs.run_folder import DESCRIPTIONS, MAPS
 from salframe.evaluation.runs.task import Worker
 from salframe.evaluation.tasks.localization.survey import Query
-from salframe.framework.errors import FRAME_ERRORS, InvalidAnswer, MethodFailed, describe_error
+from salframe.framework.errors import (
+    FRAME_ERRORS,
+    DataError,
+    InputMissing,
+    InvalidAnswer,
+    MethodFailed,
+    MethodUnavailable,
+    describe_error,
+)
 from salframe.framework.files.cache import Cache
 from salframe.localization.answers import Localization
 from salframe.localization.describing import describe_frame
+from salframe.localization.left_out import check_left_out, left_out_note
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map import LocalizationMap
 from salframe.panoramas.dataset import Dataset
@@ -42,7 +51,7 @@ class Answering(Worker[Query]):
         self._descriptions = _Descriptions(localizer, dataset.content_key, uses, folder / DESCRIPTIONS)
         self._measured = {row.fold for row in read_rows(folder / MAPS, MapLine)}
         self._maps = RowWriter(folder / MAPS)
-        self._left_out: dict[str, str] = {}
+        self._left_out: dict[str, DataError | InputMissing] = {}
         self._unusable: list[str] = []
 
     def prepare(self, piece: Query) -> None:
@@ -52,6 +61,8 @@ class Answering(Worker[Query]):
             self._map = self._index(piece.fold)
         except MethodFailed:
             raise
+        except InputMissing as error:
+            raise MethodUnavailable(str(error)) from error
         except Exception as error:  # without a map a method cannot answer any query
             raise MethodFailed(describe_error(error)) from error
         self._fold = piece.fold.id
@@ -71,19 +82,22 @@ class Answering(Worker[Query]):
         return {**answer_row(answer, describe_ms, query_ms), "status": answer.status, "error": None}
 
     def _index(self, fold: Fold) -> LocalizationMap:
-        """Index the reference frames of a fold; `warning` reports those that cannot be used and are left out."""
+        """Index the reference frames of a fold; `warning` reports those that cannot be used and are left out.
+
+        Raises InputMissing or DataError where these are too many.
+        """
         descriptions, frames = [], []
+        left_out: dict[str, DataError | InputMissing] = {}
         for frame in fold.references:
             try:
                 description, _ = self._descriptions.take(frame)
             except FRAME_ERRORS as error:
-                self._left_out[frame.id] = str(error)
+                left_out[frame.id] = error
             else:
                 descriptions.append(description)
                 frames.append(frame)
-        if not frames:
-            reasons = list(self._left_out.values())[:1]
-            raise MethodFailed("; ".join([f"fold {fold.id} has no reference frame that can be used", *reasons]))
+        check_left_out(left_out, len(fold.references))
+        self._left_out |= left_out
         indexed = LocalizationMap.from_descriptions(self._localizer, descriptions, frames, self._floors)
         self._places = {frame.id: frame.place for frame in frames}
         if fold.id not in self._measured:
@@ -98,12 +112,11 @@ class Answering(Worker[Query]):
     @property
     def warning(self) -> str | None:
         problems = {
-            "reference frame(s) left out": list(self._left_out.values()),
             "query frame(s) that cannot be used": self._unusable,
             "frame(s) partly described": list(self._descriptions.notes.values()),
         }
         parts = [f"{len(reasons)} {what}, the first: {reasons[0]}" for what, reasons in problems.items() if reasons]
-        return "; ".join(parts) or None
+        return "; ".join([*filter(None, [left_out_note(self._left_out)]), *parts]) or None
 
 
 class _Descriptions:

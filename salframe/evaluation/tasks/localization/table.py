@@ -177,6 +177,6 @@ def out_of_map_tables(
 
 def describe_times_note(rows: Sequence[LocalizationRow]) -> list[str]:
     """Return a note on the methods whose time to describe a panorama includes no detector; none without them."""
-    methods = [row.method for row in rows if row.measured and any(part.startswith("annotations") for part in row.input)]
-    listed = list_methods(methods, [row.method for row in rows])
+    methods = [row.title for row in rows if row.measured and any(part.startswith("annotations") for part in row.input)]
+    listed = list_methods(methods, [row.title for row in rows])
     return [f"describe ms: no detector ran for {listed}, which had annotations"] if methods else []

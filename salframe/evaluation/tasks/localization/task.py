@@ -32,6 +32,7 @@ from salframe.evaluation.tasks.localization.table import (
     out_of_map_tables,
 )
 from salframe.evaluation.tasks.localization.view import LocalizationView, Queries
+from salframe.evaluation.true_places import places_notes
 from salframe.framework.errors import DataError
 from salframe.localization.localizer import Localizer
 from salframe.panoramas.dataset import Dataset
@@ -75,7 +76,7 @@ class LocalizationTask(PagedTask[Query, LocalizationSurvey, AnswerRow, Localizat
         survey = LocalizationSurvey(dataset, queries)
         absent = int((~survey.present()).sum())
         note = f"{absent} of {len(queries)} queries are out-of-map queries: out-of-map is correct"
-        return replace(survey, notes=(note,)) if absent else survey
+        return replace(survey, notes=(note, *places_notes(dataset))) if absent else survey
 
     def key(self, piece: Query) -> tuple[str, str]:
         return piece.fold.id, piece.frame.id

@@ -19,6 +19,7 @@ from salframe.evaluation.tasks.matching.judging import check_matches
 from salframe.evaluation.tasks.matching.measures import summarize_pairs
 from salframe.evaluation.tasks.matching.rows import PairRow
 from salframe.evaluation.tasks.matching.table import COLUMNS, USUAL, MatchingRow, tables_by_kind
+from salframe.evaluation.true_places import places_notes
 from salframe.framework.errors import DataError, InputMissing, InvalidAnswer, MethodUnavailable
 from salframe.framework.files.cache import Cache
 from salframe.localization.answers import NodeMatches, PointMatches
@@ -70,7 +71,7 @@ class MatchingTask(Task[FramePair, Survey[FramePair], PairRow, MatchingRow]):
         pairs = choose_pairs(dataset)
         left_out = sum(len(fold.queries) for fold in dataset.folds()) - len(pairs)
         note = f"{left_out} queries left out: their place has no scene frame in the map"
-        return Survey(dataset, pairs, (note,) if left_out else ())
+        return Survey(dataset, pairs, (note, *places_notes(dataset)) if left_out else ())
 
     def key(self, piece: FramePair) -> tuple[str, str]:
         return piece.fold, piece.query.id
@@ -141,5 +142,6 @@ def choose_pairs(dataset: Dataset) -> list[FramePair]:
                 T_reference_query = invert_pose(reference.T_world_pano) @ truth.T_world_pano
                 pairs.append(FramePair(fold.id, query, reference, T_reference_query))
     if not pairs:
-        raise DataError(f"{dataset.name} has no query whose place has a scene frame, expected at least one")
+        reason = f"{dataset.name} has no query whose place has a scene frame, expected at least one"
+        raise DataError("; ".join([reason, *places_notes(dataset)]))
     return pairs

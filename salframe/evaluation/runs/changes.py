@@ -1,0 +1,67 @@
+"""The settings of a method that its label does not show: those that differ from the preset of the same name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from salframe.framework.component import ComponentConfig
+from salframe.framework.components.auto import Choice
+from salframe.framework.components.presets import SUFFIXES, configure, names, settings
+from salframe.framework.components.settings import changed_settings, shorten_value
+from salframe.framework.config import nest
+from salframe.framework.errors import SalframeError
+
+MAX_CHANGES = 4
+"""Maximum number of changed settings beside the label of a method."""
+
+
+def find_changes(
+    role: str, label: str, method: str, variant_settings: Mapping[str, Any], config: ComponentConfig, choice: Choice
+) -> tuple[str, ...]:
+    """Return the settings of a method that differ from those that its label stands for, "key=value" each.
+
+    A label that begins with the name of a preset or component stands for its settings. The label of a YAML file of
+    another name stands for the defaults of its component; its `kind` is listed too. Settings of a variant are not
+    listed where the label shows them as "key=value", or where a user has chosen the label.
+
+    Args:
+        role: Role of the method.
+        label: Its label in the run.
+        method: The preset, component or YAML file that runs.
+        variant_settings: Settings of the variant by dotted key.
+        config: Its configuration.
+        choice: Fills the slots with the value `auto`.
+    """
+    base = label.partition("[")[0]
+    known_names = names(role)
+    is_known = base in known_names
+    standard = base if is_known else method
+    shown = [key for key in variant_settings if f"{key}=" in label or not (is_known or standard.endswith(SUFFIXES))]
+    overrides = [nest(key.split("."), variant_settings[key]) for key in shown]
+    try:
+        content = {"kind": config.kind} if standard.endswith(SUFFIXES) else settings(role, standard)
+        unchanged: ComponentConfig | None = configure(role, standard, content, overrides, choice)
+    except SalframeError:  # a slot that no component can fill
+        unchanged = None
+    kind = [] if type(unchanged) is type(config) and not standard.endswith(SUFFIXES) else [("kind", config.kind)]
+    return tuple(f"{key}={shorten_value(value)}" for key, value in [*kind, *changed_settings(config, unchanged)])
+
+
+def base_of(label: str) -> str:
+    """Return the label of a method without the settings in brackets."""
+    name, _, rest = label.partition("[")
+    return name + rest.rpartition("]")[2]
+
+
+def with_changes(label: str, changes: Sequence[str]) -> str:
+    """Return the label of a method and its changed settings in brackets, at most MAX_CHANGES of them."""
+    more = len(changes) - MAX_CHANGES
+    shown = [*changes[:MAX_CHANGES], *([f"{more} more"] if more > 0 else [])]
+    return f"{label}[{','.join(shown)}]" if shown else label
+
+
+def hidden_in(changes: Sequence[str], shown: Mapping[str, Any]) -> list[str]:
+    """Return the changes whose setting is not among the shown ones, by dotted key with or without ".kind"."""
+    keys = {key.removesuffix(".kind") for key in shown}
+    return [change for change in changes if change.partition("=")[0] not in keys]

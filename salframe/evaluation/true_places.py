@@ -1,0 +1,69 @@
+"""Compare the places of truth with the places of the map, to find names that differ only in their spelling."""
+
+from __future__ import annotations
+
+import unicodedata
+from collections import Counter
+from collections.abc import Sequence
+
+from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.opening import reference_frames
+
+MAX_NAMES = 3
+"""Maximum number of names that a note lists."""
+
+
+def place_key(name: str) -> str:
+    """Return the key that names of one place share.
+
+    Names that differ only in Unicode composition, case, white space, underscores or hyphens have the same key.
+    """
+    folded = unicodedata.normalize("NFKC", unicodedata.normalize("NFKC", name).casefold())
+    return " ".join(folded.replace("_", " ").replace("-", " ").split())
+
+
+def places_notes(dataset: Dataset) -> list[str]:
+    """Return warnings on the true places of queries that no reference frame has, at most one line of each kind.
+
+    The first line names places that a reference frame has in another spelling. The second line names the others: their
+    queries are out of the map.
+    """
+    mapped = {frame.place for frame in reference_frames(dataset)}
+    queries = {query.id for fold in dataset.folds() for query in fold.queries}
+    counts = Counter(place for query in sorted(queries) if (place := dataset.truth(query).place) not in mapped)
+    spellings: dict[str, str] = {}
+    for place in sorted(mapped):
+        spellings.setdefault(place_key(place), place)
+    misspelt = [place for place in counts if place_key(place) in spellings]
+    others = [place for place in counts if place_key(place) not in spellings]
+    notes = []
+    if misspelt:
+        pairs = [f"{place!r} (did you mean {_spell(spellings[place_key(place)], place)}?)" for place in misspelt]
+        notes.append(
+            f"warning: the true place of {_queries(counts, misspelt)} is spelt otherwise than in the map and counts as "
+            f"out of map: {_list(pairs)}; use one spelling in the truth and in the map"
+        )
+    if others:
+        notes.append(
+            f"the true place of {_queries(counts, others)} is not in the map, expected answer out-of-map: "
+            f"{_list([repr(place) for place in others])}"
+        )
+    return notes
+
+
+def _spell(place: str, other: str) -> str:
+    """Return the name of a place; with its kind of Unicode where both names look the same."""
+    if unicodedata.normalize("NFC", place) != unicodedata.normalize("NFC", other):
+        return repr(place)
+    form = "composed" if unicodedata.is_normalized("NFC", place) else "decomposed"
+    return f"{place!r} in {form} Unicode"
+
+
+def _queries(counts: Counter[str], places: Sequence[str]) -> str:
+    count = sum(counts[place] for place in places)
+    return "1 query" if count == 1 else f"{count} queries"
+
+
+def _list(names: Sequence[str]) -> str:
+    more = len(names) - MAX_NAMES
+    return ", ".join(names[:MAX_NAMES]) + (f" and {more} more" if more > 0 else "")

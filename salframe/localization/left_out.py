@@ -1,0 +1,43 @@
+"""The rule for reference frames that a method cannot use: they are left out of its map, up to a share of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from salframe.framework.errors import DataError, InputMissing
+
+MAX_LEFT_OUT_SHARE = 0.2
+"""Maximum share of reference frames that may be left out of a map. With more, a method is refused for the map, since
+whole places would be missing and queries there would get a wrong answer."""
+
+
+def check_left_out(left_out: Mapping[str, DataError | InputMissing], num_frames: int) -> None:
+    """Raise where a method cannot use too many of the reference frames of a map.
+
+    Args:
+        left_out: The error of each frame that cannot be used, by id. It is one of FRAME_ERRORS.
+        num_frames: Number of reference frames, those that cannot be used included.
+
+    Raises:
+        InputMissing: More than MAX_LEFT_OUT_SHARE of the frames, or all of them, are left out, and a frame lacks
+            something that the method needs.
+        DataError: The same, where all of the frames cannot be read.
+    """
+    if len(left_out) <= MAX_LEFT_OUT_SHARE * num_frames:
+        return
+    missing = [error for error in left_out.values() if isinstance(error, InputMissing)]
+    first = missing[0] if missing else next(iter(left_out.values()))
+    if num_frames == 1:
+        raise type(first)(str(first))
+    message = (
+        f"{len(left_out)} of {num_frames} reference frames cannot be used, expected at most "
+        f"{MAX_LEFT_OUT_SHARE:.0%}; complete or remove them; the first: {first}"
+    )
+    raise InputMissing(message) if missing else DataError(message)
+
+
+def left_out_note(left_out: Mapping[str, DataError | InputMissing]) -> str | None:
+    """Return a note on the reference frames that were left out of a map; None without such frames."""
+    if not left_out:
+        return None
+    return f"{len(left_out)} reference frame(s) left out, the first: {next(iter(left_out.values()))}"
