@@ -6,6 +6,7 @@ import unicodedata
 from collections import Counter
 from collections.abc import Sequence
 
+from salframe.framework.errors import TruthMissing
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.opening import reference_frames
 
@@ -30,7 +31,8 @@ def places_notes(dataset: Dataset) -> list[str]:
     """
     mapped = {frame.place for frame in reference_frames(dataset)}
     queries = {query.id for fold in dataset.folds() for query in fold.queries}
-    counts = Counter(place for query in sorted(queries) if (place := dataset.truth(query).place) not in mapped)
+    true_places = (_true_place(dataset, query) for query in sorted(queries))
+    counts = Counter(place for place in true_places if place is not None and place not in mapped)
     spellings: dict[str, str] = {}
     for place in sorted(mapped):
         spellings.setdefault(place_key(place), place)
@@ -49,6 +51,13 @@ def places_notes(dataset: Dataset) -> list[str]:
             f"{_list([repr(place) for place in others])}"
         )
     return notes
+
+
+def _true_place(dataset: Dataset, query: str) -> str | None:
+    try:
+        return dataset.truth(query).place
+    except TruthMissing:  # the evaluation reports it
+        return None
 
 
 def _spell(place: str, other: str) -> str:
