@@ -21,6 +21,7 @@ from salframe.graphs.graph import SaliencyGraph, without_positions
 from salframe.graphs.packing import graph_from_arrays
 from salframe.graphs.scene_index import SceneIndex
 from salframe.graphs.table import GraphNodes, MappedGraphs
+from salframe.graphs.vocabulary import unknown_labels
 from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches, ranked_places
 from salframe.localization.evidence import Evidence
 from salframe.localization.localizer import Description
@@ -94,7 +95,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
     """
 
     name = "saliency-places"
-    version = "3"
+    version = "4"
     uses_floors = True
 
     class Config(GraphLocalizerConfig, PanoramaMatchingConfig):
@@ -233,6 +234,9 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
             return None
         hypotheses = self._hypotheses(query, description.get(OUTLINE))
         return None if hypotheses is None else hypotheses.evidence
+
+    def unknown_labels(self, description: Description) -> tuple[str, ...]:
+        return unknown_labels(description, self._matching.labels)
 
     def correspond(self, query: Description, reference: Description) -> NodeMatches:
         return self._matching.correspond(query, reference)
