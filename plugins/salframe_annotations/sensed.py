@@ -82,9 +82,7 @@ class SensedNoise:
             solid_angle_sr=annotated.solid_angle_sr * growth**2,
         )
 
-    def _draw_false_positives(
-        self, panorama: Panorama, ahead_rad: float, rng: np.random.Generator
-    ) -> list[Annotated]:
+    def _draw_false_positives(self, panorama: Panorama, ahead_rad: float, rng: np.random.Generator) -> list[Annotated]:
         """Return false positives: a Poisson distributed number of cubes at uniformly distributed azimuths in the view."""
         false = self._sensor.false_objects
         if not (false.labels and false.range_m and false.elevation_rad and false.size_m):

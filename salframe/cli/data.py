@@ -39,13 +39,16 @@ def info(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, as
 
     Renders the dataset first if necessary.
     """
-    from salframe.cli.output import Bars, warn_units
+    from salframe.cli.output import Bars, tell, warn_units
     from salframe.panoramas.opening import find_dataset, reference_frames
+    from salframe.panoramas.place_heights import storeys_note
 
     with Bars() as bars:
         dataset = find_dataset(data, data_dir, overrides or (), bars.update)
     folds, references = dataset.folds(), reference_frames(dataset)
     warn_units(references)
+    if note := storeys_note(references):
+        tell(f"warning: {note}")
     queries = {query.id for fold in folds for query in fold.queries}
     facts = {
         "name": dataset.name,

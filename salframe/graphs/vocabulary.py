@@ -78,10 +78,10 @@ def unknown_labels_note(labels: Collection[str]) -> str:
 
 def _spelling(label: str) -> str:
     """Return a label in lower case, with composed characters, single spaces between words, and no number at the end."""
-    composed = unicodedata.normalize("NFKC", unicodedata.normalize("NFKC", label).casefold())
-    categories = ((char, unicodedata.category(char)) for char in composed)
-    # Underscores, dashes and controls separate words; invisible characters are left out.
-    spaced = "".join(" " if kind in ("Pc", "Pd", "Cc") else char for char, kind in categories if kind != "Cf")
+    visible = "".join(char for char in label if unicodedata.category(char) != "Cf")
+    composed = unicodedata.normalize("NFKC", unicodedata.normalize("NFKC", visible).casefold())
+    # Underscores, dashes and control characters separate words.
+    spaced = "".join(" " if unicodedata.category(char) in ("Pc", "Pd", "Cc") else char for char in composed)
     return _without_number(" ".join(spaced.split())) or composed
 
 

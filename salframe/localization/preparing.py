@@ -16,6 +16,7 @@ from salframe.localization.localizer import Localizer
 from salframe.panoramas.camera_height import units_note
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.opening import Progress, configure_dataset, open_dataset, provided, reference_frames
+from salframe.panoramas.place_heights import storeys_note
 
 Tell = Callable[[str], None]
 """Called with a line that the user must read, such as the component that `auto` selected, or a warning."""
@@ -43,8 +44,8 @@ def prepare(
         overrides: Settings as "METHOD.KEY=value", "data.KEY=value" or "engine.KEY=value".
         engine: As in `find_dataset`.
         progress: As in `find_dataset`.
-        tell: Called with each component that `auto` selected, and with a warning where ranges seem to be in a wrong
-            unit.
+        tell: Called with each component that `auto` selected, and with warnings where ranges seem to be in a wrong unit
+            and where places have frames on two storeys.
 
     Raises:
         SalframeError: A name or a setting is wrong, or the data are missing or malformed.
@@ -61,6 +62,7 @@ def prepare(
         tell(f"{name}: {note}")
     opened = open_engine(engine, scoped.scopes["engine"]) if engine or scoped.scopes["engine"] else None
     dataset = open_dataset(config, progress and partial(progress, data_name), opened)
-    if units := units_note(reference_frames(dataset)):
-        tell(f"warning: {units}")
+    frames = reference_frames(dataset)
+    for note in filter(None, (units_note(frames), storeys_note(frames))):
+        tell(f"warning: {note}")
     return name, dataset, localizer

@@ -19,6 +19,7 @@ from salframe.panoramas.camera_height import units_note
 from salframe.panoramas.floors import FloorMasks, join_floors, without_places
 from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.opening import Progress, find_dataset, reference_frames
+from salframe.panoramas.place_heights import storeys_note
 from salframe.topology.build import build_topology
 from salframe.topology.building_map import BuildingMap
 from salframe.topology.store import TOPOLOGY, read_topology
@@ -85,8 +86,8 @@ def add_to_map(
     read_map(directory, MapParts.read_config)  # report a missing map before the data are prepared
     dataset = find_dataset(data, data_dir, overrides, progress, engine)
     frames = reference_frames(dataset)
-    if units := units_note(frames):
-        tell(f"warning: {units}")
+    for note in filter(None, (units_note(frames), storeys_note(frames))):
+        tell(f"warning: {note}")
 
     def add(localization: LocalizationMap, floors: Sequence[FloorMasks]) -> Sequence[FloorMasks]:
         places = {frame.place for frame in frames}

@@ -32,6 +32,7 @@ from salframe.localization.describing import describe_frames
 from salframe.localization.map_files import MAP_FORMAT
 from salframe.panoramas.camera_height import units_note
 from salframe.panoramas.opening import Progress, open_dataset, reference_frames
+from salframe.panoramas.place_heights import storeys_note
 
 POLL_SECONDS = 0.5
 TRIES, DEATHS = 2, 3
@@ -87,8 +88,8 @@ def _resume(
         key = {"task": identity, "data": data, "mode": task.mode(label), "method": identity_of(config)}
         map_format = {"map_format": MAP_FORMAT} if task.maps else {}  # rows hold the size of their maps
         run.reuse(label, digest({**key, **map_format}))
-    units = units_note(reference_frames(dataset))
-    run.set_notes([*resolved.notes, *([units] if units else [])])
+    frames = reference_frames(dataset)
+    run.set_notes([*resolved.notes, *filter(None, (units_note(frames), storeys_note(frames)))])
     if request.limits and not engine.isolates:
         raise ConfigError(f"the engine {engine.name!r} has no worker processes, which limits of time and memory need")
     with _watch(task, run, task.total(survey), progress):
