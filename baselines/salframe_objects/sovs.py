@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from salframe.graphs.vocabulary import with_object_labels, unknown_labels, written_labels
+from salframe.graphs.vocabulary import unknown_labels, with_object_labels, written_labels
 from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches
 from salframe.localization.localizer import Description
 from salframe.localization.ranking import rank_places

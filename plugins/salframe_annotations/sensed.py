@@ -83,7 +83,7 @@ class SensedNoise:
         )
 
     def _draw_false_positives(self, panorama: Panorama, ahead_rad: float, rng: np.random.Generator) -> list[Annotated]:
-        """Return false positives: a Poisson distributed number of cubes at uniformly distributed azimuths in the view."""
+        """Return false positives: a Poisson distributed number of cubes at uniform azimuths in the view."""
         false = self._sensor.false_objects
         if not (false.labels and false.range_m and false.elevation_rad and false.size_m):
             return []

@@ -7,8 +7,8 @@ from typing import ClassVar
 from salframe.framework.component import ComponentConfig
 from salframe.framework.components.registry import registry
 from salframe.framework.components.slots import slot
-from salframe.graphs.graph import REACH_M, GraphConfig, SaliencyGraph, build_graph
 from salframe.graphs.detections import Detections
+from salframe.graphs.graph import REACH_M, GraphConfig, SaliencyGraph, build_graph
 from salframe.graphs.packing import graph_from_arrays, graph_to_arrays, pack_graph, unpack_graph
 from salframe.graphs.vocabulary import with_object_labels, written_labels
 from salframe.localization.localizer import Description, Localizer, range_slot

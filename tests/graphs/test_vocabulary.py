@@ -8,7 +8,7 @@ from salframe.graphs.vocabulary import NAMES, common_label, object_label, unknow
 
 SPELLINGS = [
     *("chair 2", "chair_02", "chair#3", "Chair.001", "chair (4)", "chair2", "chairs-12", "CHAIR", " chair\t"),
-    *("Chair\u00a0", "ｃｈａｉｒ", "cha\u200bir", "chairs"),
+    *("Chair\u00a0", "\uff43\uff48\uff41\uff49\uff52", "cha\u200bir", "chairs"),
 ]
 
 
