@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from salframe.graphs.vocabulary import unknown_labels
 from salframe.localization.answers import Localization, LocalizationStatus
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.ranking import rank_places
@@ -45,3 +46,6 @@ class WeightedLabels(Localizer):
         score = shared / (self._weights.sum(0) + weight.sum() - shared)
         places = rank_places(self._frames, np.where(score > 0, score, -np.inf))
         return Localization(places, None, LocalizationStatus.NO_POSE if places else LocalizationStatus.NO_MATCH)
+
+    def unknown_labels(self, description: Description) -> tuple[str, ...]:
+        return unknown_labels(description, self._vocabulary)

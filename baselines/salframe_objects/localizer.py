@@ -10,6 +10,7 @@ import numpy as np
 from salframe.framework.component import ComponentConfig, match_only
 from salframe.framework.components.registry import registry
 from salframe.framework.components.slots import slot
+from salframe.graphs.vocabulary import with_object_labels, written_labels
 from salframe.localization.localizer import Description, posterior_slot, range_slot
 from salframe.panoramas.panorama import Panorama
 from salframe_objects.labels import WeightedLabels
@@ -20,7 +21,7 @@ class ObjectSetLocalizer(WeightedLabels):
     """Jaccard index of the label sets of query and map; gives a place and no pose."""
 
     name = "objects"
-    version = "1"
+    version = "2"
 
     class Config(ComponentConfig):
         range: range_slot()  # type: ignore[valid-type]
@@ -39,8 +40,10 @@ class ObjectSetLocalizer(WeightedLabels):
         return self._detector.needs
 
     def describe(self, panorama: Panorama) -> Description:
-        labels, counts = np.unique(np.array(self._detector.detect(panorama).labels, dtype=np.str_), return_counts=True)
-        return {"labels": labels, "counts": counts}
+        detections = self._detector.detect(panorama)
+        names = np.array(with_object_labels(detections).labels, dtype=np.str_)
+        labels, counts = np.unique(names, return_counts=True)
+        return {"labels": labels, "counts": counts, **written_labels(detections)}
 
     def weigh(self, description: Description) -> np.ndarray:
         return (
@@ -53,7 +56,7 @@ class ObjectSetLocalizer(WeightedLabels):
         return int(np.sum(description["counts"]))
 
     def pack(self, description: Description) -> Description:
-        return {**description, "counts": description["counts"].astype(np.uint16)}
+        return {"labels": description["labels"], "counts": description["counts"].astype(np.uint16)}
 
 
 class SalientObjectsLocalizer(SalientObjects, WeightedLabels):
@@ -66,12 +69,14 @@ class SalientObjectsLocalizer(SalientObjects, WeightedLabels):
     """
 
     name = "salient-objects"
-    version = "1"
+    version = "2"
 
     def describe(self, panorama: Panorama) -> Description:
         detections = self.detect(panorama)
-        labels, of_object = np.unique(np.array(detections.labels, dtype=np.str_), return_inverse=True)
-        return {"labels": labels, "weight": np.bincount(of_object, self.weigh_objects(detections), len(labels))}
+        names = np.array(with_object_labels(detections).labels, dtype=np.str_)
+        labels, of_object = np.unique(names, return_inverse=True)
+        weight = np.bincount(of_object, self.weigh_objects(detections), len(labels))
+        return {"labels": labels, "weight": weight, **written_labels(detections)}
 
     def weigh(self, description: Description) -> np.ndarray:
         return description["weight"]

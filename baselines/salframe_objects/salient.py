@@ -11,6 +11,7 @@ from salframe.framework.component import ComponentConfig
 from salframe.framework.components.registry import registry
 from salframe.framework.components.slots import slot
 from salframe.graphs.detections import Detections
+from salframe.graphs.vocabulary import WRITTEN_LABELS
 from salframe.localization.localizer import Description, Localizer, posterior_slot, range_slot
 from salframe.panoramas.panorama import Panorama
 
@@ -39,7 +40,7 @@ class SalientObjects(Localizer):
         return self._detector.needs
 
     def detect(self, panorama: Panorama) -> Detections:
-        """Return the objects of a panorama."""
+        """Return the objects of a panorama, with the labels of the detector."""
         return self._detector.detect(panorama)
 
     def weigh_objects(self, detections: Detections) -> np.ndarray:
@@ -47,10 +48,11 @@ class SalientObjects(Localizer):
         return self._saliency.score(detections) ** self.config.saliency_power
 
     def pack(self, description: Description) -> Description:
-        """Return the description with floats in single precision."""
+        """Return the description with floats in single precision, without the labels as written."""
         return {
             name: array.astype(np.float32) if array.dtype == np.float64 else array
             for name, array in description.items()
+            if name != WRITTEN_LABELS
         }
 
     def unpack(self, packed: Description) -> Description:

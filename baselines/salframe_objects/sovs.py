@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from salframe.graphs.vocabulary import unknown_labels, with_object_labels, written_labels
 from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches
 from salframe.localization.localizer import Description
 from salframe.localization.ranking import rank_places
@@ -31,16 +32,18 @@ class SalientVolumesLocalizer(SalientObjects):
     """
 
     name = "sovs"
-    version = "1"
+    version = "2"
 
     def describe(self, panorama: Panorama) -> Description:
         detections = self.detect(panorama)
-        objects = detections.take(np.flatnonzero(np.isfinite(detections.centroid_m).all(1)))
+        objects = with_object_labels(detections.take(np.flatnonzero(np.isfinite(detections.centroid_m).all(1))))
         labels = np.array(objects.labels, dtype=np.str_)
-        return {"labels": labels, "weight": self.weigh_objects(objects), "centroid_m": objects.centroid_m}
+        weight = self.weigh_objects(objects)
+        return {"labels": labels, "weight": weight, "centroid_m": objects.centroid_m, **written_labels(detections)}
 
     def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> None:
         self._frames, self._places = list(frames), list(descriptions)
+        self._labels = {str(label) for description in descriptions for label in description["labels"]}
 
     def match(self, description: Description) -> Localization:
         if not len(description["labels"]):
@@ -48,6 +51,9 @@ class SalientVolumesLocalizer(SalientObjects):
         score = np.array([compare_places(description, place) for place in self._places])
         places = rank_places(self._frames, np.where(score > 0, score, -np.inf))
         return Localization(places, None, LocalizationStatus.NO_POSE if places else LocalizationStatus.NO_MATCH)
+
+    def unknown_labels(self, description: Description) -> tuple[str, ...]:
+        return unknown_labels(description, self._labels)
 
     def correspond(self, query: Description, reference: Description) -> NodeMatches:
         """Return the one-to-one matching behind the score, without pairs that contribute 0."""

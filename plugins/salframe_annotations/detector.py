@@ -49,7 +49,7 @@ class AnnotationDetector(Detector):
     """
 
     name = "annotations"
-    version = "3"  # also the version of the sensor models in the folder `sensors`
+    version = "4"  # also the version of the sensor models in the folder `sensors`
     needs: ClassVar[frozenset[str]] = frozenset({"annotations"})
 
     class Config(ComponentConfig):

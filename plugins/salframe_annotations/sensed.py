@@ -12,13 +12,15 @@ import numpy as np
 from salframe.graphs.annotated import Annotated, has_points
 from salframe.graphs.sensor import SensorModel, read_sensor, value_at
 from salframe.graphs.sightings import box_solid_angle, sightings
-from salframe.panoramas.geometry import pose_2d
+from salframe.panoramas.geometry import column_azimuth, pixel_solid_angles, pose_2d, row_elevation, sample_nearest
 from salframe.panoramas.panorama import Panorama
 
 SENSORS = Path(__file__).with_name("sensors")
 """Folder of the sensor models that are distributed with salframe, named after the measured detectors."""
 FALSE_POSITIVE_SEED = (0, 1)
 """Last part of the seed for the false positives of a panorama. The last part of an object's seed is its key."""
+MAX_DIRECTIONS = 2000
+"""Maximum number of directions to draw for a false positive until one lies in the view."""
 CORNERS = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, 8).T
 """(8, 3) corners of a cube with edges of length 1, centred at the origin."""
 
@@ -27,7 +29,8 @@ class SensedNoise:
     """Simulates the errors of a measured detector.
 
     The random numbers of an object depend only on the seed, the frame and its key. Azimuths of false positives are
-    relative to the first annotated object, so that they rotate with the panorama.
+    relative to the first annotated object, so that they rotate with the panorama. A partial view has false positives in
+    proportion to the part of the sphere that it sees.
     """
 
     def __init__(self, sensor: SensorModel) -> None:
@@ -54,9 +57,10 @@ class SensedNoise:
             rng = np.random.default_rng((*seed, annotated.key))
             if rng.random() < detection_probability:
                 detections.append(self._perturb(annotated, has_points(panorama), rng))
-        forward = _azimuth(objects[0].points_m) if objects else 0.0
         return detections + self._draw_false_positives(
-            forward, has_points(panorama), np.random.default_rng((*seed, *FALSE_POSITIVE_SEED))
+            panorama,
+            _azimuth(objects[0].points_m) if objects else 0.0,
+            np.random.default_rng((*seed, *FALSE_POSITIVE_SEED)),
         )
 
     def _perturb(self, annotated: Annotated, ranged: bool, rng: np.random.Generator) -> Annotated:
@@ -78,23 +82,26 @@ class SensedNoise:
             solid_angle_sr=annotated.solid_angle_sr * growth**2,
         )
 
-    def _draw_false_positives(self, ahead_rad: float, ranged: bool, rng: np.random.Generator) -> list[Annotated]:
-        """Return false positives: a Poisson distributed number of cubes at uniformly distributed azimuths."""
+    def _draw_false_positives(self, panorama: Panorama, ahead_rad: float, rng: np.random.Generator) -> list[Annotated]:
+        """Return false positives: a Poisson distributed number of cubes at uniform azimuths in the view."""
         false = self._sensor.false_objects
         if not (false.labels and false.range_m and false.elevation_rad and false.size_m):
             return []
         labels, counts = list(false.labels), np.array(list(false.labels.values()), float)
+        view = None if panorama.valid is None or panorama.valid.all() else panorama.valid
         false_positives = []
-        for number in range(rng.poisson(false.per_panorama)):
+        for number in range(rng.poisson(false.per_panorama * (1.0 if view is None else _sphere_share(view)))):
             label = labels[rng.choice(len(labels), p=counts / counts.sum())]
             range_m, elevation, side_m = (
                 float(value_at(values, rng.random())) for values in (false.range_m, false.elevation_rad, false.size_m)
             )
             azimuth = ahead_rad + rng.uniform(-np.pi, np.pi)
+            if view is not None and not _sees(view, elevation, azimuth):
+                elevation, azimuth = self._draw_direction(view, ahead_rad, rng)
             towards = np.array([np.cos(elevation), 0.0, np.sin(elevation)])
             turn = pose_2d(0, 0, azimuth)[:3, :3]
             points = (range_m * towards + side_m * CORNERS) @ turn.T
-            if not ranged:
+            if not has_points(panorama):
                 points = np.tile(turn @ towards, (8, 1))
             solid_angle_sr = min(box_solid_angle(np.full(3, side_m), range_m), 4 * np.pi)
             false_positives.append(
@@ -102,10 +109,35 @@ class SensedNoise:
             )
         return false_positives
 
+    def _draw_direction(self, view: np.ndarray, ahead_rad: float, rng: np.random.Generator) -> tuple[float, float]:
+        """Return elevation and azimuth of a false positive in a view (H, 2H) bool, in radians.
+
+        The direction is that of a random visible pixel where the view lies outside the measured elevations.
+        """
+        for _ in range(MAX_DIRECTIONS):
+            elevation = float(value_at(self._sensor.false_objects.elevation_rad, rng.random()))
+            azimuth = ahead_rad + rng.uniform(-np.pi, np.pi)
+            if _sees(view, elevation, azimuth):
+                return elevation, azimuth
+        row, column = divmod(int(rng.choice(np.flatnonzero(view))), view.shape[1])
+        return float(row_elevation(len(view))[row]), float(column_azimuth(view.shape[1])[column])
+
     def _distribution(self, label: str) -> tuple[tuple[str, ...], np.ndarray]:
         """Return the labels that the detector may assign to an object of this label, and cumulative probabilities."""
         probabilities = self._sensor.label_probabilities(label)
         return tuple(probabilities), np.cumsum(list(probabilities.values()))
+
+
+def _sphere_share(view: np.ndarray) -> float:
+    """Return the share of the sphere that a view (H, 2H) bool covers."""
+    return float(pixel_solid_angles(len(view)) @ view.sum(1) / (4 * np.pi))
+
+
+def _sees(view: np.ndarray, elevation_rad: float, azimuth_rad: float) -> bool:
+    """Return whether a view (H, 2H) bool shows a direction."""
+    level = np.cos(elevation_rad)
+    ray = np.array([[level * np.cos(azimuth_rad), level * np.sin(azimuth_rad), np.sin(elevation_rad)]])
+    return bool(sample_nearest(view, ray)[0])
 
 
 def _azimuth(points_m: np.ndarray) -> float:

@@ -13,7 +13,7 @@ from salframe.framework.components.registry import registry
 from salframe.framework.components.slots import slots
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
-from salframe.graphs.vocabulary import common_label
+from salframe.graphs.vocabulary import with_common_labels
 from salframe.panoramas.panorama import Panorama
 from salframe_detectors.duplicates import same_objects
 
@@ -26,7 +26,7 @@ class UnionDetector(Detector):
     """
 
     name = "union"
-    version = "1"
+    version = "2"
 
     class Config(ComponentConfig):
         of: slots("detector", ("segments", "onnx"), "the detectors to unite")  # type: ignore[valid-type]
@@ -56,7 +56,7 @@ class UnionDetector(Detector):
 
 def unite(parts: Sequence[Detections]) -> Detections:
     """Merge the objects of several detectors under common labels, sorted by label and by score, best first."""
-    joined = _join([replace(part, labels=tuple(map(common_label, part.labels))) for part in parts])
+    joined = _join(list(map(with_common_labels, parts)))
     source = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
     order = _order(joined)
     joined, source = joined.take(order), source[order]

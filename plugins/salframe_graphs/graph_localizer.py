@@ -7,8 +7,10 @@ from typing import ClassVar
 from salframe.framework.component import ComponentConfig
 from salframe.framework.components.registry import registry
 from salframe.framework.components.slots import slot
+from salframe.graphs.detections import Detections
 from salframe.graphs.graph import REACH_M, GraphConfig, SaliencyGraph, build_graph
 from salframe.graphs.packing import graph_from_arrays, graph_to_arrays, pack_graph, unpack_graph
+from salframe.graphs.vocabulary import with_object_labels, written_labels
 from salframe.localization.localizer import Description, Localizer, range_slot
 from salframe.panoramas.panorama import Panorama
 
@@ -37,13 +39,17 @@ class GraphLocalizer(Localizer):
         needs: frozenset[str] = self._detector.needs
         return needs
 
-    def graph(self, panorama: Panorama) -> SaliencyGraph:
-        """Return the 360-degree saliency graph of a panorama. It has bearings only where the panorama has no range."""
-        detections = self._detector.detect(panorama)
+    def graph(self, detections: Detections) -> SaliencyGraph:
+        """Return the 360-degree saliency graph of the detections of a panorama, with their object labels.
+
+        It has bearings only where the panorama has no range.
+        """
+        detections = with_object_labels(detections)
         return build_graph(detections, self._saliency.score(detections), self.config.graph)
 
     def describe(self, panorama: Panorama) -> Description:
-        return graph_to_arrays(self.graph(panorama))
+        detections = self._detector.detect(panorama)
+        return {**graph_to_arrays(self.graph(detections)), **written_labels(detections)}
 
     def unfit_for_map(self, description: Description) -> str | None:
         if not graph_from_arrays(description).bearings_only:

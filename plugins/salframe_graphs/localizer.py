@@ -9,6 +9,7 @@ from salframe.framework.component import ComponentConfig
 from salframe.framework.files.columns import Columns
 from salframe.graphs.packing import graph_from_arrays
 from salframe.graphs.table import MappedGraphs
+from salframe.graphs.vocabulary import unknown_labels
 from salframe.localization.answers import Localization, NodeMatches
 from salframe.localization.localizer import Description, posterior_slot
 from salframe.localization.saved_frames import SavedFrames
@@ -21,7 +22,7 @@ class SaliencyGraphLocalizer(GraphLocalizer):
     """Matches the saliency graph of a query to those of the reference frames; the pose follows from aligned nodes."""
 
     name = "saliency-graph"
-    version = "2"
+    version = "3"
 
     class Config(GraphLocalizerConfig, PanoramaMatchingConfig):
         posterior: posterior_slot()  # type: ignore[valid-type]
@@ -41,6 +42,9 @@ class SaliencyGraphLocalizer(GraphLocalizer):
 
     def match(self, description: Description) -> Localization:
         return self._matching.localize(graph_from_arrays(description))
+
+    def unknown_labels(self, description: Description) -> tuple[str, ...]:
+        return unknown_labels(description, self._matching.labels)
 
     def correspond(self, query: Description, reference: Description) -> NodeMatches:
         return self._matching.correspond(query, reference)

@@ -60,10 +60,12 @@ class PanoramaMatching:
     Attributes:
         positioner: The positioner; None where the answer is the pose of the best reference frame.
         graphs: The graphs, after `index` or `open_index`.
+        labels: The labels of the graphs, after `index` or `open_index`.
         frames: The reference frames of the graphs, after `index` or `open_index`.
     """
 
     graphs: Sequence[SaliencyGraph]
+    labels: frozenset[str]
     frames: Sequence[ReferenceFrame]
 
     def __init__(self, config: PanoramaMatchingConfig) -> None:
@@ -80,6 +82,7 @@ class PanoramaMatching:
     def index(self, graphs: Sequence[SaliencyGraph], frames: Sequence[ReferenceFrame]) -> None:
         """Index the graphs of the reference frames."""
         self.graphs, self._index = graphs, self._matcher.index(graphs)
+        self.labels = frozenset(label for graph in graphs for label in graph.labels)
         self._take_frames(frames, np.array([frame.kind is FrameKind.SCENE for frame in frames]))
 
     def write_index(self, folder: Path) -> None:
@@ -90,6 +93,7 @@ class PanoramaMatching:
     def open_index(self, folder: Path, graphs: MappedGraphs, frames: SavedFrames) -> None:
         """Open the index that `write_index` wrote for these graphs."""
         self.graphs, self._index = graphs, self._matcher.open_index(graphs, folder / _MATCHER)
+        self.labels = frozenset(graphs.labels)
         self._take_frames(frames, frames.is_scene)
 
     def _take_frames(self, frames: Sequence[ReferenceFrame], is_scene: np.ndarray) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from salframe.evaluation.runs.run_folder import Run
 from salframe.evaluation.tasks.localization.rows import AnswerRow
 from salframe.framework.errors import DataError, SalframeError
+from salframe.graphs.vocabulary import object_label
 from salframe_matterport.bearings import direction
 from salframe_matterport.dataset import MatterportAnnotations
 from salframe_matterport.scenes import ViewpointScene
@@ -85,7 +86,8 @@ def _positions(scene: ViewpointScene) -> np.ndarray:
 
 def _shared_labels(query: ViewpointScene, others: list[ViewpointScene]) -> int:
     """Return the largest number of labels, counted with multiplicity, that the query shares with one of `others`."""
-    return max(((Counter(query.labels) & Counter(other.labels)).total() for other in others), default=0)
+    counts = Counter(map(object_label, query.labels))
+    return max(((counts & Counter(map(object_label, other.labels))).total() for other in others), default=0)
 
 
 def main(arguments: list[str] | None = None) -> int:

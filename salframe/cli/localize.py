@@ -93,7 +93,7 @@ def answer_json(answer: Localization) -> dict[str, Any]:
     """Return the answer of a localizer as JSON.
 
     It holds the status, whether the answer is accepted, the places, the out-of-map probability, the pose in metres and
-    degrees, the rows of T_world_query, and the heading in degrees. A heading may be known without a pose.
+    degrees, the rows of T_world_query, the heading in degrees, and notes. A heading may be known without a pose.
     """
     places = [
         {"place": place.place, "frame": place.frame, "score": place.score, "probability": place.probability}
@@ -108,11 +108,12 @@ def answer_json(answer: Localization) -> dict[str, Any]:
         "pose": _position(answer),
         "T_world_query": matrix,
         "heading_deg": None if answer.heading_rad is None else math.degrees(answer.heading_rad),
+        "notes": list(answer.notes),
     }
 
 
 def print_answer(answer: Localization) -> None:
-    """Print the answer of a localizer: status, the five best places, and the pose or only the heading.
+    """Print the answer of a localizer: status, the five best places, the pose or only the heading, and notes.
 
     Places are printed with their probability, or with their score if they have none. All shares sum to 100 %.
     """
@@ -128,6 +129,8 @@ def print_answer(answer: Localization) -> None:
         print(f"pose: x {position['x_m']:.2f} m, y {position['y_m']:.2f} m, yaw {position['yaw_deg']:.1f} deg")
     elif answer.heading_rad is not None:
         print(f"heading: {math.degrees(answer.heading_rad):.1f} deg")
+    for note in answer.notes:
+        print(f"note: {note}")
 
 
 def _position(answer: Localization) -> dict[str, float] | None:

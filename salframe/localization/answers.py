@@ -109,6 +109,7 @@ class Localization:
         heading_rad: Azimuth of the x axis of the query in the world: that of the pose, or an estimate without a pose.
         out_of_map_probability: Probability that the query is in none of the places. It and the probabilities of the
             places sum to 1. None from a localizer without probabilities.
+        notes: Remarks for the user, such as labels of the query that the map does not know.
 
     Raises:
         InvalidAnswer: The status is not a LocalizationStatus; the pose is no rigid motion; the heading is not finite; a
@@ -122,6 +123,7 @@ class Localization:
     covariance: np.ndarray | None = None
     heading_rad: float | None = None
     out_of_map_probability: float | None = None
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         try:

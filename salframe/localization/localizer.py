@@ -137,6 +137,10 @@ class Localizer(Role):
         """Return a remark for the user on a description, such as objects that were left out; None: no remark."""
         return None
 
+    def unknown_labels(self, description: Description) -> tuple[str, ...]:
+        """Return the labels of a described query that no object of the map has; () for methods without labels."""
+        return ()
+
     def unfit_for_map(self, description: Description) -> str | None:
         """Return why a frame with this description cannot be a reference frame, and what to do; None where it can."""
         return None

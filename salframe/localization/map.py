@@ -18,6 +18,7 @@ from salframe.framework.errors import FRAME_ERRORS, DataError, InputMissing, Inv
 from salframe.framework.files.array_files import FileStamp
 from salframe.framework.files.cache import Cache
 from salframe.graphs.scene_index import scene_index_notes
+from salframe.graphs.vocabulary import unknown_labels_note
 from salframe.localization.answers import Localization
 from salframe.localization.describing import check_parts, describe_ahead, describe_frame, suggest_components
 from salframe.localization.left_out import check_left_out, left_out_note
@@ -244,7 +245,8 @@ class LocalizationMap:
     def answer(self, description: Description) -> Localization:
         """Localize a described query.
 
-        Where the localizer has a posterior, it adds probabilities to answers of `match` without probabilities.
+        Where the localizer has a posterior, it adds probabilities to answers of `match` without probabilities. A note
+        names the labels of the query that the map does not know.
 
         Raises:
             InvalidAnswer: `match` did not return a Localization.
@@ -255,6 +257,8 @@ class LocalizationMap:
         answer = self.localizer.match(description)
         if not isinstance(answer, Localization):
             raise InvalidAnswer(f"match gave {type(answer).__name__}, expected a Localization")
+        if labels := self.localizer.unknown_labels(description):
+            answer = replace(answer, notes=(*answer.notes, unknown_labels_note(labels)))
         posterior = self.localizer.posterior
         if (
             posterior is None

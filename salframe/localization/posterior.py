@@ -72,7 +72,9 @@ class Posterior(Settings):
         places = ranked_places(frames, names, place_scores, (in_map * share).tolist())
         is_rejected = localization.status.names_a_place and 1 - in_map > self.max_out_of_map_probability
         if is_rejected:
-            return Localization(places, None, LocalizationStatus.OUT_OF_MAP, out_of_map_probability=1 - in_map)
+            return Localization(
+                places, None, LocalizationStatus.OUT_OF_MAP, out_of_map_probability=1 - in_map, notes=localization.notes
+            )
         return replace(localization, places=places, out_of_map_probability=1 - in_map)
 
 

@@ -11,6 +11,7 @@ from salframe.panoramas.cube_depth import is_cube_depth
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.opening import reference_frames
 from salframe.panoramas.panorama import Panorama, unlabelled_note
+from salframe.panoramas.place_heights import storeys_note
 from salframe.panoramas.pose_checks import pose_notes
 from salframe.panoramas.range_missing import missing_note
 from salframe.panoramas.region_check import check_regions
@@ -31,7 +32,7 @@ def data_notes(dataset: Dataset) -> list[str]:
             or the floor masks are malformed.
     """
     folds, frames, floors = dataset.folds(), reference_frames(dataset), dataset.floors()
-    notes = units_note(frames), missing_note(frames), check_regions(frames, floors)
+    notes = units_note(frames), missing_note(frames), storeys_note(frames), check_regions(frames, floors)
     return [*(note for note in notes if note), *(pose_notes(folds[0].references, floors) if folds else [])]
 
 

@@ -17,6 +17,7 @@ from salframe.framework.validation import validate
 from salframe.graphs.annotated import seen_objects
 from salframe.graphs.sensor import DetectionModel, Errors, FalseObjects, Provenance, SensorModel, read_sensor
 from salframe.graphs.sightings import sightings
+from salframe.panoramas.geometry import sample_nearest
 from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
 
 HEIGHT, OBJECTS, FRAMES = 64, 8, 400
@@ -24,7 +25,7 @@ SHIPPED = {
     "panoseg": "2efe9ebb73c427ba9446c90c8225b45b7d503f22a7fbbc7d2509c039cf50e8a3",
     "segments": "0f68e6043ef82e753261ca7c50fc7092a19767aca9feeed0b2ec074eef60dd34",
 }
-"""The sha256 of the sensor models that come with version 2 of the detector: others belong to another version."""
+"""The sha256 of the sensor models that come with version 4 of the detector: others belong to another version."""
 
 SENSOR = SensorModel(
     provenance=Provenance(salframe="0", detector={}, data={}, panoramas=1, objects=1, detected=1),
@@ -52,6 +53,7 @@ SENSOR = SensorModel(
 EXACT = SENSOR.model_copy(
     update={"false_objects": FalseObjects(per_panorama=0, labels={}, range_m=(), elevation_rad=(), size_m=())}
 )
+MANY = SENSOR.model_copy(update={"false_objects": SENSOR.false_objects.model_copy(update={"per_panorama": 50.0})})
 
 
 def panorama(name="frame", shift=0):
@@ -151,6 +153,38 @@ def test_false_objects_are_as_many_and_where_the_model_says(drawn):
     assert abs(np.exp(1j * azimuth).mean()) < 4 / np.sqrt(len(made))
     corners = np.array([one.points_m for one in made]) - centre[:, None]
     np.testing.assert_allclose(np.linalg.norm(corners, axis=2), 0.25 * np.sqrt(3), atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("azimuth_deg", "top_deg", "bottom_deg"), [((-45, 45), 90, -90), ((30, 210), 60, 0), ((-20, 20), 25, -25)]
+)
+def test_partial_views_have_false_positives_in_proportion_to_their_solid_angle(azimuth_deg, top_deg, bottom_deg):
+    """The solid angle between two azimuths and two elevations is their difference times that of the sines."""
+    azimuth = np.degrees(np.pi - (np.arange(360) + 0.5) * np.pi / 180)
+    elevation = 90 - (np.arange(180) + 0.5)
+    columns = (azimuth - azimuth_deg[0]) % 360 < azimuth_deg[1] - azimuth_deg[0]
+    view = ((elevation < top_deg) & (elevation > bottom_deg))[:, None] & columns
+    share = (azimuth_deg[1] - azimuth_deg[0]) / 360 * (np.sin(np.radians([top_deg, bottom_deg])) @ (0.5, -0.5))
+    empty = Panorama("x", valid=view, annotations=Annotations(np.zeros(view.shape, np.int32)))
+    noise, seeds = SensedNoise(MANY), 400
+    drawn = [one for seed in range(seeds) for one in noise.spoil(empty, [], (seed, 0))]
+    expected = 50 * share
+    assert len(drawn) / seeds == pytest.approx(expected, abs=4 * np.sqrt(expected / seeds))
+    assert sample_nearest(view, np.array([one.points_m.mean(0) for one in drawn])).all()
+
+
+def test_a_view_outside_the_measured_elevations_has_its_share_too():
+    view = np.zeros((180, 360), bool)
+    view[:60] = True  # above 30 degrees; all measured false positives are lower
+    empty = Panorama("x", valid=view, annotations=Annotations(np.zeros(view.shape, np.int32)))
+    counts = [len(SensedNoise(SENSOR).spoil(empty, [], (seed, 0))) for seed in range(60)]
+    assert np.mean(counts) == pytest.approx(2 / 4, abs=4 * np.sqrt(0.5 / 60))
+
+
+def test_a_full_view_has_the_same_false_positives_as_a_panorama_without_a_mask(file):
+    whole, masked = (detect(replace(panorama(), valid=v), noise=file) for v in (None, np.ones((64, 128), bool)))
+    assert whole.labels == masked.labels
+    np.testing.assert_array_equal(whole.centroid_m, masked.centroid_m)
 
 
 def test_draws_are_keyed_by_seed_frame_and_object(file):
@@ -273,7 +307,7 @@ def test_the_identity_of_a_file_is_its_content(tmp_path, file):
 @pytest.mark.parametrize("name", MEASURED)
 def test_shipped_sensor_models_are_those_of_this_version(name):
     path = SENSORS / f"{name}.json"
-    assert (AnnotationDetector.version, file_sha256(path)) == ("3", SHIPPED[name])
+    assert (AnnotationDetector.version, file_sha256(path)) == ("4", SHIPPED[name])
     sensor = read_sensor(path)
     assert sensor.provenance.detector["name"] == name
     assert len(detect(panorama(), noise=name)) > 0

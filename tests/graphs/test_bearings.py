@@ -8,6 +8,7 @@ from salframe_graphs.node_pairs import NodePairs
 from salframe_graphs.triplet import TripletMatcher
 
 from salframe.framework.errors import InputMissing
+from salframe.graphs.annotated import annotated_detections
 from salframe.graphs.boxes import detections_where_known
 from salframe.graphs.detections import Detections
 from salframe.graphs.graph import GraphConfig, build_graph
@@ -153,7 +154,8 @@ def test_two_objects_give_place_and_heading():
 def graph_points(room, labels):
     """Where the localizer's map has these objects."""
     frame = map_frames()[ROOMS.index(room)]
-    graph = SaliencyGraphLocalizer(SaliencyGraphLocalizer.Config(detector="annotations")).graph(frame.load())
+    localizer = SaliencyGraphLocalizer(SaliencyGraphLocalizer.Config(detector="annotations"))
+    graph = localizer.graph(annotated_detections(frame.load()))
     return np.array([graph.centroid_m[graph.labels.index(label)] for label in labels])
 
 

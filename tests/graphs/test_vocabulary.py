@@ -1,9 +1,51 @@
 from collections import Counter
 
+import numpy as np
 import pytest
 
 from salframe.framework.config import read_yaml
-from salframe.graphs.vocabulary import NAMES, common_label
+from salframe.graphs.vocabulary import NAMES, common_label, object_label, unknown_labels_note
+
+SPELLINGS = [
+    *("chair 2", "chair_02", "chair#3", "Chair.001", "chair (4)", "chair2", "chairs-12", "CHAIR", " chair\t"),
+    *("Chair\u00a0", "\uff43\uff48\uff41\uff49\uff52", "cha\u200bir", "chairs"),
+]
+
+
+@pytest.mark.parametrize("label", SPELLINGS)
+def test_spellings_of_a_label_are_one(label):
+    assert object_label(label) == "chair"
+
+
+@pytest.mark.parametrize(
+    ("label", "name"),
+    [
+        ("Ku\u0308hlschrank 3", "k\u00fchlschrank"),  # composed and decomposed
+        ("STÜHLE", "stühle"),
+        ("椅子2", "椅子"),
+        ("кровать_1", "кровать"),
+        ("Straße", "strasse"),
+        ("harpsichords", "harpsichord"),
+        ("tapestries", "tapestry"),
+        ("mattresses", "mattress"),
+        ("kitchen_bench-tops", "kitchen bench top"),
+        ("knives", "knife"),
+        ("42", "42"),
+        ("_", "_"),
+        ("", ""),
+    ],
+)
+def test_labels_outside_the_vocabulary_have_one_spelling(label, name):
+    assert object_label(label) == name
+
+
+@pytest.mark.parametrize(
+    "word",
+    ["glass", "stairs", "bus", "lens", "gas", "canvas", "scissors", "cactus", "iris", "press", "mattress", "bookcase"],
+)
+def test_words_that_end_like_a_plural_are_unchanged(word):
+    assert object_label(word) == word
+    assert object_label(f"{word} 2") == word
 
 
 @pytest.mark.parametrize(
@@ -12,27 +54,53 @@ from salframe.graphs.vocabulary import NAMES, common_label
         ("sofa", "sofa"),
         ("couch", "sofa"),  # COCO
         ("windowpane", "window"),  # ADE20K
-        ("conference table", "table"),  # house
-        ("tv", "television"),
-        ("Potted Plant", "plant"),
-        ("harpsichord", "harpsichord"),
+        ("tv_monitor", "television"),  # Matterport3D
+        ("TVMonitor", "television"),
+        ("Potted Plants", "plant"),
+        ("bookshelves", "bookcase"),
+        ("washing machines", "washing machine"),
     ],
 )
-def test_other_names_of_the_same_are_one(label, name):
-    assert common_label(label) == name
+def test_synonyms_are_one_label(label, name):
+    assert object_label(label) == common_label(label) == name
 
 
-def test_every_name_and_alias_stands_for_one_thing():
-    names = read_yaml(NAMES)
-    every = Counter([*names, *(alias for aliases in names.values() for alias in aliases)])
-    assert {label for label, count in every.items() if count > 1} == set()
-    assert all(common_label(name) == name for name in names)
-    assert all(label == label.lower() for label in every)
+@pytest.mark.parametrize(("kind", "name"), [("conference table", "table"), ("Kitchen_Cabinets", "cabinet")])
+def test_detectors_share_the_name_of_all_kinds_and_maps_tell_them_apart(kind, name):
+    assert common_label(kind) == name != object_label(kind)
+
+
+def test_the_name_of_a_name_is_itself():
+    rng, parts = np.random.default_rng(0), [*"abexyz_- #.(2)ßİé椅\u0308\u200b", "es", "ies", "ss", "chair", "shelves"]
+    for _ in range(5000):
+        label = "".join(rng.choice(parts, rng.integers(1, 9)))
+        name, shared = object_label(label), common_label(label)
+        assert (object_label(name), common_label(shared)) == (name, shared), repr(label)
+
+
+def test_every_word_stands_for_one_thing():
+    vocabulary = read_yaml(NAMES)
+    synonyms, kinds = vocabulary["synonyms"], vocabulary["kinds"]
+    words = Counter([*synonyms, *(word for words in synonyms.values() for word in words)])
+    assert {word for word, count in words.items() if count > 1} == set()
+    assert all(object_label(name) == name for name in synonyms)
+    every_kind = Counter(kind for several in kinds.values() for kind in several)
+    assert {kind for kind, count in every_kind.items() if count > 1} == set()
+    assert all(object_label(kind) == kind for kind in every_kind)
+    assert kinds.keys() <= synonyms.keys()
+    assert kinds.keys().isdisjoint(every_kind)
+    assert all(word == word.lower() for word in (*words, *every_kind))
 
 
 def test_the_vocabulary_knows_every_label_of_house():
     from salframe_house.furniture import CLASSES
 
     assert len(CLASSES) > 80
-    unknown = {label for label in CLASSES if common_label(label) not in read_yaml(NAMES)}
-    assert unknown == set()
+    assert {label for label in CLASSES if common_label(label) not in read_yaml(NAMES)["synonyms"]} == set()
+
+
+def test_a_note_names_a_few_labels():
+    assert unknown_labels_note(["Stuhl"]) == "no object of the map has the label 'Stuhl'"
+    note = unknown_labels_note([f"label-{letter}" for letter in "abcdefgh"])
+    assert "'label-e' and 3 more" in note
+    assert "label-f" not in note

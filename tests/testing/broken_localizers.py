@@ -88,8 +88,8 @@ class Swayed(SaliencyGraphLocalizer):
     class Config(SaliencyGraphLocalizer.Config):
         lossy: bool = match_only(False)
 
-    def graph(self, panorama):
-        graph = super().graph(panorama)
+    def graph(self, detections):
+        graph = super().graph(detections)
         return replace(graph, saliency=graph.saliency / 2) if self.config.lossy else graph
 
 

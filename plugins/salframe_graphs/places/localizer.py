@@ -21,7 +21,8 @@ from salframe.graphs.graph import SaliencyGraph, without_positions
 from salframe.graphs.packing import graph_from_arrays
 from salframe.graphs.scene_index import SceneIndex
 from salframe.graphs.table import GraphNodes, MappedGraphs
-from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches, ranked_places
+from salframe.graphs.vocabulary import unknown_labels
+from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches, RankedPlace, ranked_places
 from salframe.localization.evidence import Evidence
 from salframe.localization.localizer import Description
 from salframe.localization.posterior import Posterior, read_fitted
@@ -30,6 +31,7 @@ from salframe.panoramas.floors import Regions
 from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.place_heights import MAX_STEP_M
 from salframe_graphs.graph_localizer import GraphLocalizer, GraphLocalizerConfig
 from salframe_graphs.panorama_matching import PanoramaMatching, PanoramaMatchingConfig
 from salframe_graphs.places.evidence import EvidenceWeights, label_evidence, shipped_weights
@@ -94,7 +96,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
     """
 
     name = "saliency-places"
-    version = "3"
+    version = "4"
     uses_floors = True
 
     class Config(GraphLocalizerConfig, PanoramaMatchingConfig):
@@ -215,14 +217,24 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         if self._matching.positioner is None:
             return Localization(places, frames[0].T_world_pano, LocalizationStatus.OK)
         if pose_row[0] < 0:
-            return Localization(places, None, LocalizationStatus.NO_POSE)
+            return self._without_pose(places, names[0])
         best, share = hypotheses.search.poses.take(pose_row[:1]), hypotheses.search.share(int(pose_row[0]))
         if (share.sum(1) > 0.5).sum() < MIN_EXPLAINED:
-            return Localization(places, None, LocalizationStatus.NO_POSE)
+            return self._without_pose(places, names[0])
         pose, covariance = settle(hypotheses.search.scorer, best, share, MIN_DEVIATION_M)
         camera_z_m = frames[0].T_world_pano[2, 3]
         T_world_query = pose_2d(pose.shift_m[0, 0], pose.shift_m[0, 1], pose.yaw_rad[0], camera_z_m)
         return Localization(places, T_world_query, LocalizationStatus.OK, covariance)
+
+    def _without_pose(self, places: tuple[RankedPlace, ...], name: int) -> Localization:
+        """Return an answer without a pose, with a note where the place with this number of a name is not one room."""
+        heights_m = self._map.heights_m(name)
+        divided = np.diff(heights_m).max(initial=0) > MAX_STEP_M
+        note = (
+            f"no pose: the frames of the place {places[0].place!r} lie at heights from {heights_m[0]:.2f} to "
+            f"{heights_m[-1]:.2f} m, expected those of one room: name the rooms of each storey differently"
+        )
+        return Localization(places, None, LocalizationStatus.NO_POSE, notes=(note,) if divided else ())
 
     def posterior_applies(self, description: Description) -> bool:
         return not self._is_scaleless(description)  # the posterior is fitted to scores of queries with metric range
@@ -233,6 +245,9 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
             return None
         hypotheses = self._hypotheses(query, description.get(OUTLINE))
         return None if hypotheses is None else hypotheses.evidence
+
+    def unknown_labels(self, description: Description) -> tuple[str, ...]:
+        return unknown_labels(description, self._matching.labels)
 
     def correspond(self, query: Description, reference: Description) -> NodeMatches:
         return self._matching.correspond(query, reference)

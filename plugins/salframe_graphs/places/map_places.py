@@ -149,6 +149,10 @@ class MapPlaces:
         region_name = self._name_of_region[self.regions.at(poses.shift_m, height_m)]
         return np.where(region_name >= 0, region_name, matched)
 
+    def heights_m(self, name: int) -> np.ndarray:
+        """Return the heights of the scene frames with a name of a place, in ascending order, (N,)."""
+        return np.sort(self._frames_m[self.shown.of_name(name), 2])
+
     def nearest_frames(self, names: np.ndarray, poses: Poses, row: np.ndarray) -> list[int]:
         """Return the scene frame of each place that is nearest to a pose.
 

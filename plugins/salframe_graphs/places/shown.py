@@ -64,6 +64,11 @@ class ShownPlaces:
         name = self.name[self.place]
         return self.frame[np.argsort(name, kind="stable")], starts(np.bincount(name, minlength=len(self.names)))
 
+    def of_name(self, name: int) -> np.ndarray:
+        """Return the numbers in the map of the scene frames of all places with a name, (N,)."""
+        frame, start = self._of_names
+        return frame[start[name] : start[name + 1]]
+
     def nearest(self, names: np.ndarray, frames_m: np.ndarray, xy_m: np.ndarray) -> np.ndarray:
         """Return the frame of each name that is nearest to a position.
 

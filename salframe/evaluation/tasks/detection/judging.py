@@ -3,18 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import replace
 
 from salframe.graphs.detections import Detections
 from salframe.graphs.vocabulary import common_label
 
 NEAR_M = 0.3
 """Maximum distance between the centroids of a correct detection and an annotated object of its label."""
-
-
-def in_common_words(detections: Detections) -> Detections:
-    """Return the detections with labels of the shared vocabulary of detectors."""
-    return replace(detections, labels=tuple(map(common_label, detections.labels)))
 
 
 def joined_labels(detections: Detections) -> dict[str, str]:

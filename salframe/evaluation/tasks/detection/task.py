@@ -15,7 +15,7 @@ from salframe.evaluation.runs.rows import PieceStatus, Row
 from salframe.evaluation.runs.runner import run_task
 from salframe.evaluation.runs.task import Result, Task, Worker
 from salframe.evaluation.tables.table import Table
-from salframe.evaluation.tasks.detection.judging import count_right, in_common_words, joined_labels
+from salframe.evaluation.tasks.detection.judging import count_right, joined_labels
 from salframe.evaluation.tasks.detection.measures import summarize_detector
 from salframe.evaluation.tasks.detection.rows import PanoramaRow
 from salframe.evaluation.tasks.detection.table import COLUMNS, USUAL, DetectionRow, class_tables, what_is_right
@@ -23,6 +23,7 @@ from salframe.framework.errors import FRAME_ERRORS, DataError, InputMissing, Inv
 from salframe.graphs.annotated import annotated_detections
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
+from salframe.graphs.vocabulary import with_common_labels
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 from salframe.panoramas.opening import Progress
@@ -78,7 +79,7 @@ class DetectionTask(Task[QueryFrame, Survey[QueryFrame], PanoramaRow, DetectionR
             truth = annotated_detections(piece.load())
         except FRAME_ERRORS:
             return {}
-        annotated = Counter(in_common_words(truth).labels)
+        annotated = Counter(with_common_labels(truth).labels)
         return {"annotated": annotated, "detections": {}, "right": {}, "joined": joined_labels(truth), "ms": None}
 
     def summarize(self, parts: Sequence[Part[Survey[QueryFrame], PanoramaRow]], seed: int) -> tuple[DetectionRow, ...]:
@@ -127,7 +128,7 @@ class _Detecting(Worker[QueryFrame]):
             raise InvalidAnswer(f"detect gave {type(detections).__name__}, expected Detections")
         truth = annotated_detections(panorama)
         joined = joined_labels(truth) | joined_labels(detections)
-        truth, detections = in_common_words(truth), in_common_words(detections)
+        truth, detections = with_common_labels(truth), with_common_labels(detections)
         counted = {"annotated": Counter(truth.labels), "detections": Counter(detections.labels)}
         counted["right"] = count_right(detections, truth)
         return {**counted, "joined": joined, "ms": ms, "status": PieceStatus.OK, "error": None}
