@@ -149,7 +149,7 @@ def _tilt_error(frames: Sequence[ReferenceFrame], tilts: np.ndarray) -> str:
 
 def _load(frames: Sequence[ReferenceFrame]) -> _Sample:
     """Load the range of some frames: frames at equal distances in the list, each with its nearest neighbour."""
-    partner = {}
+    partner: dict[int, int] = {}
     if len(frames) > NUM_FRAMES:
         positions = np.array([frame.T_world_pano[:3, 3] for frame in frames])
         for first, second in nearest_pairs([frame.place for frame in frames], positions):
