@@ -33,7 +33,7 @@ class Keypoints(Localizer):
 
     name = "keypoints"
     version = "2"
-    turn_tolerance_m: ClassVar[float] = 0.05  # views of a rotated panorama are sampled at other pixels
+    column_step: ClassVar[int | None] = None  # views of a rotated panorama are sampled at other pixels
 
     class Config(ComponentConfig):
         features: slot("feature-matcher", "xfeat")  # type: ignore[valid-type]

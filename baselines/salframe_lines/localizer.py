@@ -60,7 +60,7 @@ class Lines(Localizer):
 
     name = "lines"
     version = "1"
-    turn_tolerance_m: ClassVar[float] = 0.05  # views of a rotated panorama are sampled at other pixels
+    column_step: ClassVar[int | None] = None  # views of a rotated panorama are sampled at other pixels
 
     class Config(ComponentConfig):
         range: range_slot()  # type: ignore[valid-type]

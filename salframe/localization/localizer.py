@@ -59,8 +59,9 @@ class Localizer(Role):
     role = "localizer"
     presets = "methods"
     word = "method"
-    column_step: ClassVar[int] = 1
-    """Rolling the panorama by a multiple of this number of columns rotates the pose and changes nothing else."""
+    column_step: ClassVar[int | None] = 1
+    """Rolling the panorama by a multiple of this number of columns rotates the pose and changes nothing else; None: any
+    roll may change the answer, as where views are cut from the panorama at fixed azimuths."""
     turn_tolerance_m: ClassVar[float] = 1e-4
     """Maximum deviation of the pose after such a roll, in metres, and in radians (metres at an object 1 m away)."""
     range_model: RangeModel | None = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -18,11 +19,15 @@ from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.geometry import pose_2d, pose_errors
 from salframe.panoramas.panorama import Panorama
 from salframe.testing.detectors import check_needs, turns
-from salframe.testing.expectations import ask, attempt, expect, same
+from salframe.testing.expectations import DoesNotApply, ask, attempt, expect, same
 from salframe.testing.identities import check_identities
-from salframe.testing.rooms import HEIGHT_PX, PARTS, blind, halved, map_frames, query_frames, turned
+from salframe.testing.rooms import HEIGHT_PX, PARTS, blind, halved, map_frames, query_frames, random_frames, turned
 from salframe.testing.rules import Rules
 
+SEEDS = (1, 2)
+"""Seeds of the random rooms."""
+_MOVED = 1e-3
+"""Tolerance of numbers in a moved world, whose coordinates are rounded elsewhere."""
 _ROUNDING = 1e-6
 """Tolerance of numbers. The order of sums in a network depends on the memory address of its input."""
 
@@ -42,6 +47,24 @@ class LocalizerRules(Rules[Localizer]):
     @property
     def _localizer(self) -> Localizer:
         return self._map.localizer
+
+    @cached_property
+    def _random_maps(self) -> list[_RandomMap]:
+        """Maps of random rooms, one for each of SEEDS."""
+        maps = []
+        for seed in SEEDS:
+            frames, queries = random_frames(seed)
+            descriptions = [_describe(self._localizer, frame.load()) for frame in frames]
+            built = self._index(descriptions, frames)
+            described = [_describe(self._localizer, query.load()) for query in queries]
+            maps.append(_RandomMap(seed, frames, descriptions, [(query, built.answer(query)) for query in described]))
+        return maps
+
+    def _index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> LocalizationMap:
+        built: LocalizationMap = attempt(
+            "index of random rooms", LocalizationMap.from_descriptions, self.make(), descriptions, frames
+        )
+        return built
 
     @cached_property
     def _answers(self) -> list[tuple[Panorama, Localization]]:
@@ -65,9 +88,42 @@ class LocalizerRules(Rules[Localizer]):
         )
 
     def poses_rotate_with_the_panorama(self) -> None:
+        if self._localizer.column_step is None:
+            raise DoesNotApply("its column_step is None")
         steps = 3 * turns(self._localizer.column_step)
         for (query, answer), columns in zip(self._answers, steps, strict=False):
             _check_turn(self._map, query, answer, columns)
+
+    def the_order_and_names_of_frames_do_not_matter(self) -> None:
+        for random in self._random_maps:
+            rng = np.random.default_rng(random.seed)
+            order = rng.permutation(len(random.frames)).tolist()
+            names = {frame.id: f"frame {n}" for frame, n in zip(random.frames, rng.permutation(99), strict=False)}
+            renamed = [replace(random.frames[i], id=names[random.frames[i].id]) for i in order]
+            changed = self._index([random.descriptions[i] for i in order], renamed)
+            for query, before in random.answers:
+                _expect_same(f"match of {random} with permuted and renamed frames", before, changed.answer(query))
+
+    def poses_move_with_the_world(self) -> None:
+        for random in self._random_maps:
+            rng = np.random.default_rng(random.seed)
+            world = pose_2d(*rng.uniform(-50, 50, 2).tolist(), float(rng.uniform(-np.pi, np.pi)))
+            moved = [replace(frame, T_world_pano=world @ frame.T_world_pano) for frame in random.frames]
+            changed = self._index(random.descriptions, moved)
+            for query, before in random.answers:
+                _expect_same(f"match of {random} in a moved world", before, changed.answer(query), world)
+
+    def a_grown_map_gives_the_same_answers(self) -> None:
+        for random in self._random_maps:
+            frames = random.frames
+            grown = self._index(random.descriptions[:4], frames[:4])
+            added: dict[str, Description] = {
+                frame.id: description for frame, description in zip(frames, random.descriptions, strict=True)
+            }
+            grown.localizer.describe = lambda panorama, added=added: added[panorama.id]  # type: ignore[method-assign]
+            attempt("extend", grown.extend, frames[4:])
+            for query, before in random.answers:
+                _expect_same(f"match of {random} after extend", before, grown.answer(query))
 
     def sparse_input_raises_no_error(self) -> None:
         inputs = {"of a blank panorama": blind(PARTS), "of half a panorama": halved(self._answers[0][0])}
@@ -103,6 +159,43 @@ class LocalizerRules(Rules[Localizer]):
             small = _build(f"build of {what}", self.make(), frames)
             for query in (self._answers[0][0], blind(PARTS)):
                 _answer(small, f"of the {query.id} in a map of {what}", query, frames)
+
+
+@dataclass(frozen=True)
+class _RandomMap:
+    """A map of random rooms: seed, frames with their descriptions, and described queries with their answers."""
+
+    seed: int
+    frames: list[ReferenceFrame]
+    descriptions: list[Description]
+    answers: list[tuple[Description, Localization]]
+
+    def __str__(self) -> str:
+        return f"the random rooms of seed {self.seed}"
+
+
+def _expect_same(checked: str, before: Localization, after: Localization, world: np.ndarray | None = None) -> None:
+    """Check that an answer did not change; with `world`, that its pose moved with the world."""
+    expect(after.status == before.status, checked, f"the status '{after.status}'", f"'{before.status}' as before")
+    values = [
+        {ranked.place: (ranked.score, ranked.probability) for ranked in answer.places} for answer in (before, after)
+    ]
+    is_same = values[0].keys() == values[1].keys() and all(
+        same(values[0][place], values[1][place], _ROUNDING if world is None else _MOVED) for place in values[0]
+    )
+    expect(is_same, checked, f"the places {values[1]}", f"{values[0]} as before")
+    first = [[ranked.place for ranked in answer.places[:1]] for answer in (before, after)]
+    expect(first[0] == first[1], checked, f"the best place {first[1]}", f"{first[0]} as before")
+    if before.T_world_query is not None and after.T_world_query is not None:
+        expected = before.T_world_query if world is None else world @ before.T_world_query
+        shift_m, turn_rad = pose_errors(after.T_world_query, expected)
+        tolerance = _ROUNDING if world is None else _MOVED
+        expect(
+            max(shift_m, turn_rad) <= tolerance,
+            checked,
+            f"a pose that is {shift_m:.2g} m and {turn_rad:.2g} rad off",
+            f"at most {tolerance:g} of each",
+        )
 
 
 def _build(checked: str, localizer: Localizer, frames: Sequence[ReferenceFrame]) -> LocalizationMap:

@@ -45,6 +45,12 @@ class FurnishedRoom:
         return replace(self, boxes=())
 
 
+RANDOM_LABELS = (
+    *("bed", "chair", "desk", "lamp", "plant", "shelf", "sofa", "stool"),
+    *("table", "television", "cabinet", "wardrobe", "mirror", "sink"),
+)
+"""Labels of the furniture of random rooms."""
+
 ROOMS = (
     FurnishedRoom(
         "bedroom",
@@ -213,3 +219,39 @@ def room_graph(room: FurnishedRoom) -> SaliencyGraph:
     detections = box_detections(room)
     volume = detections.size_m.prod(1)
     return build_graph(detections, volume / volume.sum() if len(volume) else volume, GraphConfig())  # type: ignore[call-arg]  # pydantic's defaults
+
+
+def random_rooms(seed: int, count: int = 3) -> tuple[FurnishedRoom, ...]:
+    """Return rooms of random size side by side, each with five to eight boxes along its walls, by a seed."""
+    rng = np.random.default_rng(seed)
+    rooms, left_m = [], 0.0
+    for number in range(count):
+        size = rng.uniform([4.5, 4.0, 2.4], [7.0, 6.0, 3.2])
+        boxes = []
+        for label in rng.choice(RANDOM_LABELS, size=int(rng.integers(5, 9)), replace=False):
+            box = rng.uniform([0.4, 0.3, 0.4], [1.0, 0.8, 1.8])
+            side, along = int(rng.integers(4)), rng.uniform(0.15, 0.85)
+            centre = np.array([along * size[0], box[1] / 2 + 0.02, box[2] / 2])
+            if side % 2:
+                centre = np.array([box[0] / 2 + 0.02, along * size[1], box[2] / 2])
+            if side >= 2:
+                centre[:2] = size[:2] - centre[:2]
+            boxes.append(Box(str(label), tuple(centre.tolist()), tuple(box.tolist())))
+        rooms.append(
+            FurnishedRoom(f"room-{number}", tuple(size.tolist()), tuple(boxes), (left_m, float(rng.uniform(-2, 2))))
+        )
+        left_m += float(size[0]) + 1.0
+    return tuple(rooms)
+
+
+def random_frames(seed: int) -> tuple[list[ReferenceFrame], list[QueryFrame]]:
+    """Return two reference frames and a query in each of `random_rooms`, with random headings, by a seed."""
+    rng = np.random.default_rng((seed, 1))
+    references, queries = [], []
+    for room in random_rooms(seed):
+        for number, (x_share, y_share) in enumerate(((0.42, 0.5), (0.58, 0.46))):
+            name, pose = f"{room.name}-{number}", stand(room, x_share, y_share, float(rng.uniform(-np.pi, np.pi)))
+            references.append(ReferenceFrame(name, room.name, pose, load=partial(look, room, name, pose)))
+        name, pose = f"{room.name}-query", stand(room, 0.5, 0.54, float(rng.uniform(-np.pi, np.pi)))
+        queries.append(QueryFrame(name, partial(look, room, name, pose)))
+    return references, queries

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 from salframe_graphs.localizer import SaliencyGraphLocalizer
 from salframe_objects.localizer import ObjectSetLocalizer
 
@@ -51,6 +52,28 @@ class Boastful(SaliencyGraphLocalizer):
 
     def match(self, description):
         return replace(super().match(description), status="ok")
+
+
+class Loyal(SaliencyGraphLocalizer):
+    """Broken."""
+
+    def match(self, description):
+        answer, first = super().match(description), self._matching.frames[0].place
+        places = sorted(answer.places, key=lambda ranked: ranked.place != first)
+        best = answer.places[0].score if answer.places else 0.0
+        return replace(answer, places=tuple(ranked._replace(score=best) for ranked in places))
+
+
+class Rooted(SaliencyGraphLocalizer):
+    """Broken."""
+
+    def match(self, description):
+        answer = super().match(description)
+        if answer.T_world_query is None:
+            return answer
+        pose = answer.T_world_query.copy()
+        pose[:2, 3] = np.round(pose[:2, 3])
+        return replace(answer, T_world_query=pose)
 
 
 class Unordered(SaliencyGraphLocalizer):
@@ -111,6 +134,8 @@ class Inattentive(SaliencyGraphLocalizer):
 
 
 BROKEN_LOCALIZERS = [
+    (Loyal, "with permuted and renamed frames: received"),
+    (Rooted, "in a moved world: received a pose that is"),
     (Mixed, "after save and open: received"),
     (North, "received a pose that moved .* rad off the rotation"),
     (Scolding, "received ValueError: no objects"),
