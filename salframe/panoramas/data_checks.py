@@ -32,8 +32,11 @@ def data_notes(dataset: Dataset) -> list[str]:
             or the floor masks are malformed.
     """
     folds, frames, floors = dataset.folds(), reference_frames(dataset), dataset.floors()
-    notes = units_note(frames), missing_note(frames), storeys_note(frames), check_regions(frames, floors)
-    return [*(note for note in notes if note), *(pose_notes(folds[0].references, floors) if folds else [])]
+    units = units_note(frames)
+    notes = units, missing_note(frames), storeys_note(frames), check_regions(frames, floors)
+    references = folds[0].references if folds else ()
+    # Ranges in a wrong unit contradict the poses in any case.
+    return [*(note for note in notes if note), *pose_notes(references, floors, compares_ranges=units is None)]
 
 
 def picture_note(frames: Sequence[Frame]) -> str | None:

@@ -88,7 +88,9 @@ class _Sample:
         return mean_agreement(pair_agreements(views or self.views, poses, self.pairs(poses), tolerance))
 
 
-def pose_notes(frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks] = ()) -> list[str]:
+def pose_notes(
+    frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks] = (), *, compares_ranges: bool = True
+) -> list[str]:
     """Return one-line warnings where poses contradict the panoramas; empty where they do not.
 
     The up directions of all frames are checked. The ranges of up to NUM_FRAMES frames are compared in pairs. Frames
@@ -98,6 +100,7 @@ def pose_notes(frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks] = 
     Args:
         frames: The reference frames.
         floors: The floor masks, whose heights are compared with those of the cameras.
+        compares_ranges: Whether to compare the range images; False checks the up directions only.
 
     Raises:
         DataError: Many panoramas are not upright by their poses.
@@ -114,6 +117,8 @@ def pose_notes(frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks] = 
             f"{MAX_TILT_DEG:g} deg ({frames[first].id}: {tilts[first]:.0f} deg), expected upright panoramas: level the "
             "images and the poses, or check the convention of the poses"
         )
+    if not compares_ranges:
+        return notes
     sample = _load(frames)
     if cube := _cube_note(sample):
         return [*notes, cube]

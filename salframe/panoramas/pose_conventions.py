@@ -90,9 +90,9 @@ def convert_pose(pose: np.ndarray, convention: PoseConvention = "ros", unit_m: f
         (4, 4) float64, metres.
     """
     axes = _CONVENTIONS[convention]
-    given = invert_pose(pose) if axes.inverted else pose
-    rotation = _QUARTER_TURN @ given[:3, :3].T if axes.clockwise else given[:3, :3]
+    camera_pose = invert_pose(pose) if axes.inverted else pose
+    rotation = _QUARTER_TURN @ camera_pose[:3, :3].T if axes.clockwise else camera_pose[:3, :3]
     converted = np.eye(4)
     converted[:3, :3] = axes.world @ rotation @ axes.camera
-    converted[:3, 3] = axes.world @ given[:3, 3] * unit_m
+    converted[:3, 3] = axes.world @ camera_pose[:3, 3] * unit_m
     return converted

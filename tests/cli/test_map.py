@@ -295,7 +295,7 @@ def test_a_failed_build_leaves_the_old_map(built, tmp_path):
             "--method",
             "reader",
             "--set",
-            "data.broken=[map-3]",
+            "data.broken=[map-1,map-2,map-3]",
             "--set",
             "data.rooms=6",
         ).code

@@ -46,7 +46,7 @@ def masks(*boxes: tuple[float, float, float, float]) -> FloorMasks:
 
 def panorama(id: str, pose: np.ndarray) -> Panorama:
     range_m = np.ones((4, 8), np.float32)
-    range_m[0, :4] = *pose[:3, 3], pose_yaw(pose)
+    range_m[0, :4] = np.array([*pose[:3, 3], pose_yaw(pose)]) + 100.0  # ranges are positive
     return Panorama(id, range_m=range_m)
 
 
@@ -110,7 +110,7 @@ class Seer(Localizer):
         posed: bool = Field(True, description="give poses, or places alone")
 
     def describe(self, panorama: Panorama) -> Description:
-        return {"pose": panorama.range_m[0, :4].astype(float)}
+        return {"pose": panorama.range_m[0, :4].astype(float) - 100.0}
 
     def describe_identity(self) -> dict:
         return {"name": self.name}

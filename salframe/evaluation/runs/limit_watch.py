@@ -40,6 +40,13 @@ def is_late(end: Path) -> bool:
         return False
 
 
+def reason(log: str, timeout_s: float | None, memory_mb: float | None) -> str:
+    """Return why a process was killed, from its log and the limits."""
+    if log.startswith(TOO_LARGE):
+        return f"took over {memory_mb:g} MB, the limit of --memory"
+    return f"took over {timeout_s:g} s, the limit of --timeout"
+
+
 def watch(process: psutil.Process, max_mb: float, end: Path, log: Path) -> None:
     """Poll the process until it ends; kill it and its children where they exceed a limit."""
     while process.is_running() and process.status() != psutil.STATUS_ZOMBIE:

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from salframe.evaluation.runs import limit_watch
 from salframe.framework.errors import WorkerDied
 from salframe.framework.files.reading import read_json
 from salframe.framework.files.writing import write_json, write_text
@@ -58,6 +57,8 @@ class Guard:
         self._watcher: subprocess.Popen[bytes] | None = None
         self._clean()
         if limits:
+            from salframe.evaluation.runs import limit_watch
+
             max_mb = math.inf if limits.memory_mb is None else limits.memory_mb
             arguments = [str(os.getpid()), str(max_mb), str(self._folder / END), str(self._folder / LOG)]
             # In a separate session, so that an interrupt from the terminal does not reach it.
@@ -108,8 +109,8 @@ class Death:
         """Return the death that an engine reports, with what the process left in its folder."""
         piece = read_json(folder / AT_WORK) if (folder / AT_WORK).exists() else None
         log = (folder / LOG).read_text(encoding="utf-8", errors="replace") if (folder / LOG).exists() else ""
-        if log.startswith(limit_watch.TOO_LONG):
-            return cls(piece, f"took over {limits.timeout_s:g} s, the limit of --timeout", by_limit=True)
-        if log.startswith(limit_watch.TOO_LARGE):
-            return cls(piece, f"took over {limits.memory_mb:g} MB, the limit of --memory", by_limit=True)
+        if log:
+            from salframe.evaluation.runs import limit_watch
+
+            return cls(piece, limit_watch.reason(log, limits.timeout_s, limits.memory_mb), by_limit=True)
         return cls(piece, str(error))

@@ -46,7 +46,7 @@ def test_the_map_that_is_opened_is_the_one_that_users_build(tiny, tmp_path):
     assert min(row.open_s, row.first_ms, row.describe_ms) > 0
     assert 0 < row.query_median_ms <= row.query_p95_ms
     (table,) = LatencyTask.tables([row])
-    assert table.rows[0][:2] == ["saliency-graph", "annotations, range"]
+    assert table.rows[0][:2] == ["saliency-graph[detector.noise=none]", "annotations, range"]
     assert not list((tmp_path / "runs").rglob("map-*"))
 
 

@@ -190,7 +190,10 @@ def test_a_query_is_matched_with_the_nearest_scene_frame_of_its_place(furnished)
 def test_queries_of_places_that_are_not_mapped_are_left_out_and_counted(furnished):
     rows, result = measure(["points"], "data.unmapped=true")
     assert rows["points"].pairs == 1
-    assert result.notes == ("1 queries left out: their place has no scene frame in the map",)
+    assert result.notes == (
+        "1 queries left out: their place has no scene frame in the map",
+        "the true place of 1 query is not in the map, expected answer out-of-map: 'kitchen'",
+    )
 
 
 def test_data_that_tells_no_truth_is_refused(furnished):
