@@ -121,10 +121,10 @@ def test_table_and_report_say_that_the_range_was_estimated(rooms, options, tmp_p
     assert rows["saliency-graph"]["median_translation_m"] < 0.05
     assert rows["saliency-graph"]["input"] == rows["objects"]["input"] == ["annotations", "rgb", "estimated range"]
     assert re.search(
-        r"saliency-graph\[range\..*\]: input annotations, colour, estimated range", run(*arguments, *options).out
+        r"saliency-graph\[range.*\]: input annotations, colour, estimated range", run(*arguments, *options).out
     )
     report = Path(done.json["report"]).read_text()
-    assert re.search(r"saliency-graph\[range\..*\]: input annotations, colour, estimated range", report)
+    assert re.search(r"saliency-graph\[range.*\]: input annotations, colour, estimated range", report)
 
 
 def test_a_map_remembers_its_range_model(rooms, options, network):
