@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from salframe.cli.options import DataDir, Json, Set
+from salframe.cli.options import DataDir, Json, Set, number
 from salframe.cli.output import print_json
 
 if TYPE_CHECKING:
@@ -30,7 +30,10 @@ def localize(
         Path | None, typer.Option("--range", metavar="FILE", help="Range image, 16-bit PNG, measured along the ray")
     ] = None,
     range_unit: Annotated[
-        float, typer.Option(metavar="METRES", min=1e-6, help="Size of one step of the range image")
+        float,
+        typer.Option(
+            parser=number("--range-unit", float, 1e-6, 1.0), metavar="METRES", help="Size of one step of the range image"
+        ),
     ] = 0.001,
     z_depth: Annotated[
         bool, typer.Option("--z-depth", help="Range image holds the z-depth of stitched cube faces")

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from salframe.cli.options import Json
+from salframe.cli.options import Json, number
 from salframe.cli.output import print_json, tell
 
 
@@ -28,10 +28,20 @@ def show_objects(
         typer.Option("--range", metavar="FILE", help="Range image of a single IMAGE, 16-bit PNG in millimetres"),
     ] = None,
     fov: Annotated[
-        float | None, typer.Option(metavar="DEG", help="Horizontal field of view, if the images are photographs")
+        float | None,
+        typer.Option(
+            parser=number("--fov", float, 1.0, 179.0),
+            metavar="DEG",
+            help="Horizontal field of view, if the images are photographs",
+        ),
     ] = None,
     pitch: Annotated[
-        float | None, typer.Option(metavar="DEG", help="Pitch of the photographs, positive upwards (default: 0)")
+        float | None,
+        typer.Option(
+            parser=number("--pitch", float, -90.0, 90.0),
+            metavar="DEG",
+            help="Pitch of the photographs, positive upwards (default: 0)",
+        ),
     ] = None,
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="FOLDER", help="Folder to write the pictures to")

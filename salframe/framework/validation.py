@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping, Sequence
-from typing import Any, get_args
+from typing import Annotated, Any, get_args
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from salframe.framework.errors import ConfigError, SalframeError, describe_error, shorten
 
@@ -14,13 +14,42 @@ MAX_PROBLEMS = 3
 """Maximum number of validation errors to report; the others are counted."""
 
 
+MAX_NUMBER, MAX_INTEGER = 1e12, 2**63 - 1
+"""Maximum magnitude of a number and of an integer in settings and files. The squares and ratios of such numbers are
+finite, and numpy has a type for such integers."""
+Seed = Annotated[int, Field(ge=0, le=MAX_INTEGER)]
+"""Seed of random numbers."""
+
+
 class Settings(BaseModel):
-    """Base class of all settings: frozen, without unknown keys, and with finite numbers only.
+    """Base class of all settings: frozen, without unknown keys, and with numbers of limited size only.
 
     Field names contain their units.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    @field_validator("*")
+    @classmethod
+    def _check_size(cls, value: Any) -> Any:
+        check_size(value)
+        return value
+
+
+def check_size(value: Any) -> None:
+    """Raise ValueError where a number, also in a list or mapping, exceeds MAX_NUMBER or MAX_INTEGER."""
+    if isinstance(value, float):
+        if abs(value) > MAX_NUMBER:
+            raise ValueError(f"received {value:g}, expected a number from {-MAX_NUMBER:g} to {MAX_NUMBER:g}")
+    elif isinstance(value, int):
+        if abs(value) > MAX_INTEGER:
+            raise ValueError(f"received {shorten(str(value), 40)}, expected an integer of at most 63 bits")
+    elif isinstance(value, Mapping):
+        for part in value.values():
+            check_size(part)
+    elif isinstance(value, tuple | list):
+        for part in value:
+            check_size(part)
 
 
 def validate(model: type[BaseModel], settings: Mapping[str, Any], where: str, choice: object = None) -> Any:

@@ -23,7 +23,7 @@ from salframe.topology.building_map import build_map
 
 _ASK = ("--engine", "inline", "--json")
 _RUN = "runs/sound-*"
-_UNFORESEEN = re.compile(r"\b(?!DataError|TProtocolException)[A-Z]\w*(Error|Exception|Iteration)\b")
+UNFORESEEN = re.compile(r"\b(?!DataError|TProtocolException)[A-Z]\w*(Error|Exception|Iteration)\b")
 """What a table tells of an exception that no message was written for; the second stands in messages of pyarrow."""
 
 
@@ -36,7 +36,7 @@ def command(*words: str) -> Callable[[Path], Any]:
             done = run(*(str(next(Path().glob(word))) if "*" in word else word for word in words))
         said = done.out + done.err
         assert "Traceback" not in said, said
-        assert not _UNFORESEEN.search(said), said
+        assert not UNFORESEEN.search(said), said
         if done.code == 2:
             *notes, error = done.err.splitlines()
             assert error.startswith("error: "), done.err

@@ -12,6 +12,7 @@ from typing import Any, Literal, TypeVar
 from urllib.parse import quote
 
 import yaml
+from pydantic import BaseModel, ConfigDict, Field
 
 from salframe.evaluation.runs.request import Resolved
 from salframe.evaluation.runs.rows import PieceRow, read_rows
@@ -26,7 +27,7 @@ from salframe.framework.files.bounded import parse_yaml
 from salframe.framework.files.hashes import digest
 from salframe.framework.files.reading import read_as, read_model
 from salframe.framework.files.writing import write_json, write_text
-from salframe.framework.validation import Settings, validate
+from salframe.framework.validation import Seed, Settings, validate
 
 REQUEST, NOTES, METHODS = "request.yaml", "notes.json", "methods"
 RUN_FORMAT: Literal[2] = 2
@@ -83,12 +84,24 @@ class _Identity(Settings):
     source: str | None = None
 
 
+class _Environment(BaseModel):
+    """Content of env.json that is read; a run that an older version made may lack parts of it."""
+
+    model_config = ConfigDict(frozen=True, extra="allow")
+    date: str = ""
+    dataset_fingerprint: str
+    python: str = "?"
+    packages: dict[str, str] = Field(default_factory=dict)
+    plugins: list[dict[str, Any]] = Field(default_factory=list)
+    machine: dict[str, Any] = Field(default_factory=dict)
+
+
 class _Request(Settings):
     """Content of request.yaml."""
 
     format: Literal[2]
     task: dict[str, Any]
-    seed: int
+    seed: Seed
     data: dict[str, Any]
     methods: dict[str, dict[str, Any]]
 
@@ -237,9 +250,11 @@ class Run:
             )
 
     def environment(self) -> Mapping[str, Any]:
-        """Return what `bind` wrote: the date, the fingerprint of the data, versions and the machine."""
-        content: dict[str, Any] = read_as(self.directory / "env.json", dict[str, Any])
-        return content
+        """Return what `bind` wrote: the date, the fingerprint of the data, versions and the machine.
+
+        Raises DataError where env.json is not as `bind` writes it.
+        """
+        return read_model(self.directory / "env.json", _Environment).model_dump()
 
     def notes(self) -> list[str]:
         """Return the notes beside the table: methods that replace others, and answers that were reused."""

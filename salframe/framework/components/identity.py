@@ -36,8 +36,15 @@ class UserFile(_Path):
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
         paths = core_schema.union_schema([core_schema.str_schema(min_length=1), core_schema.is_instance_schema(Path)])
         return core_schema.no_info_after_validator_function(
-            cls, paths, serialization=core_schema.to_string_ser_schema()
+            cls._checked, paths, serialization=core_schema.to_string_ser_schema()
         )
+
+    @classmethod
+    def _checked(cls, path: str | Path) -> UserFile:
+        """Return the path. Raises OSError where the file system cannot have it, such as one that is too long."""
+        checked = cls(path)
+        checked.exists()
+        return checked
 
 
 def identity(config: ComponentConfig, *, describing: bool = False) -> dict[str, Any]:
