@@ -39,7 +39,6 @@ from salframe.cli.output import only_json
 from salframe.framework.components.entry_points import COMMANDS, discover
 from salframe.framework.errors import ConfigError, SalframeError, describe_error, one_line
 
-
 _UsageError: Any = typer.BadParameter.__base__
 """An option or argument that does not exist, is missing, or has an invalid value. Typer does not export this class."""
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from salframe.cli.options import DataDir, Json, Set, number
+from salframe.cli.options import DataDir, Json, Set, number_parser
 from salframe.cli.output import print_json
 
 if TYPE_CHECKING:
@@ -32,7 +32,9 @@ def localize(
     range_unit: Annotated[
         float,
         typer.Option(
-            parser=number("--range-unit", float, 1e-6, 1.0), metavar="METRES", help="Size of one step of the range image"
+            parser=number_parser("--range-unit", float, 1e-6, 1.0),
+            metavar="METRES",
+            help="Size of one step of the range image",
         ),
     ] = 0.001,
     z_depth: Annotated[

@@ -18,7 +18,7 @@ from salframe.cli.options import (
     Json,
     Set,
     Workers,
-    number,
+    number_parser,
     with_workers,
 )
 from salframe.cli.output import print_json
@@ -34,7 +34,7 @@ PlannerName = Annotated[str, typer.Option("--planner", help="Planner of the rout
 Heading = Annotated[
     float | None,
     typer.Option(
-        parser=number("--heading", float, -MAX_ANGLE_DEG, MAX_ANGLE_DEG),
+        parser=number_parser("--heading", float, -MAX_ANGLE_DEG, MAX_ANGLE_DEG),
         metavar="DEG",
         help="Heading of the agent: counterclockwise from the world x axis",
     ),

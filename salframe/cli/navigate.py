@@ -18,7 +18,9 @@ NavigationSettings = Annotated[
         help="Change a setting: KEY, METHOD.KEY, navigation.KEY, data.KEY or engine.KEY",
     ),
 ]
-NavigationSeed = Annotated[int, typer.Option(parser=parse_seed, metavar="N", help="Seed of episodes, noise and confidence intervals")]
+NavigationSeed = Annotated[
+    int, typer.Option(parser=parse_seed, metavar="N", help="Seed of episodes, noise and confidence intervals")
+]
 
 
 @with_common_options(data=(Worlds, DATA), overrides=(NavigationSettings, None), seed=(NavigationSeed, 0))

@@ -29,7 +29,7 @@ MAX_SEED, MAX_WORKERS = 2**63 - 1, 1024
 MAX_ANGLE_DEG, MAX_LIMIT = 3600.0, 1e9
 
 
-def number(option: str, kind: type[int] | type[float], low: float, high: float) -> Callable[[Any], Any]:
+def number_parser(option: str, kind: type[int] | type[float], low: float, high: float) -> Callable[[Any], Any]:
     """Return the parser of an option that takes a number from `low` to `high`.
 
     Raises:
@@ -49,7 +49,7 @@ def number(option: str, kind: type[int] | type[float], low: float, high: float) 
     return parse
 
 
-def limit(option: str) -> Callable[[Any], float | None]:
+def limit_parser(option: str) -> Callable[[Any], float | None]:
     """Return the parser of an option that takes a limit: a positive number, or inf for no limit."""
 
     def parse(text: Any) -> float | None:
@@ -85,12 +85,12 @@ Workers = Annotated[
     int | None,
     typer.Option(
         "--workers",
-        parser=number("--workers", int, 1, MAX_WORKERS),
+        parser=number_parser("--workers", int, 1, MAX_WORKERS),
         metavar="N",
         help="Number of worker processes (default: one per core, one if times are measured)",
     ),
 ]
-parse_seed = number("--seed", int, 0, MAX_SEED)
+parse_seed = number_parser("--seed", int, 0, MAX_SEED)
 Seed = Annotated[int, typer.Option(parser=parse_seed, metavar="N", help="Seed of the confidence intervals")]
 Style = Annotated[
     Literal["table", "md", "latex", "csv"],
@@ -103,11 +103,12 @@ Columns = Annotated[
 Timeout = Annotated[
     float | None,
     typer.Option(
-        "--timeout", parser=limit("--timeout"), metavar="SECONDS", help="Time limit of a query, pair or episode"
+        "--timeout", parser=limit_parser("--timeout"), metavar="SECONDS", help="Time limit of a query, pair or episode"
     ),
 ]
 Memory = Annotated[
-    float | None, typer.Option("--memory", parser=limit("--memory"), metavar="MB", help="Memory limit of a method")
+    float | None,
+    typer.Option("--memory", parser=limit_parser("--memory"), metavar="MB", help="Memory limit of a method"),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON")]
 

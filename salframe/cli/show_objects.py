@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from salframe.cli.options import Json, number
+from salframe.cli.options import Json, number_parser
 from salframe.cli.output import print_json, tell
 
 
@@ -30,7 +30,7 @@ def show_objects(
     fov: Annotated[
         float | None,
         typer.Option(
-            parser=number("--fov", float, 1.0, 179.0),
+            parser=number_parser("--fov", float, 1.0, 179.0),
             metavar="DEG",
             help="Horizontal field of view, if the images are photographs",
         ),
@@ -38,7 +38,7 @@ def show_objects(
     pitch: Annotated[
         float | None,
         typer.Option(
-            parser=number("--pitch", float, -90.0, 90.0),
+            parser=number_parser("--pitch", float, -90.0, 90.0),
             metavar="DEG",
             help="Pitch of the photographs, positive upwards (default: 0)",
         ),

@@ -107,7 +107,7 @@ def check_call(place: Path, words: tuple[str, ...]) -> str | None:
     said = done.out + done.err
     *notes, last = done.err.splitlines() or [""]
     one_line = done.code != 2 or (last.startswith("error: ") and len(notes) < 3 and len(last) < MAX_LINE)
-    told_in_table = done.code != 1 or bool(done.out)
+    told_in_table = done.code != 1 or bool(done.out) or last.startswith("error: ")  # show-objects has a line per image
     if done.code in (0, 1, 2) and one_line and told_in_table and not re.search("Traceback", said):
         return None if not UNFORESEEN.search(said) else f"{words}: {said[-600:]}"
     return f"{words}: exit status {done.code}: {said[-600:]}"
@@ -120,7 +120,9 @@ def check_options(place: Path, calls: list[tuple[str, ...]]) -> None:
 
 def list_settings() -> list[tuple[Any, str, str]]:
     """Return a component, a key and an odd value of it, for each of them."""
-    return [(component, key, value) for component, _ in registry() for key in list_keys(component.Config) for value in ODD]
+    return [
+        (component, key, value) for component, _ in registry() for key in list_keys(component.Config) for value in ODD
+    ]
 
 
 def check_settings(settings: list[tuple[Any, str, str]]) -> None:

@@ -58,7 +58,9 @@ NumScenes = Annotated[int, Field(ge=1, le=10_000_000)]
 class ScaleOptions(TaskOptions):
     """Options of a scale study."""
 
-    scenes: tuple[NumScenes, ...] = Field(min_length=1, description="map sizes in scenes; one row of the table for each")
+    scenes: tuple[NumScenes, ...] = Field(
+        min_length=1, description="map sizes in scenes; one row of the table for each"
+    )
 
 
 @dataclass(frozen=True)
