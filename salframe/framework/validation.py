@@ -8,7 +8,7 @@ from typing import Annotated, Any, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
-from salframe.framework.errors import ConfigError, SalframeError, describe_error, shorten
+from salframe.framework.errors import ConfigError, SalframeError, one_line, shorten
 
 MAX_PROBLEMS = 3
 """Maximum number of validation errors to report; the others are counted."""
@@ -36,20 +36,22 @@ class Settings(BaseModel):
         return value
 
 
-def check_size(value: Any) -> None:
-    """Raise ValueError where a number, also in a list or mapping, exceeds MAX_NUMBER or MAX_INTEGER."""
+def check_size(value: Any, key: str = "") -> None:
+    """Raise ValueError where a number, also in a list or mapping, exceeds MAX_NUMBER or MAX_INTEGER.
+
+    `key` is the dotted key of the value, for the message.
+    """
+    where = f"{key}: " if key else ""
     if isinstance(value, float):
         if abs(value) > MAX_NUMBER:
-            raise ValueError(f"received {value:g}, expected a number from {-MAX_NUMBER:g} to {MAX_NUMBER:g}")
+            raise ValueError(f"{where}received {value:g}, expected a number from {-MAX_NUMBER:g} to {MAX_NUMBER:g}")
     elif isinstance(value, int):
         if abs(value) > MAX_INTEGER:
-            raise ValueError(f"received {shorten(str(value), 40)}, expected an integer of at most 63 bits")
-    elif isinstance(value, Mapping):
-        for part in value.values():
-            check_size(part)
-    elif isinstance(value, tuple | list):
-        for part in value:
-            check_size(part)
+            raise ValueError(f"{where}received {shorten(str(value), 40)}, expected an integer of at most 63 bits")
+    elif isinstance(value, Mapping | tuple | list):
+        items = value.items() if isinstance(value, Mapping) else enumerate(value)
+        for name, part in items:
+            check_size(part, f"{key}.{name}" if key else str(name))
 
 
 def validate(model: type[BaseModel], settings: Mapping[str, Any], where: str, choice: object = None) -> Any:
@@ -69,7 +71,8 @@ def validate(model: type[BaseModel], settings: Mapping[str, Any], where: str, ch
     except ValidationError as error:
         raise ConfigError(describe_faults(error, where, model)) from None
     except OSError as error:  # a path among the settings is invalid for the file system
-        raise ConfigError(f"{where.rstrip(':')}: {describe_error(error)}") from None
+        reason = f"{error.strerror or one_line(error)}: {shorten(str(error.filename))}"
+        raise ConfigError(f"{where.rstrip(':')}: {reason}, expected the path of a file or folder") from None
 
 
 def describe_faults(error: ValidationError, where: str, model: type[BaseModel] | None = None) -> str:

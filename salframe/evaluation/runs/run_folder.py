@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import date
@@ -25,7 +24,7 @@ from salframe.framework.config import read_yaml
 from salframe.framework.errors import ConfigError, DataError, describe_error, shorten
 from salframe.framework.files.bounded import parse_yaml
 from salframe.framework.files.hashes import digest
-from salframe.framework.files.reading import read_as, read_model
+from salframe.framework.files.reading import copy_log, read_as, read_model
 from salframe.framework.files.writing import write_json, write_text
 from salframe.framework.validation import Seed, Settings, validate
 
@@ -281,6 +280,9 @@ class Run:
         Args:
             label: Label of the method. A method that has begun in this run keeps its answers.
             fingerprint: Hash of all that answers depend on.
+
+        Raises:
+            DataError: A file of the other run is no regular file.
         """
         folder = self.folder(label)
         if (folder / IDENTITY).exists():
@@ -292,7 +294,7 @@ class Run:
         # Rows first: a run in progress has already described the frames of its rows.
         for name in (ROWS, DESCRIPTIONS, MAPS, OUTCOME):
             if best is not None and (best / name).exists():
-                shutil.copyfile(best / name, folder / name)
+                copy_log(best / name, folder / name)
         source = None if best is None else str(best.parent.parent)
         write_json(folder / IDENTITY, {"sha256": fingerprint, "source": source})
 

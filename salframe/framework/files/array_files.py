@@ -166,7 +166,7 @@ def _header(file: BinaryIO, size: int) -> tuple[np.dtype[Any], tuple[int, ...], 
         shape, by_columns, dtype = read(file)
     except Exception as error:  # numpy raises many types of exceptions
         raise ValueError(f"not a numpy array: {' '.join(str(error).split())[:100]}") from None
-    if dtype.hasobject or dtype.kind not in "biufcSU":  # dates and records are of other kinds
+    if dtype.hasobject or dtype.kind in "mM":
         content = "Python objects" if dtype.hasobject else dtype
         raise ValueError(f"an array of {content}, expected numbers or text")
     count, num_bytes = 1, size - file.tell()

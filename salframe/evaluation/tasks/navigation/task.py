@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import ConfigDict
 
 from salframe.evaluation.report.arms import Arm
 from salframe.evaluation.report.paged_task import PagedTask
@@ -53,9 +54,9 @@ from salframe.panoramas.opening import Progress
 
 
 class _SavedTask(Settings):
-    """The task of a run folder."""
+    """The parameters of the task in a run folder. The runner adds other keys."""
 
-    name: str
+    model_config = ConfigDict(extra="ignore")
     episodes: NumEpisodes | tuple[EpisodeRequest, ...]
     seed: Seed
     settings: dict[str, Any]
