@@ -63,7 +63,11 @@ class OnnxModel:
         try:
             results = self._session.run(list(self.outputs), dict(zip(names, arrays, strict=True)))
         except Exception as error:  # the exceptions of onnxruntime have no common base class
-            raise WeightsError(f"{self.path} cannot run: {shorten(one_line(error))}") from None
+            shapes = " and ".join(str(array.shape) for array in arrays)
+            reason = shorten(one_line(error), 120)
+            raise WeightsError(
+                f"{self.path} failed on input of shape {shapes}, expected that it runs: {reason}"
+            ) from None
         for name, result in zip(self.outputs, results, strict=True):
             self._check_output(name, result, len(arrays[0]))
         return results
@@ -98,7 +102,7 @@ def open_model(
 
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads_allowed() or 0
-    options.log_severity_level = 3  # no warnings: only the author of the file can fix them; errors are raised as well
+    options.log_severity_level = 4  # nothing but fatal errors: errors are raised, and only its author can fix a warning
     options.add_session_config_entry(
         "session.intra_op.allow_spinning", "0"
     )  # spinning threads would occupy cores that other methods can use

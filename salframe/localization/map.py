@@ -16,6 +16,7 @@ from salframe.framework.components.registry import registry
 from salframe.framework.errors import DataError, InvalidAnswer, SalframeError
 from salframe.framework.files.array_files import FileStamp
 from salframe.framework.files.cache import Cache
+from salframe.framework.files.columns import Columns, check_kinds
 from salframe.graphs.scene_index import scene_index_notes
 from salframe.localization.answers import Localization
 from salframe.localization.describing import check_parts, describe_ahead, describe_frame, suggest_components
@@ -47,6 +48,7 @@ class LocalizationMap:
         self.localizer = localizer
         self._mapped_files: tuple[FileStamp, ...] = ()
         self._folder: Path | None = None
+        self._is_checked = False
         self._hold(packed, frames, floors)
 
     @classmethod
@@ -234,6 +236,9 @@ class LocalizationMap:
         if changed := [stamp.path for stamp in self._mapped_files if not stamp.is_current()]:
             raise DataError(f"{changed[0]} was changed while the map was open: open the map again")
         with nullcontext() if self._folder is None else _blaming(self._folder, self.localizer):
+            if not self._is_checked and isinstance(self._packed, Columns):
+                check_kinds(self._packed, self.localizer.pack(description))
+                self._is_checked = True
             answer = self.localizer.match(description)
         if not isinstance(answer, Localization):
             raise InvalidAnswer(f"match gave {type(answer).__name__}, expected a Localization")

@@ -16,7 +16,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import core_schema, to_jsonable_python
 
 from salframe.framework.component import ComponentConfig
-from salframe.framework.errors import ConfigError, DataError
+from salframe.framework.errors import ConfigError, DataError, shorten
 from salframe.framework.files.bounded import why
 from salframe.framework.files.hashes import digest, file_sha256
 
@@ -41,9 +41,12 @@ class UserFile(_Path):
 
     @classmethod
     def _checked(cls, path: str | Path) -> UserFile:
-        """Return the path. Raises OSError where the file system cannot have it, such as one that is too long."""
+        """Return the path. Raises ValueError where the file system cannot have it, such as one that is too long."""
         checked = cls(path)
-        checked.exists()
+        try:
+            checked.exists()
+        except OSError as error:
+            raise ValueError(f"cannot read {shorten(str(path))}: {why(error)}, expected a file or folder") from None
         return checked
 
 
