@@ -65,9 +65,7 @@ class OnnxModel:
         except Exception as error:  # the exceptions of onnxruntime have no common base class
             shapes = " and ".join(str(array.shape) for array in arrays)
             reason = shorten(one_line(error), 120)
-            raise WeightsError(
-                f"{self.path} failed on input of shape {shapes}, expected that it runs: {reason}"
-            ) from None
+            raise WeightsError(f"{self.path} failed on input of shape {shapes}, which it accepts: {reason}") from None
         for name, result in zip(self.outputs, results, strict=True):
             self._check_output(name, result, len(arrays[0]))
         return results

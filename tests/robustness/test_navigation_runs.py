@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from command_line import run
 
-TESTS = Path(__file__).parent.parent
 sys.path.insert(0, str(Path(__file__).parent))
 
 from commands import UNFORESEEN
@@ -23,6 +22,7 @@ from test_seen import json_file, text_file
 from salframe.framework.components.registry import registry
 from salframe.framework.config import read_yaml
 
+TESTS = Path(__file__).parent.parent
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="it makes FIFOs")
 NAVIGATE = ("navigate", "--methods", "seer", "--data", "apartment", "--episodes", "3", "--engine", "inline")
 ROWS = "runs/*/methods/seer/rows.jsonl"
