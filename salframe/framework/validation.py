@@ -17,7 +17,7 @@ MAX_PROBLEMS = 3
 MAX_NUMBER, MAX_INTEGER = 1e12, 2**63 - 1
 """Maximum magnitude of a number and of an integer in settings and files. The squares and ratios of such numbers are
 finite, and numpy has a type for such integers."""
-Seed = Annotated[int, Field(ge=0, le=MAX_INTEGER)]
+Seed = Annotated[int, Field(ge=0, le=MAX_INTEGER, strict=True)]
 """Seed of random numbers."""
 
 
