@@ -64,7 +64,7 @@ class NodeMatcherConfig(ComponentConfig):
     ring_edges_m: Annotated[tuple[float, ...], AfterValidator(_ascending)] = Field(
         (1.0, 2.0, 4.0), description="outer radii (m) of the distance rings around a node, ascending"
     )
-    hops: int = Field(2, ge=0, description="count the labels of neighbours up to this number of edges away")
+    hops: int = Field(2, ge=0, le=16, description="count the labels of neighbours up to this number of edges away")
     structure_weight: float = Field(
         0.3, ge=0, description="weight of the structural feature in node similarity (weight of the label: 1)"
     )

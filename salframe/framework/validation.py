@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
 from salframe.framework.errors import ConfigError, SalframeError, one_line, shorten
 
@@ -14,8 +14,9 @@ MAX_PROBLEMS = 3
 """Maximum number of validation errors to report; the others are counted."""
 
 
-MAX_NUMBER, MAX_INTEGER = 1e12, 2**63 - 1
-"""Maximum magnitude of a number and of an integer in settings and files. The squares and ratios of such numbers are
+MIN_POSITIVE, MAX_NUMBER, MAX_INTEGER = 1e-12, 1e12, 2**63 - 1
+"""Minimum of a number that must be positive, and maximum magnitude of a number and of an integer in settings and files.
+The squares and ratios of such numbers are
 finite, and numpy has a type for such integers."""
 Seed = Annotated[int, Field(ge=0, le=MAX_INTEGER, strict=True)]
 """Seed of random numbers."""
@@ -31,8 +32,12 @@ class Settings(BaseModel):
 
     @field_validator("*")
     @classmethod
-    def _check_size(cls, value: Any) -> Any:
+    def _check_size(cls, value: Any, info: ValidationInfo) -> Any:
         check_size(value)
+        if isinstance(value, float) and 0 < value < MIN_POSITIVE:
+            rules = cls.model_fields[str(info.field_name)].metadata
+            if any(getattr(rule, "gt", None) == 0 for rule in rules):  # other code divides by such a number
+                raise ValueError(f"received {value:g}, expected at least {MIN_POSITIVE:g}")
         return value
 
 

@@ -14,6 +14,7 @@ from salframe.framework.validation import Seed, Settings, validate
 class Model(Settings):
     length_m: float = 1.0
     count: int = 1
+    spread_m: float = Field(1.0, gt=0)
     origin_m: tuple[float, float] = (0.0, 0.0)
     shares: dict[str, Any] = Field(default_factory=dict)
     seed: Seed = 0
@@ -27,6 +28,7 @@ class Model(Settings):
         ({"count": 2**63}, r"model\.count: received 9223372036854775808, expected an integer of at most 63 bits"),
         ({"origin_m": [1e308, 0]}, r"model\.origin_m: 0: received 1e\+308, expected a number"),
         ({"shares": {"a": [-1e13]}}, r"model\.shares: a\.0: received -1e\+13, expected a number"),
+        ({"spread_m": 1e-320}, r"model\.spread_m: received 9.99989e-321, expected at least 1e-12"),
         ({"seed": -1}, r"model\.seed: received -1, expected greater than or equal to 0"),
         ({"seed": True}, r"model\.seed: received True, expected a valid integer"),
     ],
