@@ -7,6 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from salframe.framework.errors import DataError
 from salframe.localization.localizer import Description
 from salframe.panoramas.perspective import ViewRig
 from salframe_keypoints.feature_matcher import FeatureMatcher, View
@@ -83,10 +84,24 @@ def _stored(description: Description) -> np.ndarray:
 
 
 def split_views(description: Description) -> list[View]:
-    """Return the views in a description of `keypoints`."""
-    points = np.split(description["points_px"], np.cumsum(description["point_count"])[:-1])
-    features = np.split(description["features"], np.cumsum(description["feature_count"])[:-1])
+    """Return the views in a description of `keypoints`.
+
+    Raises:
+        DataError: The numbers of points or features of the views do not add up to those of the description.
+    """
+    points, features = (
+        _split(description, *names) for names in (("points_px", "point_count"), ("features", "feature_count"))
+    )
     return [View(*parts) for parts in zip(points, features, strict=True)]
+
+
+def _split(description: Description, rows_name: str, counts_name: str) -> list[np.ndarray]:
+    rows, counts = description[rows_name], description[counts_name]
+    if (counts < 0).any() or counts.sum() != len(rows):
+        raise DataError(
+            f"{counts_name} is {counts.tolist()}, expected counts that add up to {len(rows)}, of {rows_name}"
+        )
+    return np.split(rows, np.cumsum(counts)[:-1])
 
 
 class Vlad:

@@ -68,10 +68,10 @@ class Lines(Localizer):
             100, ge=1, description="maximum number of segments along each of the three directions, the longest first"
         )
         sphere_points: int = match_only(
-            162, ge=1, description="number of points on the sphere at which distance functions are compared"
+            162, ge=1, le=100_000, description="number of points on the sphere at which distance functions are compared"
         )
         step_m: float = match_only(
-            0.35, gt=0, description="spacing of the candidate positions around a reference frame"
+            0.35, ge=0.01, description="spacing of the candidate positions around a reference frame"
         )
         reach_m: float = match_only(
             5.0, ge=0, description="maximum distance of candidate positions from a reference frame along x and y"

@@ -26,7 +26,10 @@ class SalientObjects(Localizer):
         detector: slot("detector", "auto")  # type: ignore[valid-type]
         saliency: slot("saliency", "volumetric")  # type: ignore[valid-type]
         saliency_power: float = Field(
-            1 / 3, ge=0, description="exponent p of the weight S^p: 1 share of volume, 1/3 of length, 0 equal weights"
+            1 / 3,
+            ge=0,
+            le=100,
+            description="exponent p of the weight S^p: 1 share of volume, 1/3 of length, 0 equal weights",
         )
         posterior: posterior_slot()  # type: ignore[valid-type]
 

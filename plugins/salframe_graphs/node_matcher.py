@@ -64,7 +64,7 @@ class NodeMatcherConfig(ComponentConfig):
     ring_edges_m: Annotated[tuple[float, ...], AfterValidator(_ascending)] = Field(
         (1.0, 2.0, 4.0), description="outer radii (m) of the distance rings around a node, ascending"
     )
-    hops: int = Field(2, ge=0, description="count the labels of neighbours up to this number of edges away")
+    hops: int = Field(2, ge=0, le=16, description="count the labels of neighbours up to this number of edges away")
     structure_weight: float = Field(
         0.3, ge=0, description="weight of the structural feature in node similarity (weight of the label: 1)"
     )
@@ -144,17 +144,23 @@ class NodeMatcher(GraphMatcher):
 
     def open_index(self, graphs: MappedGraphs, folder: Path) -> GraphIndex:
         with reading(folder / _RARITY, "an array of numpy"):
-            rarity = np.array(map_array(folder / _RARITY))
+            rarity = map_array(folder / _RARITY)
         if rarity.shape != (len(graphs.labels) + 1,) or rarity.dtype != np.float64:
             expected = f"float64 ({len(graphs.labels) + 1},)"
             raise DataError(
                 f"{folder / _RARITY} is {rarity.dtype} {rarity.shape}, expected {expected}: build the map again"
             )
+        max_rarity = np.log(1 + len(graphs)) + 1  # that of a label that no graph has
+        if not ((rarity > 0) & (rarity <= max_rarity + 1e-9)).all():
+            raise DataError(
+                f"{folder / _RARITY} holds {rarity.min():g} to {rarity.max():g}, expected over 0 and at most "
+                f"{max_rarity:g}: build the map again"
+            )
         scenes = graphs.scenes
         if scenes is None and self._looks_up(graphs):
             scenes = self._new_scene_index()
             scenes.open(folder / _SCENES)
-        return self._graph_index(graphs, scenes, rarity)
+        return self._graph_index(graphs, scenes, np.array(rarity))
 
     def _graph_index(self, table: GraphTable, scenes: SceneLookup | None, rarity: np.ndarray) -> GraphIndex:
         nodes = table.take(np.arange(len(table))) if scenes is None else None

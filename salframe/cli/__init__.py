@@ -39,6 +39,9 @@ from salframe.cli.output import only_json
 from salframe.framework.components.entry_points import COMMANDS, discover
 from salframe.framework.errors import ConfigError, SalframeError, describe_error, one_line
 
+_UsageError: Any = typer.BadParameter.__base__
+"""An option or argument that does not exist, is missing, or has an invalid value. Typer does not export this class."""
+
 
 class _Interrupted(Exception):
     """An interrupt by the user. Typer would end the process on a KeyboardInterrupt, but not on this exception."""
@@ -61,13 +64,13 @@ class Commands(TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         return super().get_command(ctx, cmd_name) or self._plugin_commands.get(cmd_name)
 
-    def invoke(self, ctx: Any) -> Any:
+    def invoke(self, ctx: Any) -> None:
         """Run a command. Turn a KeyboardInterrupt, and a SystemExit of a component, into exceptions that reach `main`.
 
         Typer itself never raises SystemExit here. A component may, and the process would end as if it had succeeded.
         """
         try:
-            return super().invoke(ctx)
+            super().invoke(ctx)  # a plugin's command may return a value, which is no exit status
         except KeyboardInterrupt as stop:
             raise _Interrupted from stop
         except SystemExit as stop:
@@ -169,11 +172,17 @@ def main() -> None:
     try:
         _check_arguments(sys.argv[1:])
         with only_json("--json" in sys.argv):
-            app()
+            status = app(standalone_mode=False)
             sys.stdout.flush()
+        if status:
+            sys.exit(status)
     except (KeyboardInterrupt, _Interrupted) as stop:
         print("interrupted: finished work is stored; run the same command again to resume", file=sys.stderr)
         sys.exit(143 if _Terminated in (type(stop), type(stop.__cause__)) else 130)
+    except _UsageError as error:
+        _fail_usage(error)
+    except typer.Abort:
+        _fail("aborted: the input ended before an answer")
     except SalframeError as error:
         if _debug:
             raise
@@ -199,6 +208,17 @@ def _check_arguments(arguments: Sequence[str]) -> None:
             argument.encode()
         except UnicodeEncodeError:
             raise ConfigError(f"the argument {argument!r} is not UTF-8 text: rename the file or folder") from None
+
+
+def _fail_usage(error: Any) -> NoReturn:
+    """Print a usage error in one line. The error of a call without arguments is the help, which rich has printed."""
+    if type(error).__name__ != "NoArgsIsHelpError":  # typer does not export it
+        hint = f"; see {error.ctx.command_path} --help" if error.ctx else ""
+        message = error.format_message().replace("Value error, ", "").rstrip(".")
+        _fail(describe_error(ConfigError(message + hint)))
+    if error.message:
+        error.show()
+    sys.exit(2)
 
 
 def _fail(message: str) -> NoReturn:

@@ -8,7 +8,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from salframe.cli.build import build
-from salframe.cli.options import ENGINE, PLANNER, DataArgument, DataDir, EngineName, Json, Set, Workers, with_workers
+from salframe.cli.options import (
+    ENGINE,
+    MAX_ANGLE_DEG,
+    PLANNER,
+    DataArgument,
+    DataDir,
+    EngineName,
+    Json,
+    Set,
+    Workers,
+    number_parser,
+    with_workers,
+)
 from salframe.cli.output import print_json
 
 if TYPE_CHECKING:
@@ -20,7 +32,12 @@ TopologyMap = Annotated[Path, typer.Argument(metavar="MAP", help="Map folder wit
 AnyMap = Annotated[Path, typer.Argument(metavar="MAP", help="Map folder")]
 PlannerName = Annotated[str, typer.Option("--planner", help="Planner of the route; see `salframe plugins`")]
 Heading = Annotated[
-    float | None, typer.Option(metavar="DEG", help="Heading of the agent: counterclockwise from the world x axis")
+    float | None,
+    typer.Option(
+        parser=number_parser("--heading", float, -MAX_ANGLE_DEG, MAX_ANGLE_DEG),
+        metavar="DEG",
+        help="Heading of the agent: counterclockwise from the world x axis",
+    ),
 ]
 
 
@@ -118,13 +135,10 @@ def route(
     """
     import numpy as np
 
-    from salframe.framework.errors import ConfigError
     from salframe.topology.routes import find_route
     from salframe.topology.store import open_topology
 
     plan = find_route(open_topology(map), start, goal, planner)
-    if heading is not None and not np.isfinite(heading):
-        raise ConfigError(f"received --heading {heading}, expected a finite number of degrees")
     heading_rad = None if heading is None else float(np.radians(heading))
     if as_json:
         print_json(_route_json(plan, heading_rad))

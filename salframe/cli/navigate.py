@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from salframe.cli.options import DATA, METHODS, CommonOptions, Methods, with_common_options
+from salframe.cli.options import DATA, METHODS, CommonOptions, Methods, parse_seed, with_common_options
 from salframe.cli.output import show
 
 Worlds = Annotated[str, typer.Option(help="Dataset that can render, or that defines where an agent can walk")]
@@ -18,7 +18,9 @@ NavigationSettings = Annotated[
         help="Change a setting: KEY, METHOD.KEY, navigation.KEY, data.KEY or engine.KEY",
     ),
 ]
-NavigationSeed = Annotated[int, typer.Option(help="Seed of episodes, noise and confidence intervals")]
+NavigationSeed = Annotated[
+    int, typer.Option(parser=parse_seed, metavar="N", help="Seed of episodes, noise and confidence intervals")
+]
 
 
 @with_common_options(data=(Worlds, DATA), overrides=(NavigationSettings, None), seed=(NavigationSeed, 0))
@@ -46,11 +48,7 @@ def navigate(
     from salframe.evaluation.tasks.navigation.task import NavigationTask
     from salframe.evaluation.tasks.navigation.task import navigate as run
 
-    source: int | str
-    try:
-        source = int(episodes)
-    except ValueError:
-        source = episodes
+    source = int(episodes) if episodes.lstrip("-").isdecimal() and len(episodes) < 40 else episodes
     request = options.request(methods)
     show(
         lambda progress: run(request, episodes=source, positioning=Positioning(positioning), progress=progress),

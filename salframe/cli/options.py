@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import wraps
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeVar, 
 import typer
 
 from salframe.framework.components.defaults import default_of
+from salframe.framework.errors import ConfigError, shorten
 
 if TYPE_CHECKING:
     from salframe.evaluation.runs.request import Request
@@ -22,6 +24,47 @@ METHODS, MATCHING_METHODS, DETECTORS = (
 )
 DATA, ENGINE, PLANNER, MAP_METHOD = (default_of(key) for key in ("data", "engine", "planner", "map_method"))
 RUNS = Path("runs")
+
+MAX_SEED, MAX_WORKERS = 2**63 - 1, 1024
+MAX_ANGLE_DEG, MAX_LIMIT = 3600.0, 1e9
+
+
+def number_parser(option: str, kind: type[int] | type[float], low: float, high: float) -> Callable[[Any], Any]:
+    """Return the parser of an option that takes a number from `low` to `high`.
+
+    Raises:
+        ConfigError: The text is no such number.
+    """
+    noun = "an integer" if kind is int else "a number"
+
+    def parse(text: Any) -> Any:
+        try:
+            value = kind(text)
+        except ValueError:
+            value = math.nan
+        if not low <= value <= high:
+            raise ConfigError(f"received {option} {shorten(str(text), 40)!r}, expected {noun} from {low} to {high}")
+        return value
+
+    return parse
+
+
+def limit_parser(option: str) -> Callable[[Any], float | None]:
+    """Return the parser of an option that takes a limit: a positive number, or inf for no limit."""
+
+    def parse(text: Any) -> float | None:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not value > 0:
+            raise ConfigError(
+                f"received {option} {shorten(str(text), 40)!r}, expected a number over 0, or inf for no limit"
+            )
+        return value if value <= MAX_LIMIT else None
+
+    return parse
+
 
 Methods = Annotated[str, typer.Option(help="Methods or YAML files, comma-separated; see `salframe methods`")]
 Data = Annotated[str, typer.Option(help="Dataset preset, dataset, YAML file, or folder with a manifest.json")]
@@ -42,12 +85,13 @@ Workers = Annotated[
     int | None,
     typer.Option(
         "--workers",
-        min=1,
+        parser=number_parser("--workers", int, 1, MAX_WORKERS),
         metavar="N",
         help="Number of worker processes (default: one per core, one if times are measured)",
     ),
 ]
-Seed = Annotated[int, typer.Option(help="Seed of the confidence intervals")]
+parse_seed = number_parser("--seed", int, 0, MAX_SEED)
+Seed = Annotated[int, typer.Option(parser=parse_seed, metavar="N", help="Seed of the confidence intervals")]
 Style = Annotated[
     Literal["table", "md", "latex", "csv"],
     typer.Option("--format", help="Format of tables; csv has all digits of every number"),
@@ -57,12 +101,23 @@ Columns = Annotated[
     typer.Option("--columns", metavar="NAMES", help="Columns of the table, comma-separated (default: the usual ones)"),
 ]
 Timeout = Annotated[
-    float | None, typer.Option("--timeout", metavar="SECONDS", help="Time limit of a query, pair or episode")
+    float | None,
+    typer.Option(
+        "--timeout", parser=limit_parser("--timeout"), metavar="SECONDS", help="Time limit of a query, pair or episode"
+    ),
 ]
-Memory = Annotated[float | None, typer.Option("--memory", metavar="MB", help="Memory limit of a method")]
+Memory = Annotated[
+    float | None,
+    typer.Option("--memory", parser=limit_parser("--memory"), metavar="MB", help="Memory limit of a method"),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON")]
 RangeUnit = Annotated[
-    float | None, typer.Option(metavar="METRES", min=1e-6, help="Size of one step of the range image (default: 0.001)")
+    float | None,
+    typer.Option(
+        parser=number_parser("--range-unit", float, 1e-6, 1.0),
+        metavar="METRES",
+        help="Size of one step of the range image (default: 0.001)",
+    ),
 ]
 RangeMissing = Annotated[
     list[int] | None,

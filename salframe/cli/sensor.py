@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from salframe.cli.options import DATA, CommonOptions, split_names, with_common_options
+from salframe.cli.options import DATA, MAX_SEED, CommonOptions, number_parser, split_names, with_common_options
 from salframe.cli.output import Bars, print_json, tell
 
 SensorData = Annotated[str, typer.Option(help="Datasets with annotations and range, comma-separated")]
@@ -38,18 +38,15 @@ def sensor(
     """
     from salframe.cli.tables import print_sensor
     from salframe.evaluation.tasks.sensor.measurement import measure_sensor
-    from salframe.framework.errors import ConfigError
 
-    numbers = split_names(seeds)
-    if invalid := [number for number in numbers if not number.isdecimal()]:
-        raise ConfigError(f"received the seed {invalid[0]!r}, expected non-negative integers")
+    parse = number_parser("--seeds", int, 0, MAX_SEED)
     with Bars() as bars:
         measurement = measure_sensor(
             detector,
             split_names(options.data),
             options.data_dir,
             options.settings,
-            tuple(map(int, numbers)),
+            tuple(map(parse, split_names(seeds))),
             name=options.name,
             engine=options.engine,
             runs=options.runs,

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from salframe.cli.options import Json, RangeMissing, RangeUnit, range_options
+from salframe.cli.options import Json, RangeMissing, RangeUnit, number_parser, range_options
 from salframe.cli.output import print_json, tell
 
 
@@ -33,10 +33,20 @@ def show_objects(
         typer.Option(help="What the range image holds (default: ray for panoramas, z for photographs)"),
     ] = None,
     fov: Annotated[
-        float | None, typer.Option(metavar="DEG", help="Horizontal field of view, if the images are photographs")
+        float | None,
+        typer.Option(
+            parser=number_parser("--fov", float, 1.0, 179.0),
+            metavar="DEG",
+            help="Horizontal field of view, if the images are photographs",
+        ),
     ] = None,
     pitch: Annotated[
-        float | None, typer.Option(metavar="DEG", help="Pitch of the photographs, positive upwards (default: 0)")
+        float | None,
+        typer.Option(
+            parser=number_parser("--pitch", float, -90.0, 90.0),
+            metavar="DEG",
+            help="Pitch of the photographs, positive upwards (default: 0)",
+        ),
     ] = None,
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="FOLDER", help="Folder to write the pictures to")

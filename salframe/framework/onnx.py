@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from salframe.framework.engines.worker import threads_allowed
-from salframe.framework.errors import WeightsError
+from salframe.framework.errors import WeightsError, one_line, shorten
 from salframe.framework.files.onnx_files import SUFFIX, external_files
 from salframe.framework.files.reading import read_network
 
@@ -34,12 +34,16 @@ class OnnxModel:
     """A loaded network. Use `open_model` to load one.
 
     Attributes:
+        path: The file of the network.
         inputs: The inputs of the network, in order.
         outputs: The names of the arrays that `run` returns.
     """
 
-    def __init__(self, session: Any, inputs: tuple[Tensor, ...], outputs: tuple[str, ...]) -> None:
-        self._session, self.inputs, self.outputs = session, inputs, outputs
+    def __init__(
+        self, path: Path, session: Any, inputs: tuple[Tensor, ...], outputs: tuple[str, ...], *, has_batch: bool
+    ) -> None:
+        self.path, self._session, self.inputs, self.outputs = path, session, inputs, outputs
+        self._has_batch = has_batch
 
     def run(self, *arrays: np.ndarray) -> list[np.ndarray]:
         """Return the outputs for a batch.
@@ -49,12 +53,34 @@ class OnnxModel:
 
         Args:
             arrays: One array for each of `inputs`, in order. The first axis is the batch.
+
+        Raises:
+            WeightsError: The network cannot run, an output has another batch size, or has no finite number.
         """
         names = [tensor.name for tensor in self.inputs]
         if all(tensor.shape[:1] == (1,) for tensor in self.inputs) and len(arrays[0]) > 1:
             single = [self.run(*(array[i : i + 1] for array in arrays)) for i in range(len(arrays[0]))]
             return [np.concatenate(parts) for parts in zip(*single, strict=True)]
-        return self._session.run(list(self.outputs), dict(zip(names, arrays, strict=True)))
+        try:
+            results = self._session.run(list(self.outputs), dict(zip(names, arrays, strict=True)))
+        except Exception as error:  # the exceptions of onnxruntime have no common base class
+            shapes = " and ".join(str(array.shape) for array in arrays)
+            reason = shorten(one_line(error), 120)
+            raise WeightsError(f"{self.path} failed on input of shape {shapes}, which it accepts: {reason}") from None
+        for name, result in zip(self.outputs, results, strict=True):
+            self._check_output(name, result, len(arrays[0]))
+        return results
+
+    def _check_output(self, name: str, result: Any, batch: int) -> None:
+        """Raise WeightsError on an output that is no array, has another batch size, or has no finite number."""
+        if not isinstance(result, np.ndarray):
+            raise WeightsError(f"{self.path} gave {type(result).__name__} as {name}, expected an array")
+        if self._has_batch and result.shape[:1] != (batch,):
+            raise WeightsError(
+                f"{self.path} gave {name} of shape {result.shape} for a batch of {batch}, expected it first"
+            )
+        if result.size and result.dtype.kind == "f" and not np.isfinite(result).any():
+            raise WeightsError(f"{self.path} gave {name} without a finite number, expected finite numbers")
 
 
 def open_model(
@@ -76,7 +102,7 @@ def open_model(
 
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads_allowed() or 0
-    options.log_severity_level = 3  # no warnings: only the author of the file can fix them; errors are raised as well
+    options.log_severity_level = 4  # nothing but fatal errors: errors are raised, and only its author can fix a warning
     options.add_session_config_entry(
         "session.intra_op.allow_spinning", "0"
     )  # spinning threads would occupy cores that other methods can use
@@ -97,9 +123,11 @@ def open_model(
             f"{path} is not an ONNX network{tensor_names}: {' '.join(str(error).split())[:200]}"
         ) from None
     model = OnnxModel(
+        path,
         session,
         tuple(map(_tensor, session.get_inputs())),
         tuple(outputs) or tuple(o.name for o in session.get_outputs()),
+        has_batch=inputs is not None,
     )
     if inputs is not None and not _fits(model.inputs, inputs, dtype):
         received = ", ".join(map(str, model.inputs))

@@ -4,23 +4,59 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping, Sequence
-from typing import Any, get_args
+from typing import Annotated, Any, get_args
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
-from salframe.framework.errors import ConfigError, SalframeError, describe_error, shorten
+from salframe.framework.errors import ConfigError, SalframeError, one_line, shorten
 
 MAX_PROBLEMS = 3
 """Maximum number of validation errors to report; the others are counted."""
 
 
+MIN_POSITIVE, MAX_NUMBER, MAX_INTEGER = 1e-12, 1e12, 2**63 - 1
+"""Minimum of a number that must be positive, and maximum magnitude of a number and of an integer in settings and files.
+The squares and ratios of such numbers are
+finite, and numpy has a type for such integers."""
+Seed = Annotated[int, Field(ge=0, le=MAX_INTEGER, strict=True)]
+"""Seed of random numbers."""
+
+
 class Settings(BaseModel):
-    """Base class of all settings: frozen, without unknown keys, and with finite numbers only.
+    """Base class of all settings: frozen, without unknown keys, and with numbers of limited size only.
 
     Field names contain their units.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    @field_validator("*")
+    @classmethod
+    def _check_size(cls, value: Any, info: ValidationInfo) -> Any:
+        check_size(value)
+        if isinstance(value, float) and 0 < value < MIN_POSITIVE:
+            rules = cls.model_fields[str(info.field_name)].metadata
+            if any(getattr(rule, "gt", None) == 0 for rule in rules):  # other code divides by such a number
+                raise ValueError(f"received {value:g}, expected at least {MIN_POSITIVE:g}")
+        return value
+
+
+def check_size(value: Any, key: str = "") -> None:
+    """Raise ValueError where a number, also in a list or mapping, exceeds MAX_NUMBER or MAX_INTEGER.
+
+    `key` is the dotted key of the value, for the message.
+    """
+    where = f"{key}: " if key else ""
+    if isinstance(value, float):
+        if abs(value) > MAX_NUMBER:
+            raise ValueError(f"{where}received {value:g}, expected a number from {-MAX_NUMBER:g} to {MAX_NUMBER:g}")
+    elif isinstance(value, int):
+        if abs(value) > MAX_INTEGER:
+            raise ValueError(f"{where}received {shorten(str(value), 40)}, expected an integer of at most 63 bits")
+    elif isinstance(value, Mapping | tuple | list):
+        items = value.items() if isinstance(value, Mapping) else enumerate(value)
+        for name, part in items:
+            check_size(part, f"{key}.{name}" if key else str(name))
 
 
 def validate(model: type[BaseModel], settings: Mapping[str, Any], where: str, choice: object = None) -> Any:
@@ -40,7 +76,8 @@ def validate(model: type[BaseModel], settings: Mapping[str, Any], where: str, ch
     except ValidationError as error:
         raise ConfigError(describe_faults(error, where, model)) from None
     except OSError as error:  # a path among the settings is invalid for the file system
-        raise ConfigError(f"{where.rstrip(':')}: {describe_error(error)}") from None
+        reason = f"{error.strerror or one_line(error)}: {shorten(str(error.filename))}"
+        raise ConfigError(f"{where.rstrip(':')}: {reason}, expected the path of a file or folder") from None
 
 
 def describe_faults(error: ValidationError, where: str, model: type[BaseModel] | None = None) -> str:

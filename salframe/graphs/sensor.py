@@ -6,10 +6,10 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from salframe.framework.errors import DataError
 from salframe.framework.files.reading import read_json, read_model
@@ -22,7 +22,21 @@ QUANTILES = 11
 PSEUDO_COUNT = 1.0
 """Number of objects, distributed as all labels together are, that smooth the counts of a label."""
 
-Quantiles = tuple[float, ...]
+
+def _check_quantiles(values: tuple[float, ...]) -> tuple[float, ...]:
+    """Return the quantiles. Raises ValueError unless there are none, or QUANTILES values that do not decrease."""
+    if len(values) not in (0, QUANTILES):
+        raise ValueError(f"received {len(values)} quantiles, expected none or {QUANTILES}")
+    if list(values) != sorted(values):
+        raise ValueError(f"received the quantiles {list(values)}, expected values that do not decrease")
+    return values
+
+
+LogOdds = Annotated[float, Field(ge=-1000, le=1000)]
+NumObjects = Annotated[int, Field(ge=0, le=10**12)]
+Length = Annotated[float, Field(ge=0, le=10_000)]
+Quantiles = Annotated[tuple[float, ...], AfterValidator(_check_quantiles)]
+Lengths = Annotated[tuple[Length, ...], AfterValidator(_check_quantiles)]
 
 
 class DetectionModel(Settings):
@@ -33,14 +47,14 @@ class DetectionModel(Settings):
     unknown quantity is replaced by its reference, the median of the measurements.
     """
 
-    intercept: float
-    per_log_solid_angle: float
-    per_log_range: float
-    per_hidden_share: float
+    intercept: LogOdds
+    per_log_solid_angle: LogOdds
+    per_log_range: LogOdds
+    per_hidden_share: LogOdds
     reference_solid_angle_sr: float = Field(gt=0)
     reference_range_m: float = Field(gt=0)
     reference_hidden_share: float = Field(ge=0, le=1)
-    offsets: dict[str, float] = Field(description="offset by group, shrunk towards 0 for groups of few objects")
+    offsets: dict[str, LogOdds] = Field(description="offset by group, shrunk towards 0 for groups of few objects")
     offset_deviation: float = Field(ge=0, description="standard deviation of the offsets of all groups")
 
     def probability(
@@ -80,20 +94,20 @@ class DetectionModel(Settings):
 class FalseObjects(Settings):
     """False positives: detections without an annotated object. Quantiles are evenly spaced from minimum to maximum."""
 
-    per_panorama: float = Field(ge=0, description="mean number per panorama")
-    labels: dict[str, int] = Field(description="number by label of the detector")
-    range_m: Quantiles = Field(description="range of the centroid")
+    per_panorama: float = Field(ge=0, le=10_000, description="mean number per panorama")
+    labels: dict[str, NumObjects] = Field(description="number by label of the detector")
+    range_m: Lengths = Field(description="range of the centroid")
     elevation_rad: Quantiles = Field(description="elevation of the bearing")
-    size_m: Quantiles = Field(description="cube root of the box's volume")
+    size_m: Lengths = Field(description="cube root of the box's volume")
 
 
 class Errors(Settings):
     """Robust standard deviations (1.4826 times the median absolute deviation) of the detections."""
 
-    bearing_rad: float = Field(ge=0, description="of the bearing, along either of two axes across it")
-    range_share: float = Field(ge=0, description="of the logarithm of the range")
-    size_log: float = Field(ge=0, description="of the logarithm of the cube root of the box's volume")
-    height_m: float = Field(ge=0, description="of the centroid's height")
+    bearing_rad: float = Field(ge=0, le=np.pi, description="of the bearing, along either of two axes across it")
+    range_share: float = Field(ge=0, le=10, description="of the logarithm of the range")
+    size_log: float = Field(ge=0, le=10, description="of the logarithm of the cube root of the box's volume")
+    height_m: float = Field(ge=0, le=10_000, description="of the centroid's height")
 
 
 class Provenance(Settings):
@@ -104,9 +118,9 @@ class Provenance(Settings):
         description="identity of the detector: name, version, settings, sha256 of weights and files"
     )
     data: dict[str, dict[str, Any]] = Field(description="identity of each dataset")
-    panoramas: int = Field(ge=0, description="number of panoramas")
-    objects: int = Field(ge=0, description="number of annotated objects, counted once per panorama")
-    detected: int = Field(ge=0, description="number of annotated objects that were detected")
+    panoramas: NumObjects = Field(description="number of panoramas")
+    objects: NumObjects = Field(description="number of annotated objects, counted once per panorama")
+    detected: NumObjects = Field(description="number of annotated objects that were detected")
 
 
 class SensorModel(Settings):
@@ -116,7 +130,7 @@ class SensorModel(Settings):
     format: Literal["salframe sensor 2"] = FORMAT
     provenance: Provenance
     detection: DetectionModel
-    confusion: dict[str, dict[str, int]]
+    confusion: dict[str, dict[str, NumObjects]]
     false_objects: FalseObjects
     errors: Errors
 

@@ -113,8 +113,8 @@ class Localization:
 
     Raises:
         InvalidAnswer: The status is not a LocalizationStatus; the pose is no rigid motion; the heading is not finite; a
-            status that names a place has no place; OK has no pose, or NO_POSE or OUT_OF_MAP has one; or some
-            probabilities are missing, are outside [0, 1], or do not sum to 1.
+            status that names a place has no place; OK has no pose, or NO_POSE or OUT_OF_MAP has one; a score is NaN; or
+            some probabilities are missing, are outside [0, 1], or do not sum to 1.
     """
 
     places: tuple[RankedPlace, ...]
@@ -143,6 +143,8 @@ class Localization:
             )
         if self.status is LocalizationStatus.OUT_OF_MAP and self.T_world_query is not None:
             raise InvalidAnswer(f"a localization has the status {self.status} and a pose, expected no pose")
+        if any(place.score != place.score for place in self.places):
+            raise InvalidAnswer("a localization has the score NaN, expected numbers")
         self._check_probabilities()
         if self.T_world_query is not None:
             object.__setattr__(self, "heading_rad", pose_yaw(np.asarray(self.T_world_query)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -14,16 +14,17 @@ import numpy as np
 from salframe.framework.component import ComponentConfig
 from salframe.framework.components.installation import folder_bytes
 from salframe.framework.components.registry import registry
-from salframe.framework.errors import FRAME_ERRORS, DataError, InputMissing, InvalidAnswer, describe_error
+from salframe.framework.errors import FRAME_ERRORS, DataError, InputMissing, InvalidAnswer, SalframeError
 from salframe.framework.files.array_files import FileStamp
 from salframe.framework.files.cache import Cache
+from salframe.framework.files.columns import Columns, check_kinds
 from salframe.graphs.scene_index import scene_index_notes
 from salframe.graphs.vocabulary import unknown_labels_note
 from salframe.localization.answers import Localization
 from salframe.localization.describing import check_parts, describe_ahead, describe_frame, suggest_components
 from salframe.localization.left_out import check_left_out, left_out_note
 from salframe.localization.localizer import Description, Localizer
-from salframe.localization.map_files import MapParts, read_map, write_map
+from salframe.localization.map_files import MapParts, find_not_finite, read_map, write_map
 from salframe.localization.preparing import Tell, python_warning, silent
 from salframe.panoramas.data_checks import query_notes
 from salframe.panoramas.dataset import Dataset
@@ -53,6 +54,8 @@ class LocalizationMap:
         """Create a map without indexing it. Such a map can be changed, merged and saved, but it cannot localize."""
         self.localizer = localizer
         self._mapped_files: tuple[FileStamp, ...] = ()
+        self._folder: Path | None = None
+        self._is_checked = False
         self._hold(packed, frames, floors)
 
     @classmethod
@@ -132,10 +135,10 @@ class LocalizationMap:
         parts.check_method(localizer)
         packed, frames = parts.read_scenes()
         opened = cls(localizer, packed, frames, parts.read_floors() if localizer.uses_floors else ())
-        opened._mapped_files = parts.mapped_files()
+        opened._mapped_files, opened._folder = parts.mapped_files(), parts.folder
         if not indexed:
             return opened
-        with _blaming(str(parts.folder), localizer):
+        with _blaming(parts.folder, localizer):
             if parts.has_index(localizer):
                 localizer.open_index(parts.index_folder(localizer), packed, frames)
             else:
@@ -250,11 +253,16 @@ class LocalizationMap:
 
         Raises:
             InvalidAnswer: `match` did not return a Localization.
-            DataError: A memory-mapped file of the map was changed after the map was opened.
+            DataError: A memory-mapped file of the map was changed after the map was opened, or the localizer cannot
+                match with the arrays of an opened map.
         """
         if changed := [stamp.path for stamp in self._mapped_files if not stamp.is_current()]:
             raise DataError(f"{changed[0]} was changed while the map was open: open the map again")
-        answer = self.localizer.match(description)
+        with nullcontext() if self._folder is None else _blaming(self._folder, self.localizer):
+            if not self._is_checked and isinstance(self._packed, Columns):
+                check_kinds(self._packed, self.localizer.pack(description))
+                self._is_checked = True
+            answer = self.localizer.match(description)
         if not isinstance(answer, Localization):
             raise InvalidAnswer(f"match gave {type(answer).__name__}, expected a Localization")
         if labels := self.localizer.unknown_labels(description):
@@ -292,7 +300,7 @@ class LocalizationMap:
         """Remove the frames of some places, add others at the end, and index the map."""
         rows = [i for i, frame in enumerate(self.frames) if frame.place not in places]
         self._hold([*(self._packed[i] for i in rows), *packed], [*(self.frames[i] for i in rows), *frames], floors)
-        with _blaming("the map", self.localizer):
+        with _blaming(self._folder, self.localizer):
             self._index()
 
 
@@ -360,13 +368,21 @@ def _describe_all(
 
 
 @contextmanager
-def _blaming(what: str, localizer: Localizer) -> Iterator[None]:
-    """Raise DataError on `what` where the localizer cannot index saved arrays.
+def _blaming(folder: Path | None, localizer: Localizer) -> Iterator[None]:
+    """Raise DataError where the localizer cannot index the saved arrays in `folder`, or match with them.
 
-    Only the localizer knows which arrays are required, so that its exceptions are the check.
+    Only the localizer knows which arrays are required, so that its exceptions are the check. They are not part of the
+    message, which names the arrays that are not finite.
     """
     try:
         yield
-    except (IndexError, KeyError, TypeError, ValueError) as error:
-        reason = describe_error(error)
-        raise DataError(f"{what} has arrays that {localizer.name} cannot read ({reason}): build it again") from error
+    except (SalframeError, OSError, MemoryError):
+        raise
+    except Exception as error:  # libraries have exceptions of their own
+        where = "the map" if folder is None else str(folder)
+        names = [] if folder is None else find_not_finite(folder)
+        hint = f" (not finite: {', '.join(names)})" if names else ""
+        raise DataError(
+            f"{where} has arrays that {localizer.name} cannot use{hint}, expected the arrays that it wrote: "
+            "build the map again"
+        ) from error

@@ -14,13 +14,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
 from pydantic import BaseModel, Field
 
 from salframe.framework.component import ComponentConfig
 from salframe.framework.components.identity import identity
 from salframe.framework.components.registry import registry
 from salframe.framework.errors import ConfigError, DataError
-from salframe.framework.files.array_files import MAX_READ_BYTES, ArrayKind, FileStamp
+from salframe.framework.files.array_files import MAX_READ_BYTES, ArrayKind, FileStamp, map_array
 from salframe.framework.files.columns import Columns, Row, read_columns, write_columns
 from salframe.framework.files.hashes import digest, file_sha256
 from salframe.framework.files.reading import read_json, read_model
@@ -153,6 +154,14 @@ class MapParts:
         if not self.has(METHOD):
             raise DataError(f"{self.folder.parent} has no localizer: it was built from data without reference frames")
         return self.read_json(METHOD, _SavedMethod)
+
+
+def find_not_finite(folder: Path) -> list[str]:
+    """Return the names of the description arrays in the parts of a map that hold NaN or infinity."""
+    arrays = {path.name: map_array(path) for path in sorted((folder / SCENES).glob("*.npy"))}
+    return [
+        f"{SCENES}/{name}" for name, array in arrays.items() if array.dtype.kind == "f" and not np.isfinite(array).all()
+    ]
 
 
 @contextmanager

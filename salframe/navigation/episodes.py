@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -17,6 +17,10 @@ from salframe.navigation.guide import Guide
 from salframe.navigation.world import World
 from salframe.topology.topological_map import NodeKind
 
+MAX_EPISODES = 100_000
+"""Maximum number of random episodes of a run."""
+NumEpisodes = Annotated[int, Field(ge=1, le=MAX_EPISODES)]
+"""Number of random episodes."""
 TRIES = 100
 """Number of random starts and goals that are tried for an episode."""
 

@@ -78,7 +78,7 @@ def test_every_command_has_help():
             "rooms has no query, expected at least one",
         ),
         (["ablate", "absent.yaml"], "cannot read absent.yaml"),
-        (["navigate", "--episodes=-5", "--data", "rooms"], "received -5 episodes, expected at least 1"),
+        (["navigate", "--episodes=-5", "--data", "rooms"], "received -5 episodes, expected from 1 to 100000"),
         (["navigate", "--episodes=--5", "--data", "rooms", "--methods", "reader"], "cannot read --5"),
         (["evaluate", "."], "is no run folder"),
         (["show", "raeder"], "unknown preset, component or role 'raeder', did you mean 'reader'?"),

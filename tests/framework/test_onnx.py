@@ -94,3 +94,21 @@ def test_another_dtype_or_number_of_inputs_is_refused(tmp_path):
         open_model(path, [(None, 3, 4, 4)], dtype="uint8")
     with pytest.raises(WeightsError, match=r"expected float32 \(\*, 3, 4, 4\), float32 \(\*, 3, 4, 4\)"):
         open_model(path, [(None, 3, 4, 4), (None, 3, 4, 4)])
+
+
+@pytest.mark.parametrize(
+    ("nodes", "message"),
+    [
+        ([("Sub", ["x", "x"], ["zero"]), ("Div", ["zero", "zero"], ["y"])], "gave y without a finite number"),
+        ([("Concat", ["x", "x"], ["y"], {"axis": 0})], r"gave y of shape \(4, 3, 4, 4\) for a batch of 2"),
+        ([("ReduceMax", ["x"], ["y"], {"axes": [0]})], r"gave y of shape \(1, 3, 4, 4\) for a batch of 2"),
+        ([("Tile", ["x", "x"], ["y"])], r"failed on input of shape \(2, 3, 4, 4\)|is not an ONNX network"),
+    ],
+)
+def test_an_output_that_is_no_answer_to_the_batch_is_refused(tmp_path, capfd, nodes, message):
+    made = [
+        onnx.helper.make_node(kind, takes, gives, **(more[0] if more else {})) for kind, takes, gives, *more in nodes
+    ]
+    with pytest.raises(WeightsError, match=rf"net\.onnx {message}"):
+        open_model(write(tmp_path / "net.onnx", nodes=made), [(None, 3, 4, 4)]).run(np.ones((2, 3, 4, 4), np.float32))
+    assert capfd.readouterr().err == ""

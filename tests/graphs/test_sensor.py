@@ -106,3 +106,26 @@ def test_what_is_no_sensor_file_is_told_in_one_line(tmp_path, text, message):
     with pytest.raises(DataError, match=message) as error:
         read_sensor(path)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("part", "key", "value", "message"),
+    [
+        ("false_objects", "labels", {"lamp": -3}, "greater than or equal to 0"),
+        ("false_objects", "range_m", [-1.0] * 11, "greater than or equal to 0"),
+        ("false_objects", "range_m", [1.0, 2.0], "received 2 quantiles, expected none or 11"),
+        ("false_objects", "elevation_rad", [*range(10), 0], "expected values that do not decrease"),
+        ("false_objects", "per_panorama", 1e9, "less than or equal to 10000"),
+        ("confusion", "bed", {"bed": -1}, "greater than or equal to 0"),
+        ("errors", "range_share", -0.1, "greater than or equal to 0"),
+        ("detection", "intercept", 1e9, "less than or equal to 1000"),
+        ("detection", "offsets", {"bed": -1e9}, "greater than or equal to -1000"),
+    ],
+)
+def test_impossible_numbers_of_a_sensor_file_are_refused(tmp_path, part, key, value, message):
+    path = tmp_path / "sensor.json"
+    content = model(confusion={"chair": {"chair": 6}}).model_dump(mode="json")
+    content[part][key] = value
+    path.write_text(json.dumps(content))
+    with pytest.raises(DataError, match=rf"sensor\.json: {part}.*{message}"):
+        read_sensor(path)

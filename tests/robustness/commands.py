@@ -7,12 +7,14 @@ import re
 import shutil
 from collections.abc import Callable
 from contextlib import chdir
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pyarrow.parquet as pq
+import salframe_annotations
 from command_line import run, without_times
-from readers import Reader
+from readers import Reader, reseal
 from small_map import write_small_map
 
 from salframe.evaluation.runs.request import Request
@@ -21,9 +23,12 @@ from salframe.framework.errors import DataError
 from salframe.panoramas.geometry import pose_2d
 from salframe.topology.building_map import build_map
 
+SENSOR = Path(salframe_annotations.__file__).parent / "sensors" / "panoseg.json"
+MAPS = ("sift", "sovs", "proposed")
+"""Methods of the maps whose damaged content is sealed anew."""
 _ASK = ("--engine", "inline", "--json")
 _RUN = "runs/sound-*"
-_UNFORESEEN = re.compile(r"\b(?!DataError|TProtocolException)[A-Z]\w*(Error|Exception|Iteration)\b")
+UNFORESEEN = re.compile(r"\b(?!DataError|TProtocolException)[A-Z]\w*(Error|Exception|Iteration)\b")
 """What a table tells of an exception that no message was written for; the second stands in messages of pyarrow."""
 
 
@@ -36,7 +41,7 @@ def command(*words: str) -> Callable[[Path], Any]:
             done = run(*(str(next(Path().glob(word))) if "*" in word else word for word in words))
         said = done.out + done.err
         assert "Traceback" not in said, said
-        assert not _UNFORESEEN.search(said), said
+        assert not UNFORESEEN.search(said), said
         if done.code == 2:
             *notes, error = done.err.splitlines()
             assert error.startswith("error: "), done.err
@@ -50,6 +55,10 @@ def command(*words: str) -> Callable[[Path], Any]:
         return told, done.err
 
     return read
+
+
+def _reseal(name: str, root: Path) -> None:
+    reseal(root / name)
 
 
 COMMANDS = {
@@ -90,6 +99,32 @@ COMMANDS = {
         ),
         files="labels.json",
     ),
+    **{
+        f"edited {method}": Reader(
+            "maps",
+            command("localize", method, "kitchen-query", "--data", "./data", "--json"),
+            files=f"{method}/parts-*/**/*",
+            reseal=partial(_reseal, method),
+        )
+        for method in MAPS
+    },
+    "edited route": Reader(
+        "place",
+        command("map", "route", "ways", "a", "c", "--json"),
+        files="ways/parts-*/**/*",
+        reseal=partial(_reseal, "ways"),
+    ),
+    "edited remove": Reader(
+        "place", command("map", "remove", "map", "lounge"), files="map/parts-*/**/*", reseal=partial(_reseal, "map")
+    ),
+    "noise": Reader(
+        "place",
+        command(
+            *("compare", "--methods", "objects", "--data", "./data", *_ASK),
+            *("--set", "detector.kind=annotations", "--set", "detector.noise=sensor.json"),
+        ),
+        files="sensor.json",
+    ),
     "map route": Reader("place", command("map", "route", "ways", "a", "c", "--json"), files="ways/**/*", sealed=True),
     "map export": Reader("place", command("map", "export", "ways", "ways.geojson"), files="ways/**/*"),
     "score": Reader(
@@ -105,6 +140,15 @@ COMMANDS = {
 }
 
 
+def write_maps(root: Path, data: Path) -> None:
+    """Write the data and the maps whose damaged content is sealed anew."""
+    shutil.copytree(data, root / "data")
+    with chdir(root):
+        for method in MAPS:
+            detector = () if method == "sift" else ("detector.kind=annotations",)
+            build_map("./data", Path(method), method, overrides=detector)
+
+
 def write_place(root: Path, data: Path) -> None:
     """Write the sound files of the commands: data, its map, the map of ways, a run, and settings."""
     shutil.copytree(data, root / "data")
@@ -118,6 +162,7 @@ def write_place(root: Path, data: Path) -> None:
     (root / "data.yaml").write_text("kind: folder\nroot: data\nquery_fov_deg: 270\n")
     (root / "study.yaml").write_text("method: objects\nset: {detector.noise: none}\nvary: {labels: [set, multiset]}\n")
     write_small_map(root / "ways")
+    shutil.copy(SENSOR, root / "sensor.json")
     with chdir(root):
         build_map("./data", Path("map"), "objects", overrides=("detector.kind=annotations",))
         compare(Request(("objects",), "./data", name="sound", engine="inline"))

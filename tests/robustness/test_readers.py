@@ -12,9 +12,9 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from commands import COMMANDS, write_place
+from commands import COMMANDS, write_maps, write_place
 from readers import READERS, write_network, write_sound
-from worker import Workshop
+from worker import Finding, Workshop
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="it makes FIFOs")
 FAULTS = ("traceback", "hang", "died", "memory", "wrong")
@@ -28,6 +28,7 @@ def workshop(tmp_path_factory):
     os.environ["SALFRAME_CACHE"] = str(root / "kept")
     write_sound(root / "sound")
     write_place(root / "sound" / "place", root / "sound" / "folder")
+    write_maps(root / "sound" / "maps", root / "sound" / "folder")
     if importlib.util.find_spec("onnx") is not None:
         write_network(root / "sound" / "network" / "net.onnx")
     made = Workshop(root / "sound", root / "scratch")
@@ -37,20 +38,27 @@ def workshop(tmp_path_factory):
 
 
 def judge(workshop: Workshop, cases: int, seed: int) -> None:
-    """Damage so many files by a seed; of ten, one is read by a command, in the process that calls the readers too."""
+    """Damage so many files by a seed; of ten, three are read by a command, in the process that calls the readers
+    too."""
     readers = [name for name in READERS if name != "network" or importlib.util.find_spec("onnx") is not None]
     findings = []
     for case in range(cases):
-        tenth, names = case // 10, list(COMMANDS) if case % 10 == 9 else readers
-        number = tenth if case % 10 == 9 else case - tenth
+        is_command = case % 10 >= 7
+        commands_before = 3 * (case // 10) + max(case % 10 - 7, 0)
+        names, number = (list(COMMANDS), commands_before) if is_command else (readers, case - commands_before)
         findings.append(workshop.judge(names[number % len(names)], seed * cases + case))
+    check(findings, f"seed {seed}")
+
+
+def check(findings: list[Finding], what: str) -> None:
+    """Print what became of damaged files, and fail where one was not refused in one line."""
     count = Counter(finding.verdict for finding in findings)
-    print(f"seed {seed}, {cases} damaged inputs: " + ", ".join(f"{count[fault]} {fault}" for fault in FAULTS))
+    print(f"{what}, {len(findings)} damaged inputs: " + ", ".join(f"{count[fault]} {fault}" for fault in FAULTS))
     print(f"{count['refused']} refused in one line, {count['same']} read as before, {count['changed']} as another:")
     print(*(f"  {finding.what}" for finding in findings if finding.verdict == "changed"), sep="\n")
     faults = [finding for finding in findings if finding.verdict in FAULTS]
     assert not faults, "\n".join(f"{finding.verdict}: {finding.what}" for finding in faults[:60])
-    assert count["refused"] > cases / 3
+    assert count["refused"] > len(findings) / 3
 
 
 def test_200_damaged_inputs(workshop):
@@ -61,3 +69,10 @@ def test_200_damaged_inputs(workshop):
 @pytest.mark.parametrize("seed", SEEDS)
 def test_2000_damaged_inputs(workshop, seed):
     judge(workshop, 2000, seed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", SEEDS)
+def test_2000_damaged_inputs_of_commands(workshop, seed):
+    names = list(COMMANDS)
+    check([workshop.judge(names[case % len(names)], seed * 2000 + case) for case in range(2000)], f"commands, {seed}")

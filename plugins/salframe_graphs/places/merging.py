@@ -167,7 +167,7 @@ def merge(name: str, frames: Sequence[int], sightings: MapSightings, rates: Rate
 
 def _canonical_order(sightings: MapSightings) -> np.ndarray:
     """Return the order (N,) of sightings by their content."""
-    label_rank = np.unique(sightings.labels.astype(str), return_inverse=True)[1] if len(sightings.labels) else []
+    label_rank = np.unique(sightings.labels.astype(str), return_inverse=True)[1]
     return np.lexsort(
         (*sightings.centroid_m.T, sightings.log_saliency, *sightings.log_size.T, label_rank, sightings.range_m)
     )

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from salframe.framework.errors import WorkerDied
+from salframe.framework.errors import ConfigError, WorkerDied
 from salframe.framework.files.reading import read_json
 from salframe.framework.files.writing import write_json, write_text
 
@@ -29,10 +29,18 @@ class Limits:
     Attributes:
         timeout_s: Maximum time in seconds.
         memory_mb: Maximum resident memory of the process and its children in megabytes (1e6 bytes).
+
+    Raises:
+        ConfigError: A limit is not positive.
     """
 
     timeout_s: float | None = None
     memory_mb: float | None = None
+
+    def __post_init__(self) -> None:
+        for name, value in (("timeout_s", self.timeout_s), ("memory_mb", self.memory_mb)):
+            if value is not None and not value > 0:
+                raise ConfigError(f"received {name} {value}, expected a number over 0, or None for no limit")
 
     def __bool__(self) -> bool:
         return self.timeout_s is not None or self.memory_mb is not None

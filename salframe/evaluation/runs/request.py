@@ -25,6 +25,7 @@ from salframe.framework.components.presets import (
 from salframe.framework.components.registry import registry
 from salframe.framework.config import nest, parse_override
 from salframe.framework.errors import ConfigError, InputMissing, RequirementMissing, WeightsError
+from salframe.framework.validation import MAX_INTEGER
 from salframe.panoramas.opening import configure_dataset, provided
 
 
@@ -78,6 +79,8 @@ class Request:
     def __post_init__(self) -> None:
         if isinstance(self.methods, str):
             raise ConfigError(f"received the methods {self.methods!r}, expected a sequence of names")
+        if not 0 <= self.seed <= MAX_INTEGER:
+            raise ConfigError(f"received the seed {self.seed}, expected an integer from 0 to {MAX_INTEGER}")
         object.__setattr__(self, "methods", tuple(self.methods))
         object.__setattr__(self, "settings", tuple(self.settings))
 

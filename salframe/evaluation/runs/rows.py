@@ -15,11 +15,12 @@ from pydantic import BaseModel, ConfigDict, Field
 from salframe.framework.errors import InvalidAnswer
 from salframe.framework.files.reading import check_as, read_lines, whole_lines_bytes
 from salframe.framework.files.writing import naming
+from salframe.framework.validation import MAX_INTEGER, MAX_NUMBER
 
 Row = dict[str, Any]
 """A row as JSON."""
-Count = Annotated[int, Field(ge=0, strict=True)]
-Amount = Annotated[float, Field(ge=0)]
+Count = Annotated[int, Field(ge=0, le=MAX_INTEGER, strict=True)]
+Amount = Annotated[float, Field(ge=0, le=MAX_NUMBER)]
 
 
 class PieceStatus(StrEnum):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import date
@@ -12,7 +11,7 @@ from typing import Any, Literal, TypeVar
 from urllib.parse import quote
 
 import yaml
-from pydantic import Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from salframe.evaluation.runs.request import Resolved
 from salframe.evaluation.runs.rows import PieceRow, read_rows
@@ -25,9 +24,9 @@ from salframe.framework.config import read_yaml
 from salframe.framework.errors import ConfigError, DataError, describe_error, shorten
 from salframe.framework.files.bounded import parse_yaml
 from salframe.framework.files.hashes import digest
-from salframe.framework.files.reading import read_as, read_model
+from salframe.framework.files.reading import copy_log, read_as, read_model
 from salframe.framework.files.writing import write_json, write_text
-from salframe.framework.validation import Settings, validate
+from salframe.framework.validation import Seed, Settings, validate
 
 REQUEST, NOTES, METHODS = "request.yaml", "notes.json", "methods"
 RUN_FORMAT: Literal[2] = 2
@@ -84,12 +83,24 @@ class _Identity(Settings):
     source: str | None = None
 
 
+class _Environment(BaseModel):
+    """Content of env.json that is read; a run that an older version made may lack parts of it."""
+
+    model_config = ConfigDict(frozen=True, extra="allow")
+    date: str = ""
+    dataset_fingerprint: str
+    python: str = "?"
+    packages: dict[str, str] = Field(default_factory=dict)
+    plugins: list[dict[str, Any]] = Field(default_factory=list)
+    machine: dict[str, Any] = Field(default_factory=dict)
+
+
 class _Request(Settings):
     """Content of request.yaml."""
 
     format: Literal[2]
     task: dict[str, Any]
-    seed: int
+    seed: Seed
     data: dict[str, Any]
     methods: dict[str, dict[str, Any]]
     changes: dict[str, list[str]] = Field({})
@@ -248,9 +259,11 @@ class Run:
             )
 
     def environment(self) -> Mapping[str, Any]:
-        """Return what `bind` wrote: the date, the fingerprint of the data, versions and the machine."""
-        content: dict[str, Any] = read_as(self.directory / "env.json", dict[str, Any])
-        return content
+        """Return what `bind` wrote: the date, the fingerprint of the data, versions and the machine.
+
+        Raises DataError where env.json is not as `bind` writes it.
+        """
+        return read_model(self.directory / "env.json", _Environment).model_dump()
 
     def notes(self) -> list[str]:
         """Return the notes beside the table: methods that replace others, and answers that were reused."""
@@ -277,6 +290,9 @@ class Run:
         Args:
             label: Label of the method. A method that has begun in this run keeps its answers.
             fingerprint: Hash of all that answers depend on.
+
+        Raises:
+            DataError: A file of the other run is no regular file.
         """
         folder = self.folder(label)
         if (folder / IDENTITY).exists():
@@ -288,7 +304,7 @@ class Run:
         # Rows first: a run in progress has already described the frames of its rows.
         for name in (ROWS, DESCRIPTIONS, MAPS, OUTCOME):
             if best is not None and (best / name).exists():
-                shutil.copyfile(best / name, folder / name)
+                copy_log(best / name, folder / name)
         source = None if best is None else str(best.parent.parent)
         write_json(folder / IDENTITY, {"sha256": fingerprint, "source": source})
 

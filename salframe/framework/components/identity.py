@@ -16,7 +16,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import core_schema, to_jsonable_python
 
 from salframe.framework.component import ComponentConfig
-from salframe.framework.errors import ConfigError, DataError, WeightsError
+from salframe.framework.errors import ConfigError, DataError, WeightsError, shorten
 from salframe.framework.files.bounded import why
 from salframe.framework.files.hashes import digest, file_sha256
 from salframe.framework.files.onnx_files import SUFFIX, external_files
@@ -40,8 +40,18 @@ class UserFile(_Path):
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
         paths = core_schema.union_schema([core_schema.str_schema(min_length=1), core_schema.is_instance_schema(Path)])
         return core_schema.no_info_after_validator_function(
-            cls, paths, serialization=core_schema.to_string_ser_schema()
+            cls._checked, paths, serialization=core_schema.to_string_ser_schema()
         )
+
+    @classmethod
+    def _checked(cls, path: str | Path) -> UserFile:
+        """Return the path. Raises ValueError where the file system cannot have it, such as one that is too long."""
+        checked = cls(path)
+        try:
+            checked.exists()
+        except OSError as error:
+            raise ValueError(f"cannot read {shorten(str(path))}: {why(error)}, expected a file or folder") from None
+        return checked
 
 
 class SingleFile(UserFile):

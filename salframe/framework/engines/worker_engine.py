@@ -47,6 +47,7 @@ class WorkerEngine(Engine):
         workers: int | None = Field(
             None,
             ge=1,
+            le=1024,
             description="number of worker processes, each with one thread per native library; null: one per processor, "
             "and one with all processors if times are measured",
         )

@@ -21,6 +21,10 @@ MAX_AXIS = 1 << 24
 """Maximum axis length of an array without elements, which the size of the file cannot confirm."""
 
 
+_KIND_WORDS = {"b": "booleans", "i": "integers", "u": "unsigned integers", "f": "floats", "U": "text"}
+"""The word for each `dtype.kind` of a saved array."""
+
+
 class ArrayKind(NamedTuple):
     """The expected kind and shape of a named array.
 
@@ -31,6 +35,10 @@ class ArrayKind(NamedTuple):
 
     kinds: str
     shape: tuple[int | None, ...]
+
+    def __str__(self) -> str:
+        words = " or ".join(_KIND_WORDS[kind] for kind in self.kinds)
+        return f"{words} of shape ({', '.join('*' if length is None else str(length) for length in self.shape)})"
 
     def fits(self, kind: str, shape: tuple[int | None, ...]) -> bool:
         """Return whether an array of this `dtype.kind` and shape fits. None stands for an axis of varying length."""
@@ -158,8 +166,9 @@ def _header(file: BinaryIO, size: int) -> tuple[np.dtype[Any], tuple[int, ...], 
         shape, by_columns, dtype = read(file)
     except Exception as error:  # numpy raises many types of exceptions
         raise ValueError(f"not a numpy array: {' '.join(str(error).split())[:100]}") from None
-    if dtype.hasobject:
-        raise ValueError("an array of Python objects, expected numbers or text")
+    if dtype.hasobject or dtype.kind in "mM":
+        content = "Python objects" if dtype.hasobject else dtype
+        raise ValueError(f"an array of {content}, expected numbers or text")
     count, num_bytes = 1, size - file.tell()
     for length in shape:
         count *= length

@@ -26,6 +26,10 @@ _CHUNK = 1024
 Row = Mapping[str, np.ndarray]
 
 
+_KINDS = {"i": "iuf", "u": "iuf"}
+"""Kinds of a column by the kind of an array, where they may differ: integers become floats beside floats."""
+
+
 class _Declared(Settings):
     """A column in columns.json.
 
@@ -259,6 +263,24 @@ def _read_lengths(path: Path, shape: tuple[int, int]) -> np.ndarray:
     if lengths.shape != shape or lengths.dtype.kind != "u" or lengths.max(initial=0) > MAX_AXIS:
         raise DataError(f"{path} is {lengths.dtype} {lengths.shape}, expected lengths {shape}")
     return lengths.T
+
+
+def check_kinds(columns: Columns, row: Row) -> None:
+    """Check that the columns hold values of the same kind as another row, which the same code computed.
+
+    Raises:
+        DataError: A column holds, for example, booleans where the array of its name in `row` holds floats.
+    """
+    for name, array in row.items():
+        column, kind = columns.columns.get(name), np.asarray(array).dtype.kind
+        if column is None or not len(column.values) or not np.asarray(array).size:
+            continue
+        saved = "U" if column.words is not None else column.values.dtype.kind
+        if saved not in _KINDS.get(kind, kind):
+            path = _path(columns.folder, name)
+            raise DataError(
+                f"{path} holds {column.values.dtype}, expected {np.asarray(array).dtype}: build the map again"
+            )
 
 
 def _check_columns(path: Path, table: _Table, expected: Mapping[str, ArrayKind]) -> None:

@@ -6,6 +6,7 @@ in YAML are read by `salframe.framework.config`. The limits are in `salframe.fra
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import lru_cache
@@ -17,7 +18,7 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from salframe.framework.errors import ConfigError, DataError, WeightsError, one_line
 from salframe.framework.files.array_files import MAX_BYTES, parse_arrays
-from salframe.framework.files.bounded import parse_json, read_bytes, why
+from salframe.framework.files.bounded import check_regular, parse_json, read_bytes, why
 from salframe.framework.validation import describe_faults, validate
 
 _Model = TypeVar("_Model", bound=BaseModel)
@@ -111,6 +112,13 @@ def whole_lines_bytes(path: Path) -> int:
     """Return the total size of the complete lines of a .jsonl file, in bytes. Raises DataError."""
     with reading(path, "a file of JSON lines"):
         return read_bytes(path, _MAX_LOG).rfind(b"\n") + 1
+
+
+def copy_log(path: Path, target: Path) -> None:
+    """Copy a .jsonl or JSON file. Raises DataError if it is no regular file or too large: a device has no end."""
+    with reading(path, "a file of JSON"):
+        check_regular(path, _MAX_LOG)
+        shutil.copyfile(path, target)
 
 
 def read_arrays(path: Path) -> dict[str, np.ndarray]:

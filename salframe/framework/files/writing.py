@@ -43,7 +43,12 @@ def atomic_path(path: Path) -> Iterator[Path]:
     """Yield a temporary path in the folder of `path`, with the same suffix.
 
     The temporary file is renamed to `path` if the block succeeds and removed if it fails.
+
+    Raises:
+        ConfigError: `path` has no file name.
     """
+    if not path.name:
+        raise ConfigError(f"received {str(path)!r} as the file to write, expected a file name")
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.stem}-{os.getpid()}-{time.monotonic_ns()}{path.suffix}")
     try:

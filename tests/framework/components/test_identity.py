@@ -239,4 +239,4 @@ def test_settings_of_no_component_have_one_too(tmp_path):
 
 def test_a_file_that_cannot_be_read_is_one_line(tmp_path):
     with pytest.raises(ConfigError, match=r"cannot read .*: File name too long"):
-        identity(Model.Config(table=tmp_path / ("x" * 300)))
+        validate(Model.Config, {"table": str(tmp_path / ("x" * 300))}, "model")

@@ -7,7 +7,7 @@ import pytest
 
 from salframe.framework.errors import DataError
 from salframe.framework.files import columns
-from salframe.framework.files.columns import read_columns, write_columns
+from salframe.framework.files.columns import check_kinds, read_columns, write_columns
 
 PAIR = np.dtype([("near", "u1"), ("at_mm", "<i2", 3)])
 
@@ -124,3 +124,15 @@ def test_arrays_that_no_column_holds_are_refused(tmp_path, second):
 def test_empty_arrays_are_of_any_type(tmp_path):
     write_columns(tmp_path / "rows", [{"a": np.array([])}, {"a": np.array(["bed"])}, {"a": np.array([], int)}])
     assert [row["a"].tolist() for row in read_columns(tmp_path / "rows")] == [[], ["bed"], []]
+
+
+def test_columns_of_another_kind_than_a_row_are_refused(tmp_path):
+    write_columns(tmp_path / "rows", [{"weight": np.ones(2), "labels": np.array(["bed"])}])
+    columns = read_columns(tmp_path / "rows")
+    check_kinds(columns, {"weight": np.ones(3, np.float32), "labels": np.array(["lamp"]), "other": np.ones(1)})
+    check_kinds(columns, {"weight": np.ones(3, int), "labels": np.zeros(0)})
+    for row in ({"weight": np.ones(3, bool)}, {"weight": np.ones(3, complex)}, {"labels": np.ones(3)}):
+        with pytest.raises(
+            DataError, match=rf"{next(iter(row))}\.npy holds .*, expected {next(iter(row.values())).dtype}"
+        ):
+            check_kinds(columns, row)

@@ -7,6 +7,7 @@ from enum import StrEnum
 from pydantic import Field
 
 from salframe.evaluation.runs.task import TaskOptions
+from salframe.navigation.episodes import NumEpisodes
 
 WITHOUT = " without positioning"
 """Suffix of the label of a method that runs without its poses."""
@@ -38,7 +39,7 @@ ARMS = {
 class NavigationOptions(TaskOptions):
     """Options of a navigation study."""
 
-    episodes: int | str = Field(100, description="number of random episodes in each data set, or TASK:SPLIT")
+    episodes: NumEpisodes | str = Field(100, description="number of random episodes in each data set, or TASK:SPLIT")
     positioning: Positioning = Field(Positioning.ON, description="arms to run: with poses, without poses, both, or all")
 
     @property

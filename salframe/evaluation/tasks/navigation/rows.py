@@ -24,7 +24,7 @@ class EpisodeRow(PieceRow):
     success_3m: bool
     shortest_m: Amount
     path: tuple[Position, ...] | None = None
-    believed: tuple[tuple[float, ...] | None, ...] | None = None
+    believed: tuple[Position | None, ...] | None = None
     left_m: float | None = None
     travelled_m: Amount | None = None
     panoramas: Count | None = None

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import ConfigDict
 
 from salframe.evaluation.report.arms import Arm
 from salframe.evaluation.report.paged_task import PagedTask
@@ -15,7 +16,7 @@ from salframe.evaluation.runs.inputs import check_needs
 from salframe.evaluation.runs.records import Part, Record
 from salframe.evaluation.runs.request import Request, Resolved, resolve
 from salframe.evaluation.runs.rows import Row
-from salframe.evaluation.runs.run_folder import Run
+from salframe.evaluation.runs.run_folder import REQUEST, Run
 from salframe.evaluation.runs.runner import run_task
 from salframe.evaluation.runs.task import Result, TaskOptions, Worker
 from salframe.evaluation.tables.table import Table
@@ -30,13 +31,15 @@ from salframe.evaluation.tasks.navigation.walking import Walking
 from salframe.evaluation.tasks.navigation.walks import list_walks
 from salframe.framework.components.identity import settings_identity
 from salframe.framework.config import merge
-from salframe.framework.errors import ConfigError
+from salframe.framework.errors import ConfigError, shorten
 from salframe.framework.files.writing import write_json
-from salframe.framework.validation import validate
+from salframe.framework.validation import Seed, Settings, validate
 from salframe.localization.localizer import Localizer
 from salframe.navigation.episodes import (
+    MAX_EPISODES,
     Episode,
     EpisodeRequest,
+    NumEpisodes,
     Site,
     draw_episodes,
     place_episodes,
@@ -48,6 +51,16 @@ from salframe.navigation.walk import LOOSER_M, NavigationConfig
 from salframe.navigation.world import open_worlds
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.opening import Progress
+
+
+class _SavedTask(Settings):
+    """The parameters of the task in a run folder. The runner adds other keys."""
+
+    model_config = ConfigDict(extra="ignore")
+    episodes: NumEpisodes | tuple[EpisodeRequest, ...]
+    seed: Seed
+    settings: dict[str, Any]
+    published: str = ""
 
 
 @dataclass(frozen=True)
@@ -91,9 +104,9 @@ class NavigationTask(PagedTask[Episode, NavigationSurvey, EpisodeRow, Navigation
 
     @classmethod
     def from_run(cls, run: Run) -> NavigationTask:
-        content, config = run.task["episodes"], validate(NavigationConfig, run.task["settings"], "navigation")
-        episodes = content if isinstance(content, int) else tuple(EpisodeRequest.model_validate(one) for one in content)
-        return cls(config, episodes, run.task["seed"], find_published(run.task.get("published", "")))
+        saved: _SavedTask = validate(_SavedTask, run.task, f"{run.directory / REQUEST}: task")
+        config = validate(NavigationConfig, saved.settings, f"{run.directory / REQUEST}: task.settings")
+        return cls(config, saved.episodes, saved.seed, find_published(saved.published))
 
     def mode(self, label: str) -> str:
         return next((mode for mode in (TRUE_PLACE, WITHOUT) if label.endswith(mode)), "")
@@ -210,8 +223,8 @@ def plan_navigation(
     request: Request, episodes: int | str | Path, positioning: Positioning
 ) -> tuple[NavigationTask, Resolved]:
     """Return the task of a request and its methods, one for each arm. Raises SalframeError as `navigate`."""
-    if isinstance(episodes, int) and episodes < 1:
-        raise ConfigError(f"received {episodes} episodes, expected at least 1")
+    if isinstance(episodes, int) and not 1 <= episodes <= MAX_EPISODES:
+        raise ConfigError(f"received {shorten(str(episodes), 40)} episodes, expected from 1 to {MAX_EPISODES}")
     resolved: Resolved = resolve(request, scopes=("navigation",))
     content: dict[str, Any] = {}
     for one_scope in resolved.scopes["navigation"]:

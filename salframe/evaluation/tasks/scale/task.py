@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
@@ -18,7 +18,7 @@ from salframe.evaluation.runs.memory import peak_memory_mb
 from salframe.evaluation.runs.records import Part, Survey, by_method
 from salframe.evaluation.runs.request import Request, Resolved, resolve
 from salframe.evaluation.runs.rows import PieceStatus, Row
-from salframe.evaluation.runs.run_folder import Run
+from salframe.evaluation.runs.run_folder import REQUEST, Run
 from salframe.evaluation.runs.task import Task, TaskOptions, Worker
 from salframe.evaluation.tasks.scale.measures import summarize_queries
 from salframe.evaluation.tasks.scale.rows import SceneRow
@@ -29,6 +29,7 @@ from salframe.framework.components.registry import registry
 from salframe.framework.errors import DataError, MethodUnavailable
 from salframe.framework.files.cache import Cache
 from salframe.framework.files.columns import read_columns
+from salframe.framework.files.reading import check_as
 from salframe.graphs.city import City
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.matcher import GraphMatch, GraphMatcher
@@ -50,12 +51,16 @@ MIN_OBJECTS = 3
 """Minimum number of objects of a room that is used for scenes."""
 WINDOW = 2000
 """Number of scenes that exhaustive matching matches at once."""
+NumScenes = Annotated[int, Field(ge=1, le=10_000_000)]
+"""Number of scenes of a map."""
 
 
 class ScaleOptions(TaskOptions):
     """Options of a scale study."""
 
-    scenes: tuple[int, ...] = Field(min_length=1, description="map sizes in scenes; one row of the table for each")
+    scenes: tuple[NumScenes, ...] = Field(
+        min_length=1, description="map sizes in scenes; one row of the table for each"
+    )
 
 
 @dataclass(frozen=True)
@@ -93,7 +98,7 @@ class ScaleTask(Task[int, Survey[int], SceneRow, ScaleRow]):
 
     @classmethod
     def from_run(cls, run: Run) -> ScaleTask:
-        return cls(int(run.task["scenes"]))
+        return cls(check_as(run.task.get("scenes"), NumScenes, f"{run.directory / REQUEST}: task.scenes"))
 
     def survey(self, dataset: Dataset) -> Survey[int]:
         numbers = np.random.default_rng(SEED).permutation(self.scenes)[:QUERIES]

@@ -228,5 +228,8 @@ def test_what_cannot_be_measured_is_told_in_one_line(tiny, tmp_path):
     with pytest.raises(ConfigError, match=r"received the data 'tiny\d*' twice"):
         measure_sensor("annotations", [tiny, tiny])
     told = run("sensor", "annotations", "--data", tiny, "--seeds", "1,x")
-    assert (told.code, told.err) == (2, "error: received the seed 'x', expected non-negative integers\n")
+    assert (told.code, told.err) == (
+        2,
+        "error: received --seeds 'x', expected an integer from 0 to 9223372036854775807\n",
+    )
     assert run("sensor", "annotations", "--data", tiny, "--seeds", "1").code == 2  # a folder has no seed

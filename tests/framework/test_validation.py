@@ -1,0 +1,43 @@
+"""Settings with numbers of limited size."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from pydantic import Field
+
+from salframe.framework.errors import ConfigError
+from salframe.framework.validation import Seed, Settings, validate
+
+
+class Model(Settings):
+    length_m: float = 1.0
+    count: int = 1
+    spread_m: float = Field(1.0, gt=0)
+    origin_m: tuple[float, float] = (0.0, 0.0)
+    shares: dict[str, Any] = Field(default_factory=dict)
+    seed: Seed = 0
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"length_m": 1e308}, r"model\.length_m: received 1e\+308, expected a number from -1e\+12 to 1e\+12"),
+        ({"length_m": float("nan")}, r"model\.length_m: received nan, expected a finite number"),
+        ({"count": 2**63}, r"model\.count: received 9223372036854775808, expected an integer of at most 63 bits"),
+        ({"origin_m": [1e308, 0]}, r"model\.origin_m: 0: received 1e\+308, expected a number"),
+        ({"shares": {"a": [-1e13]}}, r"model\.shares: a\.0: received -1e\+13, expected a number"),
+        ({"spread_m": 1e-320}, r"model\.spread_m: received 9.99989e-321, expected at least 1e-12"),
+        ({"seed": -1}, r"model\.seed: received -1, expected greater than or equal to 0"),
+        ({"seed": True}, r"model\.seed: received True, expected a valid integer"),
+    ],
+)
+def test_numbers_that_nothing_can_compute_with_are_refused(settings, message):
+    with pytest.raises(ConfigError, match=message):
+        validate(Model, settings, "model")
+
+
+def test_large_numbers_within_the_bounds_are_kept():
+    kept = validate(Model, {"length_m": -1e12, "count": 2**63 - 1, "seed": 2**63 - 1}, "model")
+    assert (kept.length_m, kept.count, kept.seed) == (-1e12, 2**63 - 1, 2**63 - 1)
