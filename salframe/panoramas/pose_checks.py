@@ -44,7 +44,9 @@ CLOSE = Tolerance(relative=0.02, offset=0.02)
 CLOSE_SCALES = (0.75, 0.8, 0.85, 0.9, 0.93, 1.07, 1.1, 1.15, 1.2, 1.25, 1.33)
 MIN_SCALE_GAIN = 0.06
 """Minimum gain of agreement at another scale, at the close tolerance."""
-SCALES = (*np.geomspace(0.2, 5.0, 45).tolist(), 0.001, 0.01, 0.1, 10.0, 100.0, 1000.0, 0.3048, 1 / 0.3048)
+UNIT_SCALES = (0.001, 0.01, 0.1, 0.3048, 1 / 0.3048, 10.0, 100.0, 1000.0)
+"""Factors of the positions that correct a unit: millimetres, centimetres, decimetres, feet, and the reverse."""
+SCALES = (*np.geomspace(0.2, 5.0, 45).tolist(), *UNIT_SCALES)
 """Factors of the positions that are tried."""
 ALIKE_NET = 0.01
 """Maximum difference of the agreement of changes that agree equally well."""
@@ -299,10 +301,12 @@ def _scaled(poses: Iterable[np.ndarray], scale: float) -> list[np.ndarray]:
 
 
 def _finer_scale(sample: _Sample, scale: float) -> float:
-    """Return the middle of the best scales near one of the grid SCALES."""
+    """Return a unit (UNIT_SCALES) or else the middle of the best scales near one of the grid SCALES."""
     scales = scale * np.geomspace(0.93, 1 / 0.93, 31)
     ratios = np.array([sample.agreement(_scaled(sample.poses, value), CLOSE).ratio for value in scales])
-    return float(np.median(scales[ratios >= ratios.max() - 0.005]))
+    best = scales[ratios >= ratios.max() - 0.005]
+    units = [unit for unit in UNIT_SCALES if best.min() * 0.98 <= unit <= best.max() * 1.02]
+    return units[0] if units else float(np.median(best))
 
 
 def _scale_text(scale: float, sample: _Sample) -> str:

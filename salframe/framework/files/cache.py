@@ -108,21 +108,25 @@ class Cache:
         return CacheState(self.directory, len(sizes), sum(sizes), self.limit_bytes)
 
     def clear(self) -> CacheState:
-        """Remove all entries. Return the state before."""
+        """Remove all entries but those of other users. Return the state before."""
         before = self.state()
         for path, _, _ in self._entries():
-            path.unlink(missing_ok=True)
-        self._size_bytes = 0
+            with suppress(PermissionError):  # an entry of another user, who shares the cache
+                path.unlink(missing_ok=True)
+        self._size_bytes = None
         return before
 
     def _make_room(self) -> None:
-        """Remove the least recently used entries until the cache is at TARGET_FILL."""
+        """Remove the least recently used entries until the cache is at TARGET_FILL. Keeps entries of other users."""
         entries = sorted(self._entries(), key=lambda entry: entry[1])
         size = sum(bytes_ for _, _, bytes_ in entries)
         for path, _, bytes_ in entries:
             if size <= TARGET_FILL * self.limit_bytes:
                 break
-            path.unlink(missing_ok=True)
+            try:
+                path.unlink(missing_ok=True)
+            except OSError:  # an entry of another user, who shares the cache
+                continue
             size -= bytes_
         self._size_bytes = size
 
@@ -132,7 +136,7 @@ class Cache:
         for path in self.directory.glob("??/[!.]*.npz"):
             try:
                 status = path.stat()
-            except FileNotFoundError:
+            except OSError:  # removed meanwhile, or in a folder of another user
                 continue
             entries.append((path, status.st_mtime_ns, status.st_size))
         return entries

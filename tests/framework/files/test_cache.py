@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -98,6 +99,26 @@ def test_the_least_recently_used_go_first(tmp_path):
     full.put(4, ARRAYS, 1.0)
     assert [number for number in range(5) if full.get(number) is not None] == [0, 3, 4]
     assert full.state().size_bytes <= 4 * size
+
+
+def test_entries_of_another_user_stay_and_cost_nothing(tmp_path, monkeypatch):
+    """Two users share a folder with the sticky bit: nobody removes the entries of the other."""
+    cache = Cache(tmp_path, limit_bytes=2000)
+    cache.put({"user": "other"}, ARRAYS, 1.0)
+    foreign, unlink = entry(cache), Path.unlink
+
+    def refuse(path, missing_ok=False):
+        if path == foreign:
+            raise PermissionError(1, "Operation not permitted", str(path))
+        unlink(path, missing_ok=missing_ok)
+
+    monkeypatch.setattr(Path, "unlink", refuse)
+    for number in range(9):
+        cache.put({"frame": number}, ARRAYS, 1.0)
+    assert cache.get({"user": "other"}) is not None
+    assert cache.state().size_bytes <= 2000 + foreign.stat().st_size
+    cache.clear()
+    assert cache.state().entries == 1
 
 
 def test_the_limit_is_set_by_the_environment(tmp_path, monkeypatch):
