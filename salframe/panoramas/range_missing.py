@@ -47,11 +47,12 @@ def missing_values(steps: np.ndarray, weights: np.ndarray | None = None) -> dict
     """
     known = steps > 0
     weight = np.broadcast_to(1.0 if weights is None else weights, steps.shape)[known]
-    values, index = np.unique(steps[known], return_inverse=True)
+    count, weight_of = np.bincount(steps[known]), np.bincount(steps[known], weight)
+    values = np.flatnonzero(count)
     if len(values) < MIN_VALUES:
         return {}
-    shares = np.bincount(index, weight) / weight.sum()
-    is_background = np.bincount(index) > MAX_PIXELS * steps.size
+    shares = weight_of[values] / weight_of.sum()
+    is_background = count[values] > MAX_PIXELS * steps.size
     candidates = {
         int(values[number]): float(shares[number])
         for number in np.flatnonzero((shares >= MIN_SHARE) & ~is_background).tolist()
