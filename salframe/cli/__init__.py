@@ -35,7 +35,7 @@ from salframe.cli import (
     show_objects,
     weights,
 )
-from salframe.cli.output import only_json
+from salframe.cli.output import only_json, show_log
 from salframe.framework.components.entry_points import COMMANDS, discover
 from salframe.framework.errors import ConfigError, SalframeError, describe_error, one_line
 
@@ -169,6 +169,7 @@ def main() -> None:
     exits with status 130, SIGTERM with status 143.
     """
     signal.signal(signal.SIGTERM, _terminate)
+    show_log()
     try:
         _check_arguments(sys.argv[1:])
         with only_json("--json" in sys.argv):

@@ -71,6 +71,19 @@ def warn(note: str) -> None:
     tell(f"warning: {note}")
 
 
+def show_log() -> None:
+    """Print what the package logs, such as a method that replaces another, on stderr."""
+    import logging
+
+    class ToUser(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            tell(record.getMessage())
+
+    log = logging.getLogger("salframe")
+    log.handlers, log.propagate = [ToUser()], False
+    log.setLevel(logging.INFO)
+
+
 class Bars:
     """Progress of tasks on stderr: a bar for each task, or a line every LINE_SECONDS if stderr is not a terminal."""
 

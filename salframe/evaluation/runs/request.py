@@ -96,6 +96,7 @@ class Resolved:
         engine: Configuration of the engine.
         scopes: Settings of anything else, by scope.
         notes: Notes on methods that replace a requested one, and on the components that `auto` selected.
+        replacements: Those of the notes that say that a method replaces a requested one.
         requested_as: The requested label of each method, by its label in the run.
         changes: The settings of methods that differ from the preset or component of their name, "key=value" each, by
             label. Methods without such settings are missing.
@@ -109,6 +110,7 @@ class Resolved:
     notes: tuple[str, ...] = ()
     requested_as: Mapping[str, str] = field(default_factory=dict)
     changes: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    replacements: tuple[str, ...] = ()
 
 
 def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = ()) -> Resolved:
@@ -159,6 +161,7 @@ def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = (
                 changes[runs] = find_changes(role, runs, runner, variant.settings, instead, standard_choice)
             for line in choice.notes:
                 taken.setdefault(line, []).append(runs)
+    replacements = tuple(notes)
     notes += [f"{list_methods(takers, methods)}: {line}" for line, takers in taken.items()]
     engine = configure_default("engine", request.engine or default_of("engine"), overrides.scopes["engine"])
     return Resolved(
@@ -170,6 +173,7 @@ def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = (
         tuple(notes),
         requested_as,
         {label: one for label, one in changes.items() if one},
+        replacements,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections import Counter
@@ -33,6 +34,7 @@ from salframe.localization.map_files import MAP_FORMAT
 from salframe.panoramas.data_checks import data_notes
 from salframe.panoramas.opening import Progress, open_dataset, reference_frames
 
+_log = logging.getLogger(__name__)
 POLL_SECONDS = 0.5
 TRIES, DEATHS = 2, 3
 """Number of deaths of a process after which a piece is skipped, and number of skipped pieces that end a method."""
@@ -81,6 +83,8 @@ def _resume(
     engine: Engine = registry().build("engine", resolved.engine)
     dataset = open_dataset(resolved.data, progress and partial(progress, resolved.name), engine)
     run.bind(dataset.question_key)
+    for note in resolved.replacements:  # before the run, which may take long
+        _log.info(note)
     survey = task.survey(dataset)
     for label, config in resolved.methods.items():
         data = [dataset.content_key, dataset.question_key]

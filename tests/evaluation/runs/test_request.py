@@ -166,6 +166,12 @@ def test_a_stand_in_matches(furnished, presets):
     assert result.notes == (f"plain, not fancy: {MISSING}",)
 
 
+def test_a_stand_in_is_logged_before_the_run(stand_ins, caplog):
+    caplog.set_level("INFO", "salframe")
+    compare(request("fancy"))
+    assert [record.getMessage() for record in caplog.records] == [f"plain, not fancy: {MISSING}"]
+
+
 def test_a_stand_in_walks(apartment, presets):
     presets({"fancy": {"kind": "weightless", "otherwise": "plain"}, "plain": {"kind": "seer"}})
     asked = request("fancy", data="apartment")
