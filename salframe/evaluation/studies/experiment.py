@@ -145,8 +145,8 @@ def run_experiment(
 
     Args:
         name: A shipped experiment or a YAML file.
-        request: Provides `runs`, `engine`, `seed` and `data_dir`, the folder of data that are not rendered. Tables on
-            such data are skipped without it.
+        request: Provides `runs`, `engine`, `seed` and `data_dir`, the folder of the data that the user supplies.
+            Tables on such data are skipped without `data_dir`.
         quick: Whether to run fewer seeds and methods.
         force: Whether to measure all tables again.
         results: The folder of the files of results.
@@ -220,7 +220,7 @@ def _with_data(study: Study, request: Request) -> Request:
     if not any(getattr(config, "root", "") is None for config in configs):
         return without
     if request.data_dir is None:
-        raise InputMissing(f"its data, {configs[0].kind}, are not rendered: name their folder by --data-dir")
+        raise InputMissing(f"the data, {configs[0].kind}, are files that you supply: give their folder with --data-dir")
     return request
 
 
