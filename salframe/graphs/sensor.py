@@ -81,7 +81,7 @@ class FalseObjects(Settings):
     """False positives: detections without an annotated object. Quantiles are evenly spaced from minimum to maximum."""
 
     per_panorama: float = Field(ge=0, description="mean number per panorama")
-    labels: dict[str, int] = Field(description="number by label of the detector")
+    labels: dict[str, int] = Field(description="number of false positives with each label of the detector")
     range_m: Quantiles = Field(description="range of the centroid")
     elevation_rad: Quantiles = Field(description="elevation of the bearing")
     size_m: Quantiles = Field(description="cube root of the box's volume")

@@ -27,7 +27,7 @@ class MethodRow(ABC):
             them where it estimated the range.
         available: Whether it can run here.
         ended: How its work ended.
-        reason: Why it was not measured, or a warning.
+        reason: Why the method was not measured, or a warning.
         status: Number of occurrences of each status.
         errors: First message of each status that has one.
         by_part: Its first figure on each data set, where there are several.
@@ -79,7 +79,10 @@ class MethodRow(ABC):
 
     @property
     def remark(self) -> str | None:
-        """Note beside the numbers: input that was estimated, and why the method was not measured, or a warning."""
+        """Note beside the numbers; None if there is nothing to note.
+
+        It states the input if the range was estimated, followed by `reason`.
+        """
         marks = [f"input {', '.join(self.input).replace('rgb', 'colour')}"] if ESTIMATED_RANGE in self.input else []
         return "; ".join([*marks, *([self.reason] if self.reason else [])]) or None
 

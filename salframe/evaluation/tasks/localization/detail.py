@@ -139,7 +139,11 @@ class _Method:
             self._localizer = LocalizationMap.from_descriptions(self._localizer, descriptions, frames, floors).localizer
 
     def look(self, query: Json, frame: QueryFrame, row: AnswerRow | None, truth: Truth, correct: bool) -> Json:
-        """Return the details of an answer, and add the objects of the query and its matched frames."""
+        """Return the details of an answer.
+
+        Also add the objects of the query to `query`. Add the frame of the answer and, if the answer is wrong, a frame
+        of the true place to the frames of the report, with their objects.
+        """
         description = self._describe(frame)
         objects = describe_objects(description)
         if objects is not None:
