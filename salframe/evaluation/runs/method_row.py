@@ -23,9 +23,9 @@ class MethodRow(ABC):
     Attributes:
         method: Label of the method.
         changes: Its settings that differ from the preset or component of its name, "key=value" each.
-        given: Parts of panoramas that it received as input, with the noise added to them; ESTIMATED_RANGE is one of
-            them where it estimated the range.
-        available: Whether it can run here.
+        input: Parts of panoramas that the method received, with the noise added to them; ESTIMATED_RANGE is one of
+            them where the method estimated the range.
+        available: Whether the method can run here.
         ended: How its work ended.
         reason: Why the method was not measured, or a warning.
         status: Number of occurrences of each status.
