@@ -54,8 +54,8 @@ class Experiment(Settings):
 
     title: str
     question: str = Field(description="the question that the experiment answers")
-    reported: tuple[str, ...] = Field((), description="titles of reported tables to show beside it")
-    differs: str = Field("", description="how the data differ from those of the reported figures")
+    reported: tuple[str, ...] = Field((), description="titles of reported tables to show beside the experiment")
+    differs: str = Field("", description="how the data differ from the data of the reported numbers")
     tables: dict[str, TableStudy]
 
 
@@ -66,8 +66,8 @@ class TableResult:
     Attributes:
         name: Name of the table.
         study: The study that the table shows.
-        kept: Its stored result, of this run or an earlier one.
-        skipped: Why it was not measured.
+        stored: The stored result of the table, of this run or an earlier run.
+        skipped: Why the table was not measured.
         fresh: The result of this run; None where the table was not measured now.
     """
 

@@ -52,7 +52,7 @@ class Details:
     Attributes:
         queries: For each query the objects by describer, and details of the answer of each arm.
         frames: Map frames that details refer to, by id, with their objects by describer.
-        map_frames: These frames themselves, by id.
+        map_frames: The reference frames of `frames`, by id.
         notes: Notes on details that are missing.
     """
 
