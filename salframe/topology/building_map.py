@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -41,6 +41,11 @@ class BuildingMap:
             self.localization.write(parts)
         if self.topology is not None:
             write_topology(parts, self.topology)
+
+
+def by_place(frames: Iterable[ReferenceFrame]) -> list[ReferenceFrame]:
+    """Return frames in the order of their places and ids: a topology does not depend on how its map came about."""
+    return sorted(frames, key=lambda frame: (frame.place, frame.id))
 
 
 def build_map(
@@ -95,7 +100,7 @@ def build_map(
     topological_map = None
     if floors:
         try:
-            topological_map = build_topology(floors, frames, TopologySettings(choose=choose))
+            topological_map = build_topology(floors, by_place(frames), TopologySettings(choose=choose))
         except DataError as error:
             if choose or not frames:
                 raise

@@ -20,7 +20,7 @@ from salframe.panoramas.floors import FloorMasks, join_floors, without_places
 from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.opening import Progress, find_dataset, reference_frames
 from salframe.topology.build import build_topology
-from salframe.topology.building_map import BuildingMap
+from salframe.topology.building_map import BuildingMap, by_place
 from salframe.topology.store import TOPOLOGY, read_topology
 from salframe.topology.topological_map import TopologicalMap
 
@@ -185,7 +185,7 @@ def _change(directory: Path, change: _Change) -> MapChange:
         floors = change(localization, old_floors)
         notes: tuple[str, ...] = ()
         if topology is not None and floors:
-            topology = build_topology(floors, localization.frames, topology.parameters)
+            topology = build_topology(floors, by_place(localization.frames), topology.parameters)
             notes = topology.notes
         elif topology is not None:
             topology, notes = None, ("the topology was dropped: none of the remaining places has a floor",)

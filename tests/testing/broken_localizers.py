@@ -58,7 +58,7 @@ class Loyal(SaliencyGraphLocalizer):
     """Broken."""
 
     def match(self, description):
-        answer, first = super().match(description), self._matching.frames[0].place
+        answer, first = super().match(description), min(self._matching.frames, key=lambda frame: frame.id).place
         places = sorted(answer.places, key=lambda ranked: ranked.place != first)
         best = answer.places[0].score if answer.places else 0.0
         return replace(answer, places=tuple(ranked._replace(score=best) for ranked in places))

@@ -56,11 +56,14 @@ def test_what_a_map_costs_and_what_is_found_in_it(furnished, tmp_path, monkeypat
     LocalizationMap.from_descriptions(method, described, frames).save(tmp_path / "map")
     # the index has another path in map.json
     assert one.bytes_per_scene == pytest.approx(folder_bytes(tmp_path / "map") / SCENES, rel=0.02)
-    graphs = MappedGraphs(MapParts(next((tmp_path / "map").glob("parts-*"))).read_scenes()[0])
+    packed, saved = MapParts(next((tmp_path / "map").glob("parts-*"))).read_scenes()
+    graphs, numbers = MappedGraphs(packed), [int(frame.id.removeprefix("frame-")) for frame in saved]
     matcher = GeometricMatcher(GeometricMatcher.Config(max_candidates=None))
     index, rows = matcher.index(graphs), Run.load(result.runs[0]).rows("twenty", scale.ScaleTask.row)
     assert len({row.query for row in rows}) == 12
-    expected = {row.query: matcher.match(city.query(row.query), index, 1)[0].scene == row.query for row in rows}
+    expected = {
+        row.query: numbers[matcher.match(city.query(row.query), index, 1)[0].scene] == row.query for row in rows
+    }
     exhaustive = {row.query: row.right_exhaustive for row in rows if row.right_exhaustive is not None}
     assert exhaustive == {query: expected[query] for query in exhaustive}
     assert len(exhaustive) == 6
