@@ -13,7 +13,7 @@ import yaml
 
 MAX_SHIFT_M = 0.25
 MAX_NUMBER = 1e12
-_FIGURES = ("method", "accuracy", "precision", "recall", "SR", "OSR", "SPL", "RGS", "RGSPL")
+_FIGURES = ("method", "queries", "pairs", "accuracy", "precision", "recall", "SR", "OSR", "SPL", "RGS", "RGSPL")
 
 
 class Told(NamedTuple):
