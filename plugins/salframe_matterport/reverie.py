@@ -7,7 +7,9 @@ are scored as in its `eval_release.py`. That script does not score objects; obje
 
 from __future__ import annotations
 
+import logging
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +24,7 @@ from salframe.framework.files.reading import read_as, read_json
 from salframe.navigation.episodes import EpisodeRequest
 from salframe_matterport.readers import Number, boxes_path, connectivity_path, read_boxes, read_connectivity, read_ways
 
+_log = logging.getLogger("salframe.reverie")
 METRICS = ("SR", "OSR", "SPL", "RGS", "RGSPL")
 MIN_LENGTH_M = 0.01
 """Divisor of SPL when neither the agent nor the reference path moves, in metres (DUET)."""
@@ -283,16 +286,32 @@ def read_answers(content: Any, path: Path) -> dict[str, Answer]:
     if not isinstance(content, list):
         raise DataError(f"{path} contains {type(content).__name__}, expected {expected}")
     answers: dict[str, Answer] = {}
+    without_object = 0
     for position, item in enumerate(content):
         try:
             name, walked = item["instr_id"], tuple(viewpoints(item["trajectory"]))
-            answers.setdefault(name, Answer(walked, str(item.get("predObjId", item.get("pred_objid")))))
+            named = item.get("predObjId", item.get("pred_objid"))
+            answers.setdefault(name, Answer(walked, _object_id(named, f"{path}: {name}")))
+            without_object += "predObjId" not in item and "pred_objid" not in item
         except (AttributeError, KeyError, TypeError) as error:
             reason = f"no key {error}" if isinstance(error, KeyError) else str(error)
             raise DataError(f"{path}: answer {position}: {reason}; expected {expected}") from None
         if not walked:
             raise DataError(f"{path}: {name} has an empty trajectory, expected at least its start")
+    if without_object:
+        _log.warning(
+            "%s: %d of %d answers have no key predObjId or pred_objid, and count as naming no object",
+            *(path, without_object, len(content)),
+        )
     return answers
+
+
+def _object_id(named: Any, where: str) -> str:
+    """Raises DataError unless it is an integer of at most 9 digits, such an integer as text, "None" or null."""
+    is_typed = isinstance(named, int | str | None) and not isinstance(named, bool)
+    if not is_typed or not re.fullmatch("-?[0-9]{1,9}|None", str(named)):
+        raise DataError(f"{where} names the object {named!r:.60}, expected its id, an integer, or null for none")
+    return str(named)
 
 
 def viewpoints(trajectory: Any) -> Iterator[str]:

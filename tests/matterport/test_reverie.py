@@ -108,11 +108,22 @@ def test_an_object_counts_where_it_is_named_and_not_only_where_it_is_seen(root):
     assert row["RGSPL"] == round(100 * (7 / 17 + 1 + 1) / 3, 2)
 
 
-def test_no_object_named_is_a_wrong_one(root):
-    (row,) = score(
-        root, [{key: value for key, value in item.items() if key != "predObjId"} for item in official(ANSWERS)]
-    )
+def test_no_object_named_is_a_wrong_one_and_a_missing_key_is_told(root, caplog):
+    (row,) = score(root, [{**item, "predObjId": None} for item in official(ANSWERS)])
+    assert not caplog.messages
+    unnamed = [{key: value for key, value in item.items() if key != "predObjId"} for item in official(ANSWERS)]
+    assert score(root, unnamed) == [row]
     assert (row["SR"], row["RGS"], row["RGSPL"]) == (66.67, 0, 0)
+    (message,) = caplog.messages
+    assert "answers.json: 3 of 3 answers have no key predObjId" in message
+
+
+@pytest.mark.parametrize("named", [1e300, 7.0, True, [], {}, "", "x", 10**18])
+def test_what_is_no_object_id_is_refused(root, named):
+    answers = official(ANSWERS)
+    answers[0]["predObjId"] = named
+    with pytest.raises(DataError, match=r"names the object .*, expected its id, an integer, or null"):
+        score(root, answers)
 
 
 def test_an_agent_that_stays_is_scored(root):

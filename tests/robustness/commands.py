@@ -9,10 +9,10 @@ from collections.abc import Callable
 from contextlib import chdir
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import pyarrow.parquet as pq
 import salframe_annotations
+from answers import Told
 from command_line import run, without_times
 from readers import Reader, reseal
 from small_map import write_small_map
@@ -32,11 +32,11 @@ UNFORESEEN = re.compile(r"\b(?!DataError|TProtocolException)[A-Z]\w*(Error|Excep
 """What a table tells of an exception that no message was written for; the second stands in messages of pyarrow."""
 
 
-def command(*words: str) -> Callable[[Path], Any]:
+def command(*words: str) -> Callable[[Path], Told]:
     """A reader that runs a command in the folder and gives what it prints, but for times. Raises DataError with the
     line that it ends with, and AssertionError where it ends otherwise than by a clear line or a table of such."""
 
-    def read(root: Path) -> Any:
+    def read(root: Path) -> Told:
         with chdir(root):
             done = run(*(str(next(Path().glob(word))) if "*" in word else word for word in words))
         said = done.out + done.err
@@ -52,7 +52,7 @@ def command(*words: str) -> Callable[[Path], Any]:
         if done.code == 1:
             assert done.out, done.err
             raise DataError("told in the table")
-        return told, done.err
+        return Told(told, done.err)
 
     return read
 

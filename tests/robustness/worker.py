@@ -17,8 +17,10 @@ _TESTS = Path(__file__).parent.parent
 
 
 class Finding(NamedTuple):
-    """What became of a damaged file: "same" (read as if it were sound), "changed" (read as something else), "refused",
-    "wrong" (changed though sealed), "traceback", "hang", "died" or "memory", and what is to be said of it."""
+    """What became of a damaged file, and what is to be said of it: "same" (read as if it were sound), "refused",
+    "changed" (read as something else, but a command's answer is the same, or differs and says so), "plausible" (a
+    command's answer differs, and the file could be a sound one), "wrong" (the answer differs though the file could
+    not, or changed though sealed), "traceback", "hang", "died" or "memory"."""
 
     verdict: str
     what: str
@@ -66,6 +68,7 @@ class Workshop:
 def serve(pipe, sound: Path, scratch: Path) -> None:
     """Answer requests until the pipe closes: to read sound files, seed None, or files damaged by a seed."""
     sys.path[:0] = [str(_TESTS), str(_TESTS / "robustness")]
+    from answers import Told, another, is_plausible, says_more
     from commands import COMMANDS
     from mutator import damage
     from readers import READERS
@@ -79,6 +82,13 @@ def serve(pipe, sound: Path, scratch: Path) -> None:
         shutil.rmtree(copy, ignore_errors=True)
         return Path(shutil.copytree(sound / reader.folder, copy))
 
+    def compared(reader, sound_read, read, file: Path) -> str:
+        if reader.sealed:
+            return "wrong"
+        if not isinstance(read, Told) or not another(sound_read, read) or says_more(sound_read, read):
+            return "changed"
+        return "plausible" if is_plausible(sound / reader.folder / file, scratch / reader.folder / file) else "wrong"
+
     readers, known = {**READERS, **COMMANDS}, {}
     before_mb = _peak_mb()
     pipe.send("ready")
@@ -89,7 +99,8 @@ def serve(pipe, sound: Path, scratch: Path) -> None:
             return
         reader = readers[name]
         if seed is None:
-            known[name] = repr(reader.read(copied(reader)))
+            read = reader.read(copied(reader))
+            known[name] = read, repr(read)
             pipe.send("known")
             continue
         copy, rng = copied(reader), np.random.default_rng([seed, zlib.crc32(name.encode())])
@@ -100,7 +111,8 @@ def serve(pipe, sound: Path, scratch: Path) -> None:
         if reader.reseal is not None and path.name != "map.json":
             reader.reseal(copy)
         try:
-            read = repr(reader.read(copy))
+            read = reader.read(copy)
+            text = repr(read)
         except SalframeError as error:
             one_line = "\n" not in str(error) and len(str(error)) < MAX_LINE
             verdict = "refused" if one_line else "traceback"
@@ -108,9 +120,12 @@ def serve(pipe, sound: Path, scratch: Path) -> None:
         except BaseException:
             verdict, what = "traceback", f"{what}\n{traceback.format_exc()}"
         else:
-            changed = read not in (known[name], "None")
-            verdict = ("wrong" if reader.sealed else "changed") if changed else "same"
-            what += f": {_difference(known[name], read)}" if changed else ""
+            sound_read, sound_text = known[name]
+            if text in (sound_text, "None"):
+                verdict = "same"
+            else:
+                verdict = compared(reader, sound_read, read, path.relative_to(copy))
+                what += f": {_difference(sound_text, text)}"
         peak_mb = _peak_mb()
         if peak_mb - before_mb > MEMORY_MB:
             verdict, what = "memory", f"{what}: {peak_mb - before_mb:.0f} MB"

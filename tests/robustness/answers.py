@@ -1,0 +1,112 @@
+"""What a command answered, whether another answer differs from it, and whether a damaged file could be a sound one."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow.parquet as pq
+import yaml
+
+MAX_SHIFT_M = 0.25
+MAX_NUMBER = 1e12
+_FIGURES = ("method", "queries", "pairs", "accuracy", "precision", "recall", "SR", "OSR", "SPL", "RGS", "RGSPL")
+
+
+class Told(NamedTuple):
+    """What a command printed: its JSON or text without times, and its lines on stderr."""
+
+    out: Any
+    err: str
+
+
+def another(sound: Told, told: Told) -> bool:
+    """Whether it answers another place or figure, or a position or length over 0.25 m away."""
+    before, after = _answers(sound.out), _answers(told.out)
+    if [place for place, _ in before] != [place for place, _ in after]:
+        return True
+    pairs = [(one, other) for (_, one), (_, other) in zip(before, after, strict=True)]
+    return any(len(one) != len(other) or math.dist(one, other) > MAX_SHIFT_M for one, other in pairs)
+
+
+def says_more(sound: Told, told: Told) -> bool:
+    """Whether a line on stderr, a note, a status or a reason tells what the sound input's answer does not tell."""
+    return bool(_remarks(told) - _remarks(sound))
+
+
+def is_plausible(sound: Path, damaged: Path) -> bool:
+    """Whether the damage left syntax, types, names, numbers of values, and the bounds of every number as they were,
+    so that the file could be a sound one of other content."""
+    try:
+        return damaged.is_file() and _structure(sound) == _structure(damaged)
+    except Exception:  # whatever a library raises: it cannot be read
+        return False
+
+
+def _answers(out: Any) -> list[tuple[Any, tuple[float, ...]]]:
+    """Places or figures, each with a position in m where there is one."""
+    if isinstance(out, list):
+        return [answer for part in out for answer in _answers(part)]
+    if not isinstance(out, dict):
+        return []
+    if "rows" in out:
+        return _answers(out["rows"])
+    if "places" in out:
+        best, pose = [place["place"] for place in out["places"][:1]], out["pose"]
+        return [(best, (pose["x_m"], pose["y_m"]) if pose else ())]
+    if "nodes" in out:
+        return [(out["nodes"], (out["length_m"],))]
+    if "images" in out:
+        return [([found["label"] for found in image["objects"]], ()) for image in out["images"]]
+    shift_m = out.get("median_translation_m")
+    figures = [out[name] for name in _FIGURES if name in out]
+    return [(figures, () if shift_m is None else (shift_m,))] if figures else []
+
+
+def _remarks(told: Told) -> set[str]:
+    remarks = set(told.err.splitlines())
+    if isinstance(told.out, dict):
+        remarks |= set(told.out.get("notes", ()))
+        for part in (told.out, *told.out.get("rows", ())):
+            status = part.get("status", ())
+            remarks |= {status} if isinstance(status, str) else set(status)
+            remarks |= {part["reason"]} if part.get("reason") else set()
+    return remarks
+
+
+def _structure(path: Path) -> Any:
+    if path.suffix in (".json", ".yaml"):
+        return _shape(yaml.safe_load(path.read_text()) if path.suffix == ".yaml" else json.loads(path.read_text()))
+    if path.suffix == ".jsonl":
+        return [_shape(json.loads(line)) for line in path.read_text().splitlines()]
+    if path.suffix == ".npy":
+        return _array(np.load(path))
+    if path.suffix == ".npz":
+        return {name: _array(array) for name, array in np.load(path).items()}
+    if path.suffix == ".parquet":
+        table = pq.read_table(path)
+        counts = [(len(set(column)), column.null_count) for column in table.columns]
+        return table.schema.names, table.schema.types, len(table), counts
+    if path.suffix in (".jpg", ".csv", ".house", ".conf"):
+        return path.suffix
+    return path.read_bytes()
+
+
+def _shape(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _shape(part) for key, part in value.items()}
+    if isinstance(value, list):
+        return [_shape(part) for part in value]
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return "number" if abs(value) <= MAX_NUMBER else "beyond"
+    if isinstance(value, str):
+        return "text" if value.strip() and value.isprintable() and len(value) < 1000 else "odd text"
+    return type(value).__name__
+
+
+def _array(array: np.ndarray) -> Any:
+    numbers = np.abs(array[np.isfinite(array)]) if array.dtype.kind in "iuf" else np.zeros(0)
+    return array.dtype, array.shape, len(numbers), bool((numbers > MAX_NUMBER).any())
