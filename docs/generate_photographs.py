@@ -33,7 +33,8 @@ def percent(share: float) -> str:
 
 
 def pixels(printed: dict[str, Any]) -> Rows:
-    yield "pixels", "correct %", "mean IoU %", "wall, floor, ceiling as one: correct %", "mean IoU %"
+    one_class = "wall, floor, ceiling as one"
+    yield "pixels", "correct %", "mean IoU %", f"{one_class}: correct %", f"{one_class}: mean IoU %"
     for name, key in DETECTORS.items():
         parts = (printed[key].get(part) for part in ("pixels", "pixels_one_structure"))
         shares = (part and (part["accuracy"], part["mean_iou"]) for part in parts)

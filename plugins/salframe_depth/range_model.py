@@ -92,8 +92,8 @@ class OnnxDepth(RangeModel):
             )
         if settings.input == "equirectangular" and settings.gives == "z-depth":
             raise ConfigError(
-                f"received gives: z-depth for a whole panorama, which has no axis, expected a network for {self.name} "
-                "that gives range, inverse or points"
+                f"{self.name}: the setting gives is z-depth and the setting input is equirectangular, but a panorama "
+                "has no axis along which to measure depth; expected gives: range, inverse or points"
             )
         width, height = settings.size_px or (None, None)
         self._model = open_model(settings.model, [(None, 3, height, width)])

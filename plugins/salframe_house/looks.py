@@ -75,7 +75,7 @@ def wood(rng: np.random.Generator) -> Material:
 
 
 def board(rng: np.random.Generator) -> Material:
-    """Return the board of cabinets and office furniture: wood or painted board."""
+    """Return a random material for the boards of cabinets and office furniture: wood or paint."""
     return wood(rng) if rng.random() < 0.6 else _draw(rng, "laminate", _PAINTS)
 
 

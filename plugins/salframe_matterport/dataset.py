@@ -196,10 +196,10 @@ class MatterportAnnotations(NavigableDataset):
     def _folds(self) -> list[Fold]:
         queries = {scan: self._queries(scan) for scan in self._scans}
         if not any(queries.values()):
-            more = "another" if self.config.leave_out == 1 else f"{self.config.leave_out} others"
+            more = "1 other viewpoint" if self.config.leave_out == 1 else f"{self.config.leave_out} other viewpoints"
             raise DataError(
-                f"{self._root} has no queries, expected a viewpoint with {self.config.min_visible} visible objects "
-                f"and {more} in its region"
+                f"{self._root} has no queries, expected a viewpoint with at least {self.config.min_visible} visible "
+                f"objects, and at least {more} in the same region"
             )
         if not self.config.one_map:
             query_scenes = (scene for scenes in queries.values() for scene in scenes)

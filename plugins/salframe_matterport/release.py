@@ -50,8 +50,8 @@ class Viewpoint:
     Attributes:
         name: Name of the viewpoint.
         folder: Folder of the building.
-        shots: Its images and their cameras.
-        T_world_pano: Pose (4, 4) of its panorama: upright, at the mean position of the cameras, with the
+        shots: Images of the viewpoint and their cameras.
+        T_world_pano: Pose (4, 4) of the panorama: upright, at the mean position of the cameras, with the
             heading of the first image of the horizontal camera.
     """
 

@@ -136,8 +136,9 @@ class MeshDataset(RenderedDataset[FrameSpec]):
         houses = sorted(self._source.glob("*.house"))
         if len(houses) != 1:
             raise DataError(
-                f"{self._source} has neither frames.csv ({', '.join(_COLUMNS)}) nor one .house file "
-                "(house_segmentations of the Matterport3D release), expected either for the positions of panoramas"
+                f"{self._source} has neither frames.csv ({', '.join(_COLUMNS)}) nor exactly one .house "
+                "file (from house_segmentations of the Matterport3D release), expected one of the two, with the "
+                "positions of the panoramas"
             )
         references = []
         for name, point in read_house(houses[0]).panoramas.items():

@@ -48,7 +48,7 @@ def navigate(
     from salframe.evaluation.tasks.navigation.task import NavigationTask
     from salframe.evaluation.tasks.navigation.task import navigate as run
 
-    source = int(episodes) if episodes.lstrip("-").isdecimal() and len(episodes) < 40 else episodes
+    source = int(episodes) if episodes.removeprefix("-").isdecimal() and len(episodes) < 40 else episodes
     request = options.request(methods)
     show(
         lambda progress: run(request, episodes=source, positioning=Positioning(positioning), progress=progress),

@@ -95,7 +95,7 @@ class FalseObjects(Settings):
     """False positives: detections without an annotated object. Quantiles are evenly spaced from minimum to maximum."""
 
     per_panorama: float = Field(ge=0, le=10_000, description="mean number per panorama")
-    labels: dict[str, NumObjects] = Field(description="number by label of the detector")
+    labels: dict[str, NumObjects] = Field(description="number of false positives with each label of the detector")
     range_m: Lengths = Field(description="range of the centroid")
     elevation_rad: Quantiles = Field(description="elevation of the bearing")
     size_m: Lengths = Field(description="cube root of the box's volume")

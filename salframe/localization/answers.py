@@ -89,8 +89,8 @@ def is_accepted(status: LocalizationStatus, out_of_map_probability: float | None
 
     Args:
         status: The status of the answer.
-        out_of_map_probability: Its out-of-map probability; None: the localizer has no probabilities, and the result is
-            None where the status names a place.
+        out_of_map_probability: The out-of-map probability of the answer; None: the localizer has no probabilities, and
+            the result is None where the status names a place.
     """
     if not status.names_a_place:
         return False

@@ -21,7 +21,7 @@ def check_left_out(left_out: Mapping[str, DataError | InputMissing], num_frames:
     Raises:
         InputMissing: More than MAX_LEFT_OUT_SHARE of the frames, or all of them, are left out, and a frame lacks
             something that the method needs.
-        DataError: The same, where all of the frames cannot be read.
+        DataError: As many frames are left out, and no frame lacks something that the method needs.
     """
     if len(left_out) <= MAX_LEFT_OUT_SHARE * num_frames:
         return

@@ -21,6 +21,7 @@ from salframe.framework.files.columns import Columns, check_kinds
 from salframe.graphs.scene_index import scene_index_notes
 from salframe.graphs.vocabulary import unknown_labels_note
 from salframe.localization.answers import Localization
+from salframe.localization.canonical_order import in_canonical_order
 from salframe.localization.describing import check_parts, describe_ahead, describe_frame, suggest_components
 from salframe.localization.fusing import fuse_answers
 from salframe.localization.left_out import check_left_out, left_out_note
@@ -90,7 +91,7 @@ class LocalizationMap:
             InputMissing: The localizer cannot use too many of the frames.
         """
         packed, usable = _describe_all(localizer, frames, cache, dataset, progress, tell)
-        built = cls(localizer, packed, usable, floors)
+        built = cls(localizer, *in_canonical_order(packed, usable), floors)
         built._index()
         for note in scene_index_notes(localizer.config, len(frames)):
             tell(note)
@@ -106,7 +107,7 @@ class LocalizationMap:
     ) -> LocalizationMap:
         """Index described reference frames, packed and unpacked as in a saved map."""
         packed = [localizer.pack(description) for description in descriptions]
-        built = cls(localizer, packed, list(frames), floors)
+        built = cls(localizer, *in_canonical_order(packed, frames), floors)
         built._index()
         return built
 
@@ -340,9 +341,10 @@ class LocalizationMap:
         frames: Sequence[ReferenceFrame],
         floors: Sequence[FloorMasks],
     ) -> None:
-        """Remove the frames of some places, add others at the end, and index the map."""
+        """Remove the frames of some places, add others, and index the map."""
         rows = [i for i, frame in enumerate(self.frames) if frame.place not in places]
-        self._hold([*(self._packed[i] for i in rows), *packed], [*(self.frames[i] for i in rows), *frames], floors)
+        remaining = [*(self._packed[i] for i in rows), *packed], [*(self.frames[i] for i in rows), *frames]
+        self._hold(*in_canonical_order(*remaining), floors)
         with _blaming(self._folder, self.localizer):
             self._index()
 

@@ -13,8 +13,7 @@ from salframe.panoramas.frames import FrameKind, ReferenceFrame
 def rank_places(
     frames: Sequence[ReferenceFrame], scores: np.ndarray, T_world_query: np.ndarray | None = None
 ) -> tuple[RankedPlace, ...]:
-    """Return the places of scored frames, best first, each with its best frame. Ties are in the order of
-    the names of their places, and of the ids of the frames of one place.
+    """Return the places of scored frames, best first, each with its best frame. Ties are in the order of the frames.
 
     Where the best frame is a transition and the pose is known, the scene frame nearest to the pose comes first with
     that score: a doorway is between places, and the pose determines the place of the query.
@@ -24,7 +23,7 @@ def rank_places(
         scores: (K,) scores, larger is better; -inf: the frame is not a candidate.
         T_world_query: (4, 4) pose of the query; None where it is unknown.
     """
-    order = _descending(frames, scores)
+    order = [int(i) for i in np.argsort(-scores, kind="stable") if np.isfinite(scores[i])]
     value = scores.astype(np.float64)
     if T_world_query is not None and order and frames[order[0]].kind is FrameKind.TRANSITION:
         scenes = [i for i, frame in enumerate(frames) if frame.kind is FrameKind.SCENE]
@@ -38,15 +37,3 @@ def rank_places(
     for i in order:
         ranked.setdefault(frames[i].place, RankedPlace(frames[i].id, frames[i].place, float(value[i])))
     return tuple(ranked.values())
-
-
-def _descending(frames: Sequence[ReferenceFrame], scores: np.ndarray) -> list[int]:
-    """Return the frames with a finite score, best first. Only frames with equal scores are compared by name."""
-    order = np.argsort(-scores, kind="stable")
-    order = order[np.isfinite(scores[order])]
-    ties = np.split(order, np.flatnonzero(np.diff(scores[order])) + 1)
-    return [
-        int(i)
-        for tied in ties
-        for i in (tied if len(tied) < 2 else sorted(tied, key=lambda i: (frames[i].place, frames[i].id)))
-    ]

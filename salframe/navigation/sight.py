@@ -81,7 +81,7 @@ class Sight:
         map = self._map_of(world.references(T_world_pano), world.chart.map.floors)
         panorama = world.observe(T_world_pano)
         answer = map.answer(describe_frame(self._localizer, QueryFrame(panorama.id, lambda: panorama))[0])
-        if answer.accepted is False:
+        if not answer.status.names_a_place:
             return None
         best = answer.places[0]
         pose = answer.T_world_query if self._positioning and answer.status is LocalizationStatus.OK else None

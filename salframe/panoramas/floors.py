@@ -233,8 +233,8 @@ def _lay_over(below: FloorMasks, above: FloorMasks) -> FloorMasks:
     rows, columns = (np.maximum(below.region.shape, shift + above.region.shape) - corner).tolist()
     if rows * columns > MAX_PIXELS:
         raise DataError(
-            f"masks of the floor at z = {above.z_m:g} m, joined with those of the map, have {columns} x {rows} pixels, "
-            f"expected at most {MAX_PIXELS}"
+            f"masks of the floor at z = {above.z_m:g} m, joined with the masks of the map, have {columns} x {rows} "
+            f"pixels, expected at most {MAX_PIXELS}"
         )
     above = _spread(_relabel(above, below), shift - corner, (rows, columns))
     below = _spread(below, -corner, (rows, columns))

@@ -29,7 +29,7 @@ def check_pose(owner: object, where: str) -> None:
     """Check the field `T_world_pano` and replace it by a read-only (4, 4) float64 array.
 
     Raises:
-        DataError: It is no rigid motion: it has another shape, numbers that are not finite, a scale or a mirror.
+        DataError: The pose is no rigid motion: it has another shape, numbers that are not finite, a scale or a mirror.
     """
     pose = check_array(owner, "T_world_pano", np.float64, 4, 4)
     if not is_rigid(pose, POSE_TOLERANCE):

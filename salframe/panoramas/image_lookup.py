@@ -65,7 +65,7 @@ def _find_in(folder: Folder, path: Path) -> FrameImage | None:
         if len(ids) > 1:
             raise DataError(
                 f"{path} is an image of {len(ids)} frames of {folder.root / MANIFEST} ({', '.join(ids[:3])}), expected "
-                "one: pass the id of the frame and --data"
+                "one frame: pass its id and --data"
             )
         if matches:
             return matches[0]

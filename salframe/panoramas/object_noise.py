@@ -49,8 +49,8 @@ class _Draw:
 
     Attributes:
         missed: Whether the object is missed.
-        label: Its label.
-        factor: Factor of its range.
+        label: Label of the object, or another label if the object is mislabelled.
+        factor: Factor of the range of the object.
         false_label: Label of a false positive with the outline of this object; None where there is no false positive.
         turn_rad: Azimuth of the false positive, relative to the object.
     """

@@ -181,7 +181,8 @@ class Panorama:
     def __post_init__(self) -> None:
         if self.range_by is not None and self.range_m is None:
             raise DataError(
-                f"{self.id} has range_by {self.range_by!r} and no range image, expected both or neither of them"
+                f"{self.id} has range_by {self.range_by!r}, the model that estimated its range, but no range image: "
+                "pass range_m, or set range_by to None"
             )
         if self.annotations is not None and not isinstance(self.annotations, Annotations):
             received = type(self.annotations).__name__

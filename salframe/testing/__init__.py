@@ -65,7 +65,7 @@ def check_component(component: type[Component], config: ComponentConfig | None =
 
     Args:
         component: The component class.
-        config: Its configuration, None for the defaults.
+        config: Configuration of the component; None for the defaults.
 
     Returns:
         The result of every rule.

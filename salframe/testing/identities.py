@@ -80,8 +80,8 @@ class _FileSetting:
     """A setting that takes a UserFile.
 
     Attributes:
-        key: Its dotted key.
-        match_only: Whether it affects matching only.
+        key: Dotted key of the setting.
+        match_only: Whether the setting affects matching only.
         put: Returns the model with another file in this setting, None if the model rejects the file.
     """
 

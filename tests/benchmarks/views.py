@@ -4,10 +4,11 @@
                                       [--drift-deg DEG]
 
 The queries of `house-42` are rendered once, and cut to views that turn by 60 % of the field of view from one to the
-next. The motion between views has the errors of odometry (1 degree a step by default; views turned on the spot travel no distance); the map has
-the true poses. Objects have the errors of `panoseg`, with one draw for each object and stretch. Printed are, for each
-number of views, the joined answer and the product of the single answers: accuracy with its 95 % CI (Wilson), the median
-error of the pose over the queries that were placed correctly with a pose, and the share of all queries within 0.5 m and 5 degrees.
+next. The motion between views has the errors of odometry, 1 degree a step by default; views turned on the spot travel
+no distance. The map has the true poses. Objects have the errors of `panoseg`, with one draw for each object and
+stretch. Printed are, for each number of views, the joined answer and the product of the single answers: accuracy with
+its 95 % CI (Wilson), the median error of the pose over the queries that were placed correctly with a pose, and the
+share of all queries within 0.5 m and 5 degrees.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -53,7 +55,7 @@ def turned_views(panorama: Panorama, config, count: int, fov_deg: float, noise: 
     columns = [-round(step * TURN_SHARE * fov_deg / 360 * width) for step in reversed(range(count))]
     view_config = config.model_copy(update={"query_fov_deg": fov_deg})
     T_last_view = [np.eye(4)]
-    for before, after in reversed(list(zip(columns, columns[1:], strict=False))):
+    for before, after in reversed(list(pairwise(columns))):
         turn_rad = 2 * np.pi * (after - before) / width + np.radians(noise.heading_drift_deg) * rng.standard_normal()
         T_last_view.insert(0, T_last_view[0] @ invert_pose(pose_2d(0, 0, turn_rad)))
     return [

@@ -175,7 +175,7 @@ def test_another_content_of_the_file_is_another_model(network):
         ({"metric": True, "input": "equirectangular"}, "takes images of 128 x 128, expected width = 2 x height"),
         (
             {"metric": True, "input": "equirectangular", "gives": "z-depth"},
-            "received gives: z-depth for a whole panorama, which has no axis",
+            "onnx-depth: the setting gives is z-depth and the setting input is equirectangular",
         ),
     ],
 )

@@ -34,7 +34,7 @@ def test_a_motion_that_is_not_rigid_is_refused(motion):
 
 def test_the_motion_of_the_last_view_is_the_identity():
     views = [View(PANORAMA, pose_2d(1, 0, 0)), View(PANORAMA, pose_2d(0, 0, 0.5))]
-    with pytest.raises(DataError, match="the last view has .* expected the identity"):
+    with pytest.raises(DataError, match=r"the last view has .* expected the identity"):
         motions(views)
     np.testing.assert_array_equal(motions([views[0], View(PANORAMA)]), [pose_2d(1, 0, 0), np.eye(4)])
     assert motions([View(PANORAMA), View(PANORAMA)]) is None

@@ -266,7 +266,7 @@ def test_an_experiment_takes_published_episodes(walked):
 def test_data_without_a_folder_has_no_published_episodes():
     data = "matterport-annotations"
     result = run("navigate", "--data", data, "--methods", "objects", "--episodes", "reverie:val_seen")
-    line = f"error: the episodes reverie:val_seen are in the folder of {data}, which has none: --data-dir DIR\n"
+    line = f"error: the episodes reverie:val_seen are in the folder of {data}: name it with --data-dir DIR\n"
     assert (result.code, result.err) == (2, line)
 
 

@@ -249,12 +249,12 @@ def test_what_does_not_fit_is_one_line_and_changes_nothing(rooms):
         (
             lambda: add_to_map("map", "upstairs", overrides=(same_ids,)),
             DataError,
-            "the frame map-0 is of room-0 in map and of upper-room-0 in upstairs, expected different ids",
+            "two frames have the id map-0: of room-0 in map, and of upper-room-0 in upstairs; expected different ids",
         ),
         (
             lambda: add_to_map("upstairs", "upstairs", overrides=(same_ids,)),  # of the same name as the data
             DataError,
-            "the frame map-0 is of room-0 in upstairs and of upper-room-0 in upstairs, expected different ids",
+            "two frames have the id map-0: of room-0 in upstairs, and of upper-room-0 in upstairs; expected",
         ),
         (
             lambda: add_to_map("map", "upstairs", overrides=(at_zero,)),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -75,9 +74,7 @@ def gather_places(
     place_of: PlaceOf | None = None,
     merged: bool = True,
 ) -> list[Place]:
-    """Return the places of the scene frames with their merged objects, in the order of their names.
-
-    The result does not depend on the order of the frames: the frames of a place are sorted by their content.
+    """Return the places of the scene frames with their merged objects, in the order of the map.
 
     An object in a transition frame is added to the place that contains it, if `place_of` is available. A map with only
     transition frames has their places.
@@ -106,10 +103,8 @@ def gather_places(
                 owner = np.array(place_of(frame_sightings[number].centroid_m[:, :2], frame), object)
                 for name in {place for place in owner if place is not None}:
                     added.setdefault(name, []).append((number, np.flatnonzero(owner == name)))
-    content = [_content_key(graph, frame) for graph, frame in zip(graphs, frames, strict=True)]
     places = []
-    for (name, _), numbers in sorted(frames_of_place.items(), key=lambda item: (item[0][0], content[item[1][0]])):
-        scene_frames = sorted(numbers, key=content.__getitem__)
+    for (name, _), scene_frames in frames_of_place.items():
         parts = [(number, np.arange(len(frame_sightings[number].labels))) for number in scene_frames] + added.get(
             name, []
         )
@@ -160,9 +155,8 @@ def merge(name: str, frames: Sequence[int], sightings: Sightings, rates: Rates) 
 def merge_sightings(sightings: Sightings, variance_m2: np.ndarray) -> MergedSightings:
     """Merge sightings of one object.
 
-    Sightings are processed in the order of range; those of equal range by their label, size, saliency and position, so
-    that the result does not depend on the order of the frames. Each is merged with the nearest object of the same label
-    that has no sighting of the same panorama and lies within MAX_SIGMAS; otherwise it is a new object.
+    Sightings are processed in the order of range. Each is merged with the nearest object of the same label that has no
+    sighting of the same panorama and lies within MAX_SIGMAS; otherwise it is a new object.
 
     Args:
         sightings: N sightings.
@@ -172,7 +166,7 @@ def merge_sightings(sightings: Sightings, variance_m2: np.ndarray) -> MergedSigh
     owner = np.full(count, -1)
     weight, centre, label = np.zeros(count), np.zeros((count, 3)), np.empty(count, object)
     frames_of_group: list[set[int]] = []
-    for row in _canonical_order(sightings):
+    for row in np.argsort(sightings.range_m, kind="stable"):
         open_groups = [
             g
             for g in range(len(frames_of_group))
@@ -205,20 +199,6 @@ def merge_sightings(sightings: Sightings, variance_m2: np.ndarray) -> MergedSigh
         log_saliency / num_sightings,
         num_sightings,
     )
-
-
-def _canonical_order(sightings: Sightings) -> np.ndarray:
-    """Return the order (N,) of sightings by their content."""
-    label_rank = np.unique(sightings.labels.astype(str), return_inverse=True)[1]
-    return np.lexsort(
-        (*sightings.centroid_m.T, sightings.log_saliency, *sightings.log_size.T, label_rank, sightings.range_m)
-    )
-
-
-def _content_key(graph: SaliencyGraph, frame: ReferenceFrame) -> tuple[int, float, float, str]:
-    """Return the key by which frames are sorted: most objects first, then by their ranges and sizes."""
-    ranges_m = np.linalg.norm(graph.centroid_m, axis=1)
-    return -len(graph), math.fsum(ranges_m), math.fsum(graph.size_m.ravel()), frame.id
 
 
 def relative_log_saliency(graph: SaliencyGraph) -> np.ndarray:

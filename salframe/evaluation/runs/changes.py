@@ -27,10 +27,10 @@ def find_changes(
 
     Args:
         role: Role of the method.
-        label: Its label in the run.
+        label: Label of the method in the run.
         method: The preset, component or YAML file that runs.
         variant_settings: Settings of the variant by dotted key.
-        config: Its configuration.
+        config: Configuration of the method.
         choice: Fills the slots with the value `auto`.
     """
     base = label.partition("[")[0]

@@ -22,15 +22,15 @@ class MethodRow(ABC):
 
     Attributes:
         method: Label of the method.
-        changes: Its settings that differ from the preset or component of its name, "key=value" each.
-        given: Parts of panoramas that it received as input, with the noise added to them; ESTIMATED_RANGE is one of
-            them where it estimated the range.
-        available: Whether it can run here.
-        ended: How its work ended.
-        reason: Why it was not measured, or a warning.
+        changes: Settings of the method that differ from the preset or component of its name, "key=value" each.
+        input: Parts of panoramas that the method received, with the noise added to them; ESTIMATED_RANGE is one of
+            them where the method estimated the range.
+        available: Whether the method can run here.
+        ended: How the work of the method ended.
+        reason: Why the method was not measured, or a warning.
         status: Number of occurrences of each status.
-        errors: First message of each status that has one.
-        by_part: Its first figure on each data set, where there are several.
+        errors: First message of each status that has a message.
+        by_part: First number of the row on each data set, where there are several data sets.
     """
 
     method: str
@@ -79,7 +79,10 @@ class MethodRow(ABC):
 
     @property
     def remark(self) -> str | None:
-        """Note beside the numbers: input that was estimated, and why the method was not measured, or a warning."""
+        """Note beside the numbers; None if there is nothing to note.
+
+        It states the input if the range was estimated, followed by `reason`.
+        """
         marks = [f"input {', '.join(self.input).replace('rgb', 'colour')}"] if ESTIMATED_RANGE in self.input else []
         return "; ".join([*marks, *([self.reason] if self.reason else [])]) or None
 

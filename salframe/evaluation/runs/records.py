@@ -32,10 +32,10 @@ class Record(Generic[PieceRowT]):
 
     Attributes:
         label: Label of the method.
-        outcome: Its outcome.
-        rows: Its rows in the order of the pieces; None: none yet.
-        folder: Its folder.
-        changes: Its settings that differ from its preset, "key=value" each.
+        outcome: Outcome of the method.
+        rows: Rows of the method in the order of the pieces; None for a piece that has no row yet.
+        folder: Folder of the method.
+        changes: Settings of the method that differ from its preset, "key=value" each.
     """
 
     label: str

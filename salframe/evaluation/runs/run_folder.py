@@ -57,8 +57,8 @@ class Outcome:
 
     Attributes:
         status: How the work ended.
-        reason: Why it ended so, or a warning.
-        given: Parts of panoramas that the method received as input.
+        reason: Why the work ended in this way, or a warning.
+        input: Parts of panoramas that the method received as input.
         seconds: Duration of the work; None where it was resumed.
     """
 
@@ -199,7 +199,7 @@ class Run:
 
         Args:
             label: Label of the method.
-            role: Its role.
+            role: Role of the method.
             choice: Chooses the components of slots that are still undecided.
 
         Raises:

@@ -54,8 +54,8 @@ class Experiment(Settings):
 
     title: str
     question: str = Field(description="the question that the experiment answers")
-    reported: tuple[str, ...] = Field((), description="titles of reported tables to show beside it")
-    differs: str = Field("", description="how the data differ from those of the reported figures")
+    reported: tuple[str, ...] = Field((), description="titles of reported tables to show beside the experiment")
+    differs: str = Field("", description="how the data differ from the data of the reported numbers")
     tables: dict[str, TableStudy]
 
 
@@ -66,8 +66,8 @@ class TableResult:
     Attributes:
         name: Name of the table.
         study: The study that the table shows.
-        kept: Its stored result, of this run or an earlier one.
-        skipped: Why it was not measured.
+        stored: The stored result of the table, of this run or an earlier run.
+        skipped: Why the table was not measured.
         fresh: The result of this run; None where the table was not measured now.
     """
 
@@ -145,8 +145,8 @@ def run_experiment(
 
     Args:
         name: A shipped experiment or a YAML file.
-        request: Provides `runs`, `engine`, `seed` and `data_dir`, the folder of data that are not rendered. Tables on
-            such data are skipped without it.
+        request: Provides `runs`, `engine`, `seed` and `data_dir`, the folder of the data that the user supplies.
+            Tables on such data are skipped without `data_dir`.
         quick: Whether to run fewer seeds and methods.
         force: Whether to measure all tables again.
         results: The folder of the files of results.
@@ -220,7 +220,7 @@ def _with_data(study: Study, request: Request) -> Request:
     if not any(getattr(config, "root", "") is None for config in configs):
         return without
     if request.data_dir is None:
-        raise InputMissing(f"its data, {configs[0].kind}, are not rendered: name their folder by --data-dir")
+        raise InputMissing(f"the data, {configs[0].kind}, are files that you supply: give their folder with --data-dir")
     return request
 
 

@@ -143,7 +143,7 @@ def fit_method(
             f"weights: mean -ln(probability of the query's place) {after:.3f}, {before:.3f} for a uniform distribution"
         )
     elif tries:
-        raise ConfigError(f"{method} has no setting `weights`, expected one to try settings")
+        raise ConfigError(f"{method} has no setting `weights`, expected a method with this setting to try settings")
     answers = [answer for tuning in tunings for answer in _scored(tuning, content)]
     try:
         fit = fit_posterior(answers)

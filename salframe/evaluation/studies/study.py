@@ -34,7 +34,7 @@ class StudiedMethod(Settings):
     """A method with its settings."""
 
     method: str = Field(description="a preset, a component or a YAML file")
-    set: dict[str, Any] = Field({}, description="its settings, by dotted key")
+    set: dict[str, Any] = Field({}, description="settings of the method, by dotted key")
 
 
 class Study(Settings):
@@ -48,9 +48,9 @@ class Study(Settings):
     task: str = Field(DEFAULT, description="the task")
     method: str | None = Field(None, description="the method to study; a detector of the tasks detection and sensor")
     methods: tuple[str, ...] | dict[str, str | StudiedMethod] = Field(
-        (), description="or several; by name where they have settings"
+        (), description="several methods to study; by name where a method has settings"
     )
-    data: str | tuple[str, ...] | None = Field(None, description="dataset to run on, or several; null: the default one")
+    data: str | tuple[str, ...] | None = Field(None, description="dataset or datasets; null: the default dataset")
     seeds: tuple[int, ...] = Field((), description="values of data.seed to pool in one row")
     set: dict[str, Any] = Field({}, description="settings of all rows")
     vary: dict[str, tuple[Any, ...]] = Field(

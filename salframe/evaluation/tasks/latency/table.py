@@ -18,7 +18,7 @@ class LatencyRow(MethodRow):
         bytes_per_scene: Size of the saved map with its index, per scene.
         open_s: Time to open the map in a process that has only imported salframe.
         opened_mb: Memory (1e6 bytes) that opening the map takes; None on systems other than Linux.
-        queried_mb: The same after the first query.
+        queried_mb: Memory (1e6 bytes) that opening the map and the first query take; None on systems other than Linux.
         first_ms: Time to describe and answer the first query.
         describe_ms: Median time to describe a later query.
         query_median_ms: Median time to answer a later query.

@@ -52,7 +52,7 @@ class Details:
     Attributes:
         queries: For each query the objects by describer, and details of the answer of each arm.
         frames: Map frames that details refer to, by id, with their objects by describer.
-        map_frames: These frames themselves, by id.
+        map_frames: The reference frames of `frames`, by id.
         notes: Notes on details that are missing.
     """
 
@@ -139,7 +139,11 @@ class _Method:
             self._localizer = LocalizationMap.from_descriptions(self._localizer, descriptions, frames, floors).localizer
 
     def look(self, query: Json, frame: QueryFrame, row: AnswerRow | None, truth: Truth, correct: bool) -> Json:
-        """Return the details of an answer, and add the objects of the query and its matched frames."""
+        """Return the details of an answer.
+
+        Also add the objects of the query to `query`. Add the frame of the answer and, if the answer is wrong, a frame
+        of the true place to the frames of the report, with their objects.
+        """
         description = self._describe(frame)
         objects = describe_objects(description)
         if objects is not None:

@@ -33,7 +33,7 @@ class LocalizationRow(MethodRow):
         queries: Number of queries.
         absent_queries: Number of out-of-map queries.
         present_accuracy: Accuracy of the other queries.
-        present_scene_accuracy: The same without transition frames.
+        present_scene_accuracy: Accuracy of the other queries without transition frames.
         rejection_rate: Rejection rate: share of out-of-map queries that are rejected.
         precision_at: Precision of accepted answers at the recalls statistics.AT_RECALLS.
         average_precision: Area under the precision-recall curve.

@@ -23,11 +23,12 @@ NODE_RADIUS_M = 0.5
 def check_matches(
     matches: PointMatches | NodeMatches, query: Panorama, reference: Panorama, T_reference_query: np.ndarray
 ) -> Row:
-    """Return the counts of a pair of panoramas.
+    """Return the counts of a pair of panoramas as a row.
 
-    Its keys are "kind" and "matches"; for points "judged" and "within_px", a number for each of THRESHOLDS_PX; for
-    nodes "correct" and "true", the number of objects that are nodes of both graphs. Raises InputMissing where a
-    panorama lacks range or annotations.
+    Keys: "kind" ("points" or "nodes") and "matches" (number of matches). For points also "judged" (number of matches
+    that can be judged) and "within_px" (number of these within each of THRESHOLDS_PX). For nodes also "correct" (number
+    of matches of the same object) and "true" (number of objects that are nodes of both graphs). Raises InputMissing
+    where a panorama lacks range or annotations.
     """
     if isinstance(matches, PointMatches):
         errors_px = point_errors_px(matches, query, reference, T_reference_query)

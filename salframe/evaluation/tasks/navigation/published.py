@@ -63,7 +63,7 @@ class Published:
     def _root(self, data: ComponentConfig) -> Path:
         root: Path | None = getattr(data, "root", None)
         if root is None:
-            raise InputMissing(f"the episodes {self} are in the folder of {data.kind}, which has none: --data-dir DIR")
+            raise InputMissing(f"the episodes {self} are in the folder of {data.kind}: name it with --data-dir DIR")
         return root
 
 

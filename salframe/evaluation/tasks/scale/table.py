@@ -22,8 +22,8 @@ class ScaleRow(MethodRow):
         query_median_ms: Median time of a query, including the pose in the best match.
         query_p95_ms: 95th percentile of the time of a query.
         recall_at_1: Share of queries whose scene is the best match, with Wilson's 95 % interval.
-        recall_at_1_both: The same for the queries that were also matched with all scenes.
-        recall_at_1_exhaustive: The share of these queries by matching with all scenes.
+        recall_at_1_both: The same share, of the queries that were also matched with all scenes.
+        recall_at_1_exhaustive: Share of the queries of `recall_at_1_both` whose scene is the best match of all scenes.
     """
 
     scenes: int

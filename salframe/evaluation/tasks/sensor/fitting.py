@@ -223,7 +223,7 @@ def fit_detection(shown: ObjectVisibility, is_detected: np.ndarray) -> Detection
 
     Args:
         shown: Visibility of the objects.
-        is_found: (N,) bool: whether each object was detected.
+        is_detected: (N,) bool: whether each object was detected.
     """
     groups = sorted({common_label(label) for label in shown.labels})
     group = np.array([groups.index(common_label(label)) for label in shown.labels], int)

@@ -22,12 +22,12 @@ class SensorRow(MethodRow):
         panoramas: Number of panoramas.
         objects: Number of annotated objects.
         detection_rate: Share of the objects that were detected, with the 95 % interval of objects clustered by place.
-        right: Share of the objects that were detected with the correct label, likewise.
+        right: Share of the objects that were detected with the correct label, with the same interval.
         false_per_panorama: Number of false positives per panorama.
-        bearing_rad: Robust standard deviation of the error of the bearing, as in `Errors`; the next three likewise.
-        range_share: That of the relative range.
-        size_log: That of the logarithm of the size.
-        height_m: That of the height.
+        bearing_rad: Robust standard deviation of the error of the bearing, as in `Errors`.
+        range_share: Robust standard deviation of the relative error of the range.
+        size_log: Robust standard deviation of the error of the logarithm of the size.
+        height_m: Robust standard deviation of the error of the height.
         lines: The shares of groups of objects by size, range and hidden share, by name of the group.
     """
 
