@@ -56,6 +56,7 @@ def test_drift_decides_what_is_one_object():
     graphs = [graph(["bed"], [[2, 0, 0]], MOTIONS[0]), graph(["bed"], [[3.2, 0, 0]], MOTIONS[1])]
     assert len(join_objects(graphs, MOTIONS, OdometryNoise())) == 2
     assert len(join_objects(graphs, MOTIONS, OdometryNoise(drift_share=0.3))) == 1
+    assert len(join_objects(graphs, MOTIONS, OdometryNoise(heading_drift_deg=10))) == 1
 
 
 def test_the_joined_outline_is_the_nearest_point_in_each_bin():
