@@ -75,18 +75,18 @@ def join_sectors(sectors: Sequence[Sectors | None], T_last_view: np.ndarray) -> 
     partial = [part for part in sectors if part is not None]
     if len(partial) < len(sectors):
         return None
-    seen, position_m = [], []
+    bins, position_m = [], []
     for part, T in zip(partial, T_last_view, strict=True):
-        seen.append(part.seen[:, azimuth_bins(wrap_angle(MIDDLES_RAD - pose_yaw(T)))])
+        bins.append(part.bins[:, azimuth_bins(wrap_angle(MIDDLES_RAD - pose_yaw(T)))])
         position_m.append(part.position_m @ T[:2, :2].T + T[:2, 3])
-    return Sectors(np.concatenate(seen), np.concatenate(position_m))
+    return Sectors(np.concatenate(bins), np.concatenate(position_m))
 
 
 def sectors_to_arrays(sectors: Sectors | None) -> dict[str, np.ndarray]:
     """Return sectors as arrays of a description; none where the whole sphere was seen."""
-    return {} if sectors is None else {"seen_sectors": sectors.seen, "seen_from_m": sectors.position_m}
+    return {} if sectors is None else {"shown_sectors": sectors.bins, "shown_from_m": sectors.position_m}
 
 
 def sectors_from_arrays(arrays: Mapping[str, np.ndarray]) -> Sectors | None:
     """Return the sectors of arrays of `sectors_to_arrays`."""
-    return Sectors(arrays["seen_sectors"], arrays["seen_from_m"]) if "seen_sectors" in arrays else None
+    return Sectors(arrays["shown_sectors"], arrays["shown_from_m"]) if "shown_sectors" in arrays else None

@@ -6,7 +6,7 @@ from salframe_graphs.places.likelihood import PlaceLikelihood, Poses
 from salframe_graphs.places.merging import Place
 from salframe_graphs.places.place_index import index_places
 from salframe_graphs.places.rates import Likelihood, shipped_rates
-from salframe_graphs.places.sectors import BINS, Sectors, seen_bins
+from salframe_graphs.places.sectors import BINS, Sectors, shown_bins
 from salframe_graphs.views import join_objects, join_outlines, join_sectors
 
 from salframe.framework.components.presets import configure, settings
@@ -73,12 +73,12 @@ def test_the_joined_outline_is_the_nearest_point_in_each_bin():
     np.testing.assert_allclose(nearer[[0, 27]], [1.5, 3.0])
 
 
-def test_seen_bins_are_those_of_the_field_of_view():
+def test_shown_bins_are_those_of_the_field_of_view():
     rays = equirectangular_rays(180)
-    bins = seen_bins(np.abs(np.arctan2(rays[..., 1], rays[..., 0])) <= np.radians(45))
+    bins = shown_bins(np.abs(np.arctan2(rays[..., 1], rays[..., 0])) <= np.radians(45))
     np.testing.assert_array_equal(np.flatnonzero(bins), [*range(9), *range(63, 72)])
     poles = np.abs(rays[..., 2]) < 0.9  # a panorama without its poles shows all directions
-    assert seen_bins(poles).all()
+    assert shown_bins(poles).all()
 
 
 def test_joined_sectors_are_the_union_around_the_position_of_each_view():
@@ -93,7 +93,7 @@ def test_joined_sectors_are_the_union_around_the_position_of_each_view():
     assert join_sectors([view, None], MOTIONS) is None
 
 
-def test_only_objects_in_seen_sectors_count_as_missed():
+def test_only_objects_in_shown_sectors_count_as_missed():
     rates, likelihood = shipped_rates(), Likelihood()
     place = Place(
         "a",

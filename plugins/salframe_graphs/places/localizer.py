@@ -41,7 +41,7 @@ from salframe_graphs.places.map_places import MapPlaces
 from salframe_graphs.places.outline import free_outline, pack_outline, unpack_outline
 from salframe_graphs.places.rates import SHIPPED, Likelihood, Rates, shipped_rates
 from salframe_graphs.places.search import SearchResult, search, settle
-from salframe_graphs.places.sectors import Sectors, seen_bins
+from salframe_graphs.places.sectors import Sectors, shown_bins
 from salframe_graphs.views import join_outlines, join_sectors, sectors_from_arrays, sectors_to_arrays
 
 OUTLINE, PACKED = "outline_m", "outline_mm"
@@ -145,8 +145,8 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
 
     def describe(self, panorama: Panorama) -> Description:
         description = {**super().describe(panorama)}
-        if panorama.valid is not None and not (seen := seen_bins(panorama.valid)).all():
-            description |= sectors_to_arrays(Sectors(seen[None], np.zeros((1, 2))))
+        if panorama.valid is not None and not (bins := shown_bins(panorama.valid)).all():
+            description |= sectors_to_arrays(Sectors(bins[None], np.zeros((1, 2))))
         if not self.config.outline or panorama.range_m is None:
             return description
         return {**description, OUTLINE: free_outline(panorama.range_m)}

@@ -12,7 +12,7 @@ BINS = 72
 """Number of azimuth bins of an outline and of the sectors, 5 degrees each."""
 HORIZON_RAD = np.radians(15)
 """Maximum elevation and depression of the pixels that decide whether a sector was seen."""
-MIN_SEEN_SHARE = 0.5
+MIN_SHOWN_SHARE = 0.5
 """Minimum share of seen pixels near the horizon in a sector that was seen."""
 MIDDLES_RAD = (np.arange(BINS) + 0.5) * (2 * np.pi / BINS)
 """(BINS,) azimuths of the centres of the bins, float64."""
@@ -26,7 +26,7 @@ def azimuth_bins(azimuth_rad: np.ndarray) -> np.ndarray:
     return np.minimum(np.maximum(number, 0), BINS - 1)
 
 
-def seen_bins(valid: np.ndarray) -> np.ndarray:
+def shown_bins(valid: np.ndarray) -> np.ndarray:
     """Return whether each azimuth bin of a panorama was seen near the horizon, (BINS,) bool.
 
     Args:
@@ -38,7 +38,7 @@ def seen_bins(valid: np.ndarray) -> np.ndarray:
     bins = azimuth_bins(column_azimuth(width))
     count = np.bincount(bins, minlength=BINS)
     share = np.bincount(bins, weights=column_share, minlength=BINS) / np.maximum(count, 1)
-    return np.where(count > 0, share >= MIN_SEEN_SHARE, True)
+    return np.where(count > 0, share >= MIN_SHOWN_SHARE, True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,21 +46,21 @@ class Sectors:
     """Sectors that V views of a query showed, in the frame of the query.
 
     Attributes:
-        seen: (V, BINS) bool: whether each view showed each azimuth bin around its position.
+        bins: (V, BINS) bool: whether each view showed each azimuth bin around its position.
         position_m: (V, 2) float64 x and y of the views.
     """
 
-    seen: np.ndarray
+    bins: np.ndarray
     position_m: np.ndarray
 
     @property
     def share(self) -> float:
         """Share of the azimuths that at least one view showed."""
-        return float(self.seen.any(0).mean())
+        return float(self.bins.any(0).mean())
 
     def show(self, points: np.ndarray) -> np.ndarray:
         """Return whether at least one view showed the direction of points (T,) complex x + iy in metres, (T,) bool."""
         shown = np.zeros(len(points), bool)
-        for seen, position in zip(self.seen, as_complex(self.position_m), strict=True):
-            shown |= seen[azimuth_bins(np.angle(points - position))]
+        for view_bins, position in zip(self.bins, as_complex(self.position_m), strict=True):
+            shown |= view_bins[azimuth_bins(np.angle(points - position))]
         return shown
