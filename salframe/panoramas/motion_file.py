@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from pathlib import Path
 
 import numpy as np
 
 from salframe.framework.errors import DataError
-from salframe.framework.files.reading import read_text
+from salframe.framework.files.reading import read_csv_numbers
 from salframe.panoramas.geometry import invert_pose, pose_2d
 
 COLUMNS = ("t_s", "x_m", "y_m", "z_m", "yaw_deg")
@@ -28,16 +26,9 @@ def read_motion(path: Path, num_views: int) -> np.ndarray:
         DataError: The file cannot be read, a column is missing, a value is no finite number, the number of rows is not
             that of the views, or the times do not increase.
     """
-    reader = csv.DictReader(io.StringIO(read_text(path, "a CSV table")), skipinitialspace=True)
-    try:
-        rows, header = list(reader), [name.strip() for name in reader.fieldnames or ()]
-    except csv.Error as error:
-        raise DataError(f"{path} is not a CSV table: {error}") from None
-    if missing := [name for name in COLUMNS if name not in header]:
-        raise DataError(f"{path} has no column {missing[0]}, expected the columns {','.join(COLUMNS)}")
-    if len(rows) != num_views:
-        raise DataError(f"{path} has {len(rows)} rows for {num_views} views, expected one row for each view")
-    values = np.array([[_number(row, name, number, path) for name in COLUMNS] for number, row in enumerate(rows, 1)])
+    values = read_csv_numbers(path, COLUMNS)
+    if len(values) != num_views:
+        raise DataError(f"{path} has {len(values)} rows for {num_views} views, expected one row for each view")
     late = np.flatnonzero(np.diff(values[:, 0]) <= 0)
     if len(late):
         before, after = values[late[0] : late[0] + 2, 0]
@@ -48,14 +39,3 @@ def read_motion(path: Path, num_views: int) -> np.ndarray:
     poses = [pose_2d(x, y, math.radians(yaw), z) for _, x, y, z, yaw in values.tolist()]
     T_last_world = invert_pose(poses[-1])
     return np.stack([*(T_last_world @ pose for pose in poses[:-1]), np.eye(4)])
-
-
-def _number(row: dict[str, str | None], name: str, number: int, path: Path) -> float:
-    text = next((value for key, value in row.items() if key is not None and key.strip() == name), None)
-    try:
-        value = float(text or "")
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise DataError(f"{path}: {name} is {text!r} in row {number}, expected a finite number")
-    return value

@@ -27,7 +27,7 @@ def test_motions_map_to_the_last_view(tmp_path):
         (HEADER + "0,0,0,0,0\n1,0,0,0,0\n2,0,0,0,0\n", "has 3 rows for 2 views"),
         (HEADER + "1,0,0,0,0\n0.5,0,0,0,0\n", r"t_s is 0\.5 in row 2 after 1, expected increasing times"),
         (HEADER + "0,0,0,0,0\n1,0,nan,0,0\n", "y_m is 'nan' in row 2, expected a finite number"),
-        (HEADER + "0,0,0,0,0\n1,0,0,0\n", "yaw_deg is None in row 2, expected a finite number"),
+        (HEADER + "0,0,0,0,0\n1,0,0,0\n", "yaw_deg is '' in row 2, expected a finite number"),
         (HEADER + "0,0,0,0,0\n1,0,0,0,left\n", "yaw_deg is 'left' in row 2"),
         ("", "has no column t_s"),
     ],
