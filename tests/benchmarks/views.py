@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -33,19 +32,10 @@ from salframe.panoramas.opening import configure_dataset, open_dataset, referenc
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.query_view import as_query
 from salframe.panoramas.view import OdometryNoise, View
+from salframe.testing.rooms import turned
 
 TURN_SHARE = 0.6
 """Turn from one view to the next, relative to the field of view."""
-
-
-def turned(panorama: Panorama, columns: int) -> Panorama:
-    """Return a panorama whose camera is turned to the left by a number of columns."""
-    annotations = panorama.annotations
-    return replace(
-        panorama,
-        range_m=np.roll(panorama.range_m, columns, 1),
-        annotations=replace(annotations, instance_id=np.roll(annotations.instance_id, columns, 1)),
-    )
 
 
 def turned_views(panorama: Panorama, config, count: int, fov_deg: float, noise: OdometryNoise, seed) -> list[View]:

@@ -13,9 +13,12 @@ from salframe.framework.components.presets import configure, settings
 from salframe.framework.components.registry import registry
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.table import GraphNodes
-from salframe.panoramas.geometry import equirectangular_rays, invert_pose, pose_2d, transform_points
+from salframe.localization.map import LocalizationMap
+from salframe.panoramas.geometry import equirectangular_rays, invert_pose, pose_2d, pose_errors, transform_points
 from salframe.panoramas.panorama import Annotations, Panorama
-from salframe.panoramas.view import OdometryNoise
+from salframe.panoramas.query_view import as_query
+from salframe.panoramas.view import OdometryNoise, View
+from salframe.testing.rooms import map_frames, query_frames, query_truths, turned
 
 MOTIONS = np.array([pose_2d(-2, 0, np.pi / 2), np.eye(4)])  # the first view is 2 m behind and looks to the left
 
@@ -126,3 +129,22 @@ def test_views_without_range_are_not_joined(method):
     view = Panorama("view", annotations=Annotations(instance_id, {1: "bed"}))
     description = localizer.describe(view)
     assert localizer.join([description] * 2, MOTIONS, OdometryNoise()) is None
+
+
+def test_views_that_cover_the_sphere_give_the_pose_of_the_panorama():
+    config = configure("localizer", "proposed", settings("localizer", "proposed"), [{"detector": "annotations"}])
+    built = LocalizationMap.build(registry().build("localizer", config), map_frames())
+    for query in query_frames():
+        panorama, truth = query.load(), query_truths()[query.id]
+        width = panorama.range_m.shape[1]
+        turns = [-width // 2, -width // 4, 0]  # the last view has the heading of the panorama
+        half = registry().get("dataset", "house").Config(query_fov_deg=180)
+        views = [
+            View(as_query(turned(panorama, columns), half), pose_2d(0, 0, 2 * np.pi * columns / width))
+            for columns in turns
+        ]
+        answer = built.localize(views=views)
+        assert answer.places[0].place == truth.place
+        error_m, error_rad = pose_errors(answer.T_world_query, truth.T_world_pano)
+        assert error_m < 0.25
+        assert error_rad < np.radians(5)
