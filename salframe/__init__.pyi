@@ -84,6 +84,7 @@ from .panoramas.panorama import ObjectBoxes as ObjectBoxes
 from .panoramas.panorama import Panorama as Panorama
 from .panoramas.range_model import RangeModel as RangeModel
 from .panoramas.shot import read_panorama as read_panorama
+from .panoramas.view import View as View
 from .testing import Conformance as Conformance
 from .testing import RuleResult as RuleResult
 from .testing import RuleStatus as RuleStatus

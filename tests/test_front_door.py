@@ -27,7 +27,7 @@ DOOR = [
     "PoseEstimate", "PoseStatus", "Positioner", "Presets", "QueryFrame", "RangeModel", "RankedGraphs", "RankedPlace",
     "Request", "RequirementMissing", "Result", "Role", "Route", "RuleResult", "RuleStatus", "SalframeError",
     "SaliencyGraph", "SaliencyModel", "SceneCandidates", "SceneIndex", "Scorer", "TopologicalMap", "Truth",
-    "UnknownName", "UserFile", "NetworkWeights", "WeightsError",
+    "UnknownName", "UserFile", "View", "NetworkWeights", "WeightsError",
     "__version__", "ablate", "ask_map", "build_map", "check_component", "compare",
     "detections_from_points", "directions", "draw_topology", "evaluate", "find_dataset", "find_frame", "find_route",
     "fit_method", "hookimpl", "reference_frames", "match_only", "measure_detection", "measure_matching",

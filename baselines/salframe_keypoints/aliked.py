@@ -9,7 +9,7 @@ import numpy as np
 from salframe.framework.files.weights import NetworkWeights, WeightsFile
 from salframe_keypoints.checkpoints import load_strictly, read_checkpoint
 from salframe_keypoints.disk import WHEEL
-from salframe_keypoints.feature_matcher import View
+from salframe_keypoints.feature_matcher import ViewFeatures
 from salframe_keypoints.networks import LightGlue, NetworkMatcher
 
 FEATURES = WeightsFile("aliked-n16.pth", "5be8704840ed662d9d8c561bf7279c222092674e7eb05fd0feab94899e9d82f2", 2_738_091)
@@ -54,6 +54,6 @@ class AlikedLightGlue(AlikedNearest):
         super().__init__(config)
         self._matcher = LightGlue("aliked", self.paths(self.config)[1])
 
-    def match_descriptors(self, query: View, reference: View) -> np.ndarray:
+    def match_descriptors(self, query: ViewFeatures, reference: ViewFeatures) -> np.ndarray:
         """See DescriptorMatcher."""
         return self._matcher.match(query, reference, self.view_size_px)

@@ -11,7 +11,7 @@ from salframe.panoramas.perspective import ViewRig
 from salframe.testing.expectations import ask, attempt, expect, same
 from salframe.testing.rooms import ROOMS, look, stand
 from salframe_keypoints.descriptors import DescriptorMatcher
-from salframe_keypoints.feature_matcher import FeatureMatcher, View
+from salframe_keypoints.feature_matcher import FeatureMatcher, ViewFeatures
 
 RIG = ViewRig(3, 256, 192, np.pi / 2)
 """Views of the suite. Their sides are multiples of all common grid strides."""
@@ -77,15 +77,15 @@ def _images(rig: ViewRig) -> np.ndarray:
     return rig.cut(rgb)
 
 
-def _extract(matcher: FeatureMatcher, what: str, images: np.ndarray) -> list[View]:
+def _extract(matcher: FeatureMatcher, what: str, images: np.ndarray) -> list[ViewFeatures]:
     """Extract views and check them."""
     checked = f"extract {what}"
     views = ask(checked, matcher.extract, images)
     expect(
-        isinstance(views, list) and all(isinstance(view, View) for view in views),
+        isinstance(views, list) and all(isinstance(view, ViewFeatures) for view in views),
         checked,
         type(views).__name__,
-        "a list of View",
+        "a list of ViewFeatures",
     )
     expect(len(views) == len(images), checked, f"{len(views)} views", f"one view for each of {len(images)} images")
     for view in views:
@@ -93,7 +93,7 @@ def _extract(matcher: FeatureMatcher, what: str, images: np.ndarray) -> list[Vie
     return views
 
 
-def _check_view(checked: str, matcher: FeatureMatcher, view: View, width_px: int, height_px: int) -> None:
+def _check_view(checked: str, matcher: FeatureMatcher, view: ViewFeatures, width_px: int, height_px: int) -> None:
     points, features = view.points_px, view.features
     shaped = isinstance(points, np.ndarray) and points.ndim == 2 and points.shape[1] == 2 and points.dtype.kind in "fiu"
     expect(shaped, checked, f"points_px of shape {np.shape(points)}", "numbers of shape (K, 2)")
@@ -115,7 +115,9 @@ def _check_view(checked: str, matcher: FeatureMatcher, view: View, width_px: int
         )
 
 
-def _match(matcher: FeatureMatcher, what: str, query: View, reference: View) -> tuple[np.ndarray, np.ndarray]:
+def _match(
+    matcher: FeatureMatcher, what: str, query: ViewFeatures, reference: ViewFeatures
+) -> tuple[np.ndarray, np.ndarray]:
     """Match two views and check the matches."""
     checked = f"match {what}"
     pixels, positions = ask(checked, matcher.match, query, reference)
@@ -134,7 +136,7 @@ def _match(matcher: FeatureMatcher, what: str, query: View, reference: View) -> 
     return pixels, positions
 
 
-def _check_described(matcher: FeatureMatcher, views: Sequence[View]) -> None:
+def _check_described(matcher: FeatureMatcher, views: Sequence[ViewFeatures]) -> None:
     """Check that local descriptors have unit length, and the same dimension for all views including blank ones."""
     dimensions = set()
     for view in views:
@@ -155,13 +157,13 @@ def _check_described(matcher: FeatureMatcher, views: Sequence[View]) -> None:
     )
 
 
-def _check_restricted(matcher: FeatureMatcher, view: View, reference: View) -> None:
+def _check_restricted(matcher: FeatureMatcher, view: ViewFeatures, reference: ViewFeatures) -> None:
     """Check that `restrict` retains all points on valid pixels, and that the restricted view can be matched."""
     left = view.points_px[:, 0] < RIG.width_px / 2
     for what, valid in (("the left half", left), ("no pixel", np.zeros_like(left))):
         checked = f"restrict to {what}"
         restricted = ask(checked, matcher.restrict, view, valid)
-        expect(isinstance(restricted, View), checked, type(restricted).__name__, "a View")
+        expect(isinstance(restricted, ViewFeatures), checked, type(restricted).__name__, "a ViewFeatures")
         _check_view(checked, matcher, restricted, RIG.width_px, RIG.height_px)
         expected = set(map(tuple, view.points_px[valid].tolist()))
         expect(

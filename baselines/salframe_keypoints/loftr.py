@@ -15,7 +15,7 @@ from salframe.framework.config import merge
 from salframe.framework.errors import ConfigError, WeightsError
 from salframe.framework.files.weights import Download, NetworkWeights, WeightsFile
 from salframe_keypoints.checkpoints import load_strictly, read_checkpoint
-from salframe_keypoints.feature_matcher import View
+from salframe_keypoints.feature_matcher import ViewFeatures
 from salframe_keypoints.images import ImageMatcher, decode, require_multiples
 
 LOFTR = NetworkWeights(
@@ -66,7 +66,7 @@ class Loftr(ImageMatcher):
         super().prepare(width_px, height_px)
         require_multiples(self.name, self.view_size_px, self.stride_px)
 
-    def match(self, query: View, reference: View) -> tuple[np.ndarray, np.ndarray]:
+    def match(self, query: ViewFeatures, reference: ViewFeatures) -> tuple[np.ndarray, np.ndarray]:
         """See FeatureMatcher.
 
         The reference is LoFTR's first image, whose matches are on the grid. Matches in the second image are refined to

@@ -14,7 +14,7 @@ from salframe.framework.component import match_only
 from salframe.framework.files.weights import NetworkWeights, Shipped, WeightsFile
 from salframe.framework.onnx import open_model
 from salframe_keypoints.descriptors import unit_rows
-from salframe_keypoints.feature_matcher import View
+from salframe_keypoints.feature_matcher import ViewFeatures
 from salframe_keypoints.images import ImageMatcher, decode, require_multiples
 
 FILES = ("features.onnx", "coarse.onnx", "fine.onnx")
@@ -152,11 +152,11 @@ class LoftrCompact(ImageMatcher):
         super().prepare(width_px, height_px)
         require_multiples(self.name, self.view_size_px, STRIDE_PX, MAX_PX)
 
-    def describe(self, view: View) -> np.ndarray:
+    def describe(self, view: ViewFeatures) -> np.ndarray:
         """Return RootSIFT of the view's image, or the tokens of the network's coarse grid."""
         return unit_rows(self._features(view).tokens[0]) if self.config.pooled == "tokens" else super().describe(view)
 
-    def match(self, query: View, reference: View) -> tuple[np.ndarray, np.ndarray]:
+    def match(self, query: ViewFeatures, reference: ViewFeatures) -> tuple[np.ndarray, np.ndarray]:
         """See FeatureMatcher.
 
         The reference is LoFTR's first image, whose matches are on the grid. Matches in the second image are refined to

@@ -14,7 +14,7 @@ from pydantic import Field
 from salframe.framework.errors import WeightsError
 from salframe_keypoints.checkpoints import TrainedMatcher, load_strictly, read_checkpoint
 from salframe_keypoints.descriptors import DescriptorMatcher
-from salframe_keypoints.feature_matcher import View
+from salframe_keypoints.feature_matcher import ViewFeatures
 
 PIXEL_CENTRE = np.float32(0.5)
 """Offset to the pixel centres of kornia and transformers, which are at integer coordinates."""
@@ -39,7 +39,7 @@ class NetworkMatcher(TrainedMatcher, DescriptorMatcher):
             Tensors of keypoints (K, 2) in pixels of the library, and descriptors (K, D) of unit length.
         """
 
-    def extract(self, images: np.ndarray) -> list[View]:
+    def extract(self, images: np.ndarray) -> list[ViewFeatures]:
         """See FeatureMatcher. Images are processed one by one to limit memory. Descriptors are stored as float16."""
         import torch
 
@@ -47,10 +47,12 @@ class NetworkMatcher(TrainedMatcher, DescriptorMatcher):
         with torch.inference_mode():
             for image in images:
                 keypoints, descriptors = self.detect(torch.tensor(image).permute(2, 0, 1)[None].float() / 255)
-                views.append(View(keypoints.numpy().astype(np.float32) + PIXEL_CENTRE, descriptors.half().numpy()))
+                views.append(
+                    ViewFeatures(keypoints.numpy().astype(np.float32) + PIXEL_CENTRE, descriptors.half().numpy())
+                )
         return views
 
-    def match_descriptors(self, query: View, reference: View) -> np.ndarray:
+    def match_descriptors(self, query: ViewFeatures, reference: ViewFeatures) -> np.ndarray:
         """See DescriptorMatcher."""
         if not len(query.features) or not len(reference.features):
             return np.zeros((0, 2), int)
@@ -83,7 +85,7 @@ class LightGlue:
             self._network, lightglue_state(read_checkpoint(path), path), path, computed="confidence_thresholds"
         )
 
-    def match(self, query: View, reference: View, view_size_px: tuple[int, int]) -> np.ndarray:
+    def match(self, query: ViewFeatures, reference: ViewFeatures, view_size_px: tuple[int, int]) -> np.ndarray:
         """Return (M, 2) int, the indices of matched points in the query and in the reference."""
         import torch
 
@@ -93,7 +95,7 @@ class LightGlue:
         return matches[0].numpy()
 
 
-def _side(view: View, size: Any) -> dict[str, Any]:
+def _side(view: ViewFeatures, size: Any) -> dict[str, Any]:
     import torch
 
     points, descriptors = torch.from_numpy(view.points_px - PIXEL_CENTRE), torch.tensor(view.features).float()

@@ -10,7 +10,7 @@ import numpy as np
 from salframe.framework.errors import DataError
 from salframe.localization.localizer import Description
 from salframe.panoramas.perspective import ViewRig
-from salframe_keypoints.feature_matcher import FeatureMatcher, View
+from salframe_keypoints.feature_matcher import FeatureMatcher, ViewFeatures
 
 SAMPLE = 20_000
 ITERATIONS = 15
@@ -83,7 +83,7 @@ def _stored(description: Description) -> np.ndarray:
     return description["global"].astype(np.float32)
 
 
-def split_views(description: Description) -> list[View]:
+def split_views(description: Description) -> list[ViewFeatures]:
     """Return the views in a description of `keypoints`.
 
     Raises:
@@ -92,7 +92,7 @@ def split_views(description: Description) -> list[View]:
     points, features = (
         _split(description, *names) for names in (("points_px", "point_count"), ("features", "feature_count"))
     )
-    return [View(*parts) for parts in zip(points, features, strict=True)]
+    return [ViewFeatures(*parts) for parts in zip(points, features, strict=True)]
 
 
 def _split(description: Description, rows_name: str, counts_name: str) -> list[np.ndarray]:

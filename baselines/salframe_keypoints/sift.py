@@ -9,7 +9,7 @@ from pydantic import Field
 
 from salframe.framework.component import ComponentConfig
 from salframe_keypoints.descriptors import DescriptorMatcher, unit_rows
-from salframe_keypoints.feature_matcher import View
+from salframe_keypoints.feature_matcher import ViewFeatures
 
 RATIO = 0.8
 """Maximum ratio of the distances to the nearest and the second nearest descriptor (Lowe 2004, section 7.1)."""
@@ -30,7 +30,7 @@ class Sift(DescriptorMatcher):
         super().__init__(config)
         self._sift = cv2.SIFT.create(nfeatures=self.config.max_keypoints)
 
-    def extract(self, images: np.ndarray) -> list[View]:
+    def extract(self, images: np.ndarray) -> list[ViewFeatures]:
         """See FeatureMatcher. OpenCV's descriptors are integers up to 255, so uint8 is exact."""
         views, limit = [], self.config.max_keypoints
         for image in gray(images):
@@ -38,10 +38,10 @@ class Sift(DescriptorMatcher):
             keypoints = keypoints[:limit]  # OpenCV may return more if the last responses are equal
             points = np.array([point.pt for point in keypoints], np.float32).reshape(-1, 2) + np.float32(0.5)
             described = np.zeros((0, 128), np.uint8) if descriptors is None else descriptors[:limit].astype(np.uint8)
-            views.append(View(points, described))
+            views.append(ViewFeatures(points, described))
         return views
 
-    def match_descriptors(self, query: View, reference: View) -> np.ndarray:
+    def match_descriptors(self, query: ViewFeatures, reference: ViewFeatures) -> np.ndarray:
         """See DescriptorMatcher."""
         if len(query.features) == 0 or len(reference.features) < 2:
             return np.zeros((0, 2), int)
@@ -52,7 +52,7 @@ class Sift(DescriptorMatcher):
         matched = np.flatnonzero(nearest < RATIO**2 * second)
         return np.stack([matched, candidates[matched, 0]], 1)
 
-    def describe(self, view: View) -> np.ndarray:
+    def describe(self, view: ViewFeatures) -> np.ndarray:
         """Return RootSIFT descriptors (Arandjelovic and Zisserman 2012)."""
         return root_sift(view.features)
 

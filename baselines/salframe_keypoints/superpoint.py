@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from salframe_keypoints.feature_matcher import View
+from salframe_keypoints.feature_matcher import ViewFeatures
 from salframe_keypoints.networks import PIXEL_CENTRE, NetworkMatcher
 from salframe_keypoints.pretrained import Pretrained
 
@@ -73,7 +73,7 @@ class SuperPointSuperGlue(NetworkMatcher):
         keypoints, scores, descriptors = detect_points(self._extractor, image)
         return keypoints, torch.cat([descriptors, scores[:, None]], 1)
 
-    def match_descriptors(self, query: View, reference: View) -> np.ndarray:
+    def match_descriptors(self, query: ViewFeatures, reference: ViewFeatures) -> np.ndarray:
         """See DescriptorMatcher.
 
         SuperGlue runs its own detector, which is replaced by one that returns the points of the two views.
@@ -90,11 +90,11 @@ class SuperPointSuperGlue(NetworkMatcher):
         matched = np.flatnonzero(partner >= 0)
         return np.stack([matched, partner[matched]], 1)
 
-    def describe(self, view: View) -> np.ndarray:
+    def describe(self, view: ViewFeatures) -> np.ndarray:
         """The descriptors without the scores."""
-        return super().describe(View(view.points_px, view.features[:, :-1]))
+        return super().describe(ViewFeatures(view.points_px, view.features[:, :-1]))
 
-    def _restore_points(self, views: tuple[View, View]) -> tuple[Any, Any, Any, Any]:
+    def _restore_points(self, views: tuple[ViewFeatures, ViewFeatures]) -> tuple[Any, Any, Any, Any]:
         """Return the output of SuperPoint for two views: relative positions, scores and descriptors, padded to the same
         number of points, and a mask of the points."""
         import torch

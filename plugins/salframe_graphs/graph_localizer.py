@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import ClassVar
 
-from salframe.framework.component import ComponentConfig
+import numpy as np
+
+from salframe.framework.component import ComponentConfig, added
 from salframe.framework.components.registry import registry
 from salframe.framework.components.slots import slot
 from salframe.graphs.detections import Detections
 from salframe.graphs.graph import REACH_M, GraphConfig, SaliencyGraph, build_graph
 from salframe.graphs.packing import graph_from_arrays, graph_to_arrays, pack_graph, unpack_graph
-from salframe.graphs.vocabulary import with_object_labels, written_labels
+from salframe.graphs.vocabulary import WRITTEN_LABELS, with_object_labels, written_labels
 from salframe.localization.localizer import Description, Localizer, range_slot
 from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.view import OdometryNoise
+from salframe_graphs.views import join_objects
 
 
 class GraphLocalizerConfig(ComponentConfig):
@@ -22,6 +27,9 @@ class GraphLocalizerConfig(ComponentConfig):
     detector: slot("detector", "auto")  # type: ignore[valid-type]
     saliency: slot("saliency", "volumetric")  # type: ignore[valid-type]
     graph: GraphConfig = GraphConfig.model_validate({})
+    odometry: OdometryNoise = added(
+        OdometryNoise(), match_only=True, description="errors of the motion between the views of a query"
+    )
 
 
 class GraphLocalizer(Localizer):
@@ -50,6 +58,17 @@ class GraphLocalizer(Localizer):
     def describe(self, panorama: Panorama) -> Description:
         detections = self._detector.detect(panorama)
         return {**graph_to_arrays(self.graph(detections)), **written_labels(detections)}
+
+    def join(
+        self, descriptions: Sequence[Description], T_last_view: np.ndarray, odometry: OdometryNoise
+    ) -> Description | None:
+        graphs = [graph_from_arrays(description) for description in descriptions]
+        if any(graph.bearings_only for graph in graphs):
+            return None  # objects without positions cannot be moved
+        objects = join_objects(graphs, T_last_view, odometry)
+        joined = build_graph(objects, self._saliency.score(objects), self.config.graph)
+        written = np.unique(np.concatenate([description[WRITTEN_LABELS] for description in descriptions]))
+        return {**graph_to_arrays(joined), WRITTEN_LABELS: written}
 
     def unfit_for_map(self, description: Description) -> str | None:
         if not graph_from_arrays(description).bearings_only:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -13,14 +14,17 @@ from salframe.cli.output import print_json
 
 if TYPE_CHECKING:
     from salframe.localization.answers import Localization
-    from salframe.panoramas.frames import QueryFrame, ReferenceFrame
     from salframe.panoramas.panorama import Panorama
 
 
 def localize(
     map: Annotated[Path, typer.Argument(help="Map folder written by `salframe build`")],
     frame: Annotated[
-        str | None, typer.Argument(help="Image in a folder with a manifest.json, or frame id with --data")
+        list[str] | None, typer.Argument(help="Image in a folder with a manifest.json, or frame id with --data")
+    ] = None,
+    views: Annotated[bool, typer.Option("--views", help="Join several FRAMEs or loose images to one query")] = False,
+    motion: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="CSV with t_s, x_m, y_m, z_m and yaw_deg of each view")
     ] = None,
     data: Annotated[str | None, typer.Option(help="Dataset that contains the frame")] = None,
     rgb: Annotated[
@@ -46,35 +50,62 @@ def localize(
 ) -> None:
     """Localize a panorama in a saved map.
 
-    The query is a frame of a dataset or loose images. Prints the places, best first, and the pose.
+    The query is a frame of a dataset, loose images, or several views in the order in which they were taken. Prints the
+    places, best first, and the pose, for views that of the last one. Without --motion, views are localized one by one,
+    and their answers are fused.
     """
     from salframe.cli.output import Bars, tell, warn
     from salframe.framework.errors import ConfigError
     from salframe.localization.map import open_map
+    from salframe.panoramas.motion_file import read_motion
     from salframe.panoramas.opening import open_frame
     from salframe.panoramas.shot import read_panorama
+    from salframe.panoramas.view import View
 
     loose = any(file is not None for file in (rgb, range_image, instances, labels))
-    if loose == (frame is not None):
+    frames = frame or []
+    if loose == bool(frames):
         received = "both a frame and images" if loose else "neither a frame nor images"
         raise ConfigError(f"received {received}, expected either FRAME or image files such as --rgb FILE")
+    if views and loose:
+        raise ConfigError("received --views with image options, expected the views as arguments: --views a.jpg b.jpg")
+    if not views and (len(frames) > 1 or motion is not None):
+        received = f"{len(frames)} frames" if len(frames) > 1 else "--motion"
+        raise ConfigError(f"received {received} without --views, expected --views for several views of one query")
     encoding = range_options(range_image, range_unit, range_missing, "cube" if z_depth else range_kind)
     saved_map = open_map(map)
-    query: Panorama | ReferenceFrame | QueryFrame
-    if frame is None:
-        query = read_panorama(rgb, range_image, instances, labels, **encoding)
-    else:
+    if views:
+        T_last_view = None if motion is None else read_motion(motion, len(frames))
+        panoramas = [_read_view(name, data, data_dir, overrides or ()) for name in frames]
+    elif frames:
         with Bars() as bars:
-            opened = open_frame(frame, data, data_dir, overrides or (), bars.update)
-        query = opened.load()
-    for note in query.notes:
-        tell(f"{query.id} {note}")
-    answer = saved_map.localize(query, warn=warn)
+            panoramas = [open_frame(frames[0], data, data_dir, overrides or (), bars.update).load()]
+    else:
+        panoramas = [read_panorama(rgb, range_image, instances, labels, **encoding)]
+    for panorama in panoramas:
+        for note in panorama.notes:
+            tell(f"{panorama.id} {note}")
+    if views:
+        known = [None] * len(panoramas) if T_last_view is None else list(T_last_view)
+        answer = saved_map.localize(views=[View(*view) for view in zip(panoramas, known, strict=True)], warn=warn)
+    else:
+        answer = saved_map.localize(panoramas[0], warn=warn)
     tell_choices(map)
     if as_json:
         print_json(answer_json(answer))
     else:
         print_answer(answer)
+
+
+def _read_view(name: str, data: str | None, data_dir: Path | None, overrides: Sequence[str]) -> Panorama:
+    """Return the panorama of a view: a frame of a dataset, or a loose equirectangular image."""
+    from salframe.panoramas.image_lookup import find_frame_image
+    from salframe.panoramas.opening import open_frame
+    from salframe.panoramas.shot import read_panorama
+
+    if data is None and find_frame_image(Path(name)) is None:
+        return read_panorama(name)
+    return open_frame(name, data, data_dir, overrides).load()
 
 
 def tell_choices(map: Path) -> None:

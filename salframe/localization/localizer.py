@@ -24,6 +24,7 @@ from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.range_model import RangeModel
+from salframe.panoramas.view import OdometryNoise
 
 Description = Mapping[str, np.ndarray]
 """The description of one panorama by a localizer: named arrays (no object dtype), which can be cached and saved."""
@@ -68,6 +69,8 @@ class Localizer(Role):
     """The component that the setting `range` selects."""
     posterior: Posterior | None = None
     """The value of the setting `posterior`."""
+    odometry: OdometryNoise = OdometryNoise()
+    """The value of the setting `odometry`, where the Config has one: the errors of the motion between views."""
     uses_floors: ClassVar[bool] = False
     """Whether `index` reads `floors`; they are then saved with the map."""
     uses: ClassVar[frozenset[str]] = frozenset()
@@ -78,6 +81,7 @@ class Localizer(Role):
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
         self.posterior = getattr(self.config, "posterior", None)
+        self.odometry = getattr(self.config, "odometry", self.odometry)
         range_config = getattr(self.config, "range", None)
         if range_config is not None:
             self.range_model = registry().build(RangeModel.role, range_config)
@@ -103,6 +107,21 @@ class Localizer(Role):
     @abstractmethod
     def match(self, description: Description) -> Localization:
         """Localize a described query. A failure is a status, never an exception."""
+
+    def join(
+        self, descriptions: Sequence[Description], T_last_view: np.ndarray, odometry: OdometryNoise
+    ) -> Description | None:
+        """Return one description of several views of a query, in the frame of the last view.
+
+        The default is None: the localizer cannot join these views. They are then matched one by one, and their answers
+        are fused.
+
+        Args:
+            descriptions: The descriptions of V views, in the order in which they were taken.
+            T_last_view: (V, 4, 4) rigid motions that map coordinates of the views to those of the last view.
+            odometry: The errors of these motions.
+        """
+        return None
 
     def pack(self, description: Description) -> Description:
         """Return what a map stores of a description: everything, unless overridden by smaller arrays."""

@@ -23,6 +23,7 @@ from salframe.graphs.vocabulary import unknown_labels_note
 from salframe.localization.answers import Localization
 from salframe.localization.canonical_order import in_canonical_order
 from salframe.localization.describing import check_parts, describe_ahead, describe_frame, suggest_components
+from salframe.localization.fusing import fuse_answers
 from salframe.localization.left_out import check_left_out, left_out_note
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map_files import MapParts, find_not_finite, read_map, write_map
@@ -33,6 +34,7 @@ from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 from salframe.panoramas.opening import reference_frames
 from salframe.panoramas.panorama import Annotations, Panorama
+from salframe.panoramas.view import View, motions
 
 MAX_HEIGHTS = 200
 """Maximum number of reference frames whose heights are compared with that of a query."""
@@ -210,22 +212,63 @@ class LocalizationMap:
         rgb: np.ndarray | None = None,
         range_m: np.ndarray | None = None,
         annotations: Annotations | None = None,
+        views: Sequence[View] | None = None,
         warn: Callable[[str], object] = python_warning,
     ) -> Localization:
-        """Localize a frame, a panorama, or the images of a panorama.
+        """Localize a frame, a panorama, the images of a panorama, or several views with the motion between them.
+
+        Views are joined to one query by localizers that implement `join`. Otherwise, and where the motion is unknown,
+        each view is localized alone, the answers are fused, and a note says so. The pose is that of the last view.
 
         Args:
             query: The frame or panorama.
             rgb: (H, 2H, 3) uint8, equirectangular, as in Panorama.
             range_m: (H, 2H) float32, metres along the ray, NaN where unknown, as in Panorama.
             annotations: Annotated objects.
+            views: Views of one query in the order in which they were taken, instead of the other inputs.
             warn: Called with each warning on the panorama: ranges that seem to be in a wrong unit, and objects without
                 a label. The default issues a Python warning.
 
         Raises:
             InputMissing: The localizer needs other parts. The error names a detector that does not need them.
-            DataError: Both a query and images were passed, the query is something else, or an image is malformed.
+            DataError: Both a query and images were passed, the query is something else, an image is malformed, or the
+                views are none or have a wrong motion.
         """
+        if views is not None:
+            if any(part is not None for part in (query, rgb, range_m, annotations)):
+                raise DataError("received both views and another query, expected only one of them")
+            return self._localize_views(views, warn)
+        return self.answer(self._describe_query(query, rgb, range_m, annotations, warn))
+
+    def _localize_views(self, views: Sequence[View], warn: Callable[[str], object]) -> Localization:
+        """Localize the views of one query, joined where possible. Raises as `localize`."""
+        T_last_view = motions(views)
+        descriptions = [self._describe_query(view.panorama, None, None, None, warn) for view in views]
+        if len(views) == 1:
+            return self.answer(descriptions[0])
+        joined = None
+        if T_last_view is not None:
+            joined = self.localizer.join(descriptions, T_last_view, self.localizer.odometry)
+        if joined is not None:
+            return self.answer(joined)
+        answers = [self.answer(description) for description in descriptions]
+        if T_last_view is None:
+            reason = "the motion between them is unknown"
+        else:
+            reason = f"{self.localizer.name} cannot join them"
+        note = f"{len(views)} views localized one by one and fused, because {reason}"
+        notes = dict.fromkeys(remark for answer in answers for remark in answer.notes)
+        return replace(fuse_answers(answers, T_last_view), notes=(note, *notes))
+
+    def _describe_query(
+        self,
+        query: ReferenceFrame | QueryFrame | Panorama | None,
+        rgb: np.ndarray | None,
+        range_m: np.ndarray | None,
+        annotations: Annotations | None,
+        warn: Callable[[str], object],
+    ) -> Description:
+        """Return the description of a query. Arguments and errors are those of `localize`."""
         if query is None:
             query = Panorama("the panorama", rgb, range_m, annotations=annotations)
         elif not isinstance(query, ReferenceFrame | QueryFrame | Panorama):
@@ -244,7 +287,7 @@ class LocalizationMap:
             query = replace(query, load=lambda: panorama)
         for note in query_notes(panorama, self._camera_z_m):
             warn(note)
-        return self.answer(describe_frame(self.localizer, query)[0])
+        return describe_frame(self.localizer, query)[0]
 
     def answer(self, description: Description) -> Localization:
         """Localize a described query.

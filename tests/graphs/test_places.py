@@ -11,9 +11,9 @@ from salframe_graphs.places import localizer as places_localizer
 from salframe_graphs.places.evidence import EvidenceWeights, label_evidence, shipped_weights
 from salframe_graphs.places.localizer import OUTLINE, SaliencyPlacesLocalizer
 from salframe_graphs.places.merging import Place
-from salframe_graphs.places.outline import BINS
 from salframe_graphs.places.place_index import index_places
 from salframe_graphs.places.rates import Likelihood, shipped_rates
+from salframe_graphs.places.sectors import BINS
 
 from salframe.framework.components.identity import identity
 from salframe.graphs.detections import unit_vectors

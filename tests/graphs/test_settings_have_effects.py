@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 from salframe_graphs.places.localizer import OUTLINE, SaliencyPlacesLocalizer
-from salframe_graphs.places.outline import BINS
+from salframe_graphs.places.sectors import BINS
 
 from salframe.framework.components.identity import identity
 from salframe.framework.components.presets import configure, settings
@@ -201,4 +201,5 @@ def test_a_setting_of_descriptions_changes_what_they_are_known_by(key):
 def test_these_are_all_settings():
     nested = {"detector.", "range."}  # settings of components that have tests of their own
     listed = {one.key for one in list_settings(preset()) if not one.key.startswith(tuple(nested))}
-    assert listed == {*CHANGES, *DESCRIBING}
+    joining = {"odometry.drift_share", "odometry.heading_drift_deg"}  # see test_joined_views.py
+    assert listed == {*CHANGES, *DESCRIBING, *joining}

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from conformance import breaks, conforms
 from salframe_keypoints.checkpoints import read_checkpoint
-from salframe_keypoints.feature_matcher import View
+from salframe_keypoints.feature_matcher import ViewFeatures
 from salframe_keypoints.localizer import Keypoints
 from salframe_keypoints.networks import LightGlue
 from salframe_keypoints.sift import Sift
@@ -114,7 +114,8 @@ def test_network_matches_are_those_of_kornia(name, images, make_matcher, monkeyp
     for view, (points, _) in zip(stored, detections, strict=True):
         assert share_alike(in_tenths(view.points_px - 0.5), in_tenths(points.numpy())) > 0.99
     exact = [
-        View(points.numpy().astype(np.float32) + np.float32(0.5), described.numpy()) for points, described in detections
+        ViewFeatures(points.numpy().astype(np.float32) + np.float32(0.5), described.numpy())
+        for points, described in detections
     ]
     plainly = ends_px(*exact, expected)
     assert len(plainly) > 100
@@ -255,7 +256,7 @@ class Beyond(Sift):
     name = "broken"
 
     def extract(self, images):
-        return [View(view.points_px * 2, view.features) for view in super().extract(images)]
+        return [ViewFeatures(view.points_px * 2, view.features) for view in super().extract(images)]
 
 
 class Raw(Sift):

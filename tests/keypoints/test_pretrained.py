@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from conformance import conforms
 from salframe_keypoints.efficient_loftr import align_match_columns
-from salframe_keypoints.feature_matcher import View
+from salframe_keypoints.feature_matcher import ViewFeatures
 from salframe_keypoints.localizer import Keypoints
 from salframe_keypoints.superpoint import SuperPointNearest
 
@@ -123,11 +123,11 @@ def test_superglue_gives_the_same_matches_twice_and_none_without_points(images, 
     query, reference = matcher.extract(images)
     twice = [matcher.match_descriptors(query, reference) for _ in range(2)]
     np.testing.assert_array_equal(*twice)
-    few = View(reference.points_px[:7], reference.features[:7])
+    few = ViewFeatures(reference.points_px[:7], reference.features[:7])
     matches = matcher.match_descriptors(query, few)
     assert matches[:, 1].max(initial=0) < 7
     assert matcher.match_descriptors(few, query).shape[1] == 2
-    none = View(np.zeros((0, 2), np.float32), np.zeros((0, 257), np.float16))
+    none = ViewFeatures(np.zeros((0, 2), np.float32), np.zeros((0, 257), np.float16))
     assert matcher.match_descriptors(query, none).shape == matcher.match_descriptors(none, query).shape == (0, 2)
     assert matcher.describe(query).shape == (50, 256)
 

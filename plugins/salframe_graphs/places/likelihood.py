@@ -13,6 +13,7 @@ from salframe.graphs.table import GraphNodes
 from salframe.panoramas.geometry import as_complex
 from salframe_graphs.places.place_index import PlaceIndex
 from salframe_graphs.places.rates import Likelihood, Rates
+from salframe_graphs.places.sectors import Sectors
 
 MIN_RANGE_M, REFERENCE_M = 0.5, 2.0
 """Distance below which the probability of detection is constant, and the distance to which `detection_logit` refers."""
@@ -100,7 +101,8 @@ class PlaceLikelihood:
     The score of place r and pose T is the sum over query objects i of
     log(1 + sum_j o_j p(i | j, T) / (c p(i | clutter))) and over the place's objects j of log(1 - P_j), where P_j is the
     probability that j is detected from T, o_j = P_j / (1 - P_j), and c is the rate of clutter. Query objects that
-    compete for the same object of the place share its odds.
+    compete for the same object of the place share its odds. The second sum is over objects in sectors that the query
+    shows.
 
     Attributes:
         log_ratio: (n, M) float32, log ratio of label, height and size of query objects i and map objects j.
@@ -109,7 +111,9 @@ class PlaceLikelihood:
         range_m: (n,) horizontal distances of the query's objects.
     """
 
-    def __init__(self, query: GraphNodes, index: PlaceIndex, rates: Rates, likelihood: Likelihood) -> None:
+    def __init__(
+        self, query: GraphNodes, index: PlaceIndex, rates: Rates, likelihood: Likelihood, sectors: Sectors | None = None
+    ) -> None:
         """Compare a query with the places of an index.
 
         Args:
@@ -117,8 +121,10 @@ class PlaceLikelihood:
             index: The places.
             rates: Error rates of the detector.
             likelihood: Constants of the likelihood.
+            sectors: Sectors that the query shows; None: all of them.
         """
         self.query, self.index, self.rates, self.likelihood = query, index, rates, likelihood
+        self.sectors = sectors
         self.position = as_complex(query.centroid_m)
         self.range_m = np.abs(self.position)
         self.ray = self.position / np.maximum(self.range_m, 1e-9)
@@ -187,13 +193,15 @@ class PlaceLikelihood:
     def score_without_pose(self) -> np.ndarray:
         """Return the score (K,) of each place without a pose.
 
-        Positions are ignored, and the odds of an object are multiplied by `unplaced_share`.
+        Positions are ignored, and the odds of an object are multiplied by `unplaced_share`. An object was seen with the
+        share of sectors that the query shows.
         """
         columns = _Columns(np.arange(len(self.index.label)), self.index.segments)
         odds = np.exp(np.minimum(self.log_ratio + self.first_camera_logit + self._minus_log_clutter, MAX_LOG_RATIO))
         _, total = _share_odds(odds, columns)
         score = np.log1p(self.likelihood.unplaced_share * total).sum(0)
-        return (score + _log_undetected(self.first_camera_logit, columns)).astype(np.float64)
+        seen_share = 1.0 if self.sectors is None else self.sectors.share
+        return (score + seen_share * _log_undetected(self.first_camera_logit, columns)).astype(np.float64)
 
     def score(self, poses: Poses) -> tuple[np.ndarray, np.ndarray]:
         """Return the scores of poses (C,), and the probability that each query object is each object of the place.
@@ -241,6 +249,7 @@ class PlaceLikelihood:
         logit = self.detection_logit(objects, np.abs(offset))
         offset *= columns.poses.spread(np.exp(-1j * poses.yaw_rad))
         rotated = np.array([offset.real, offset.imag], np.float32)
+        is_shown = None if self.sectors is None else self.sectors.show(offset)
         ray, normal, range_m = self._rays
         along_m = ray @ rotated
         along_m -= range_m  # the query object lies on its own ray
@@ -256,7 +265,8 @@ class PlaceLikelihood:
         log_odds += logit
         odds, total = _share_odds(np.exp(np.minimum(log_odds, MAX_LOG_RATIO, out=log_odds), out=log_odds), columns)
         total = 1 + total
-        return (np.log(total).sum(0) + _log_undetected(logit, columns)).astype(np.float64), odds, total
+        undetected = _log_undetected(logit, columns, is_shown)
+        return (np.log(total).sum(0) + undetected).astype(np.float64), odds, total
 
     def _fit(self, poses: Poses, columns: _Columns, share: np.ndarray) -> Poses:
         """Return poses fitted in closed form to pairs weighted by their shares (n, T) and the inverse variance."""
@@ -284,6 +294,10 @@ def _share_odds(odds: np.ndarray, columns: _Columns) -> tuple[np.ndarray, np.nda
     return odds, columns.poses.sum(odds)
 
 
-def _log_undetected(logit: np.ndarray, columns: _Columns) -> np.ndarray:
-    """Return the log probability (C,) that none of the objects is detected, from their logits (T,)."""
-    return -columns.poses.sum(np.log1p(np.exp(logit)))
+def _log_undetected(logit: np.ndarray, columns: _Columns, is_shown: np.ndarray | None = None) -> np.ndarray:
+    """Return the log probability (C,) that none of the objects is detected, from their logits (T,).
+
+    Only objects in sectors that the query shows count, `is_shown` (T,) bool; None: all of them.
+    """
+    loss = np.log1p(np.exp(logit))
+    return -columns.poses.sum(loss if is_shown is None else loss * is_shown)

@@ -32,6 +32,7 @@ from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.place_heights import MAX_STEP_M
+from salframe.panoramas.view import OdometryNoise
 from salframe_graphs.graph_localizer import GraphLocalizer, GraphLocalizerConfig
 from salframe_graphs.panorama_matching import PanoramaMatching, PanoramaMatchingConfig
 from salframe_graphs.places.evidence import EvidenceWeights, label_evidence, shipped_weights
@@ -40,6 +41,8 @@ from salframe_graphs.places.map_places import MapPlaces
 from salframe_graphs.places.outline import free_outline, pack_outline, unpack_outline
 from salframe_graphs.places.rates import SHIPPED, Likelihood, Rates, shipped_rates
 from salframe_graphs.places.search import SearchResult, search, settle
+from salframe_graphs.places.sectors import Sectors, shown_bins
+from salframe_graphs.views import join_outlines, join_sectors, sectors_from_arrays, sectors_to_arrays
 
 OUTLINE, PACKED = "outline_m", "outline_mm"
 """Keys of the outline of free space in a description, and in a packed description."""
@@ -96,7 +99,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
     """
 
     name = "saliency-places"
-    version = "4"
+    version = "5"
     uses_floors = True
 
     class Config(GraphLocalizerConfig, PanoramaMatchingConfig):
@@ -141,10 +144,23 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         self._weights = self.config.weights.model_dump()
 
     def describe(self, panorama: Panorama) -> Description:
-        description = super().describe(panorama)
+        description = {**super().describe(panorama)}
+        if panorama.valid is not None and not (bins := shown_bins(panorama.valid)).all():
+            description |= sectors_to_arrays(Sectors(bins[None], np.zeros((1, 2))))
         if not self.config.outline or panorama.range_m is None:
             return description
         return {**description, OUTLINE: free_outline(panorama.range_m)}
+
+    def join(
+        self, descriptions: Sequence[Description], T_last_view: np.ndarray, odometry: OdometryNoise
+    ) -> Description | None:
+        joined = super().join(descriptions, T_last_view, odometry)
+        if joined is None:
+            return None
+        sectors = join_sectors([sectors_from_arrays(description) for description in descriptions], T_last_view)
+        outlines_m = [description.get(OUTLINE) for description in descriptions]
+        outline = {} if all(o is None for o in outlines_m) else {OUTLINE: join_outlines(outlines_m, T_last_view)}
+        return {**joined, **sectors_to_arrays(sectors), **outline}
 
     def pack(self, description: Description) -> Description:
         packed = super().pack(description)
@@ -198,7 +214,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
             return self._matching.localize(query)
         if not len(query):
             return Localization((), None, LocalizationStatus.NO_OBJECTS)
-        hypotheses = self._hypotheses(query, description.get(OUTLINE))
+        hypotheses = self._hypotheses(query, description)
         if hypotheses is None:
             return Localization((), None, LocalizationStatus.NO_MATCH)
         value = hypotheses.evidence.scores(self._weights)
@@ -243,7 +259,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         query = graph_from_arrays(description)
         if self._is_scaleless(description) or not len(query):
             return None
-        hypotheses = self._hypotheses(query, description.get(OUTLINE))
+        hypotheses = self._hypotheses(query, description)
         return None if hypotheses is None else hypotheses.evidence
 
     def unknown_labels(self, description: Description) -> tuple[str, ...]:
@@ -256,12 +272,12 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         """Return whether the positions of a query's objects are unknown, or have an unknown scale."""
         return self._matching.estimates_scale or without_positions(description["centroid_m"])
 
-    def _hypotheses(self, query: SaliencyGraph, outline_m: np.ndarray | None) -> _Hypotheses | None:
+    def _hypotheses(self, query: SaliencyGraph, description: Description) -> _Hypotheses | None:
         """Return the hypotheses of a query: candidates under their best pose, and other places by their labels only.
 
         None where no place has any of the query's labels.
         """
-        places = self._map
+        places, outline_m = self._map, description.get(OUTLINE)
         nodes = GraphNodes.of(query, places.index.vocabulary)
         if not (nodes.label >= 0).any():
             return None
@@ -269,7 +285,8 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         if not len(matched):
             return None
         config = self.config
-        result = search(nodes, places.index.take(matched), config.rates, config.likelihood, config.poses)
+        sectors = sectors_from_arrays(description)
+        result = search(nodes, places.index.take(matched), config.rates, config.likelihood, config.poses, sectors)
         pose_place = matched[result.poses.place]
         poses = Poses(pose_place, result.poses.shift_m, result.poses.yaw_rad)
         pose_name = places.names_at(poses)

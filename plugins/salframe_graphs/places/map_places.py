@@ -16,9 +16,10 @@ from salframe.panoramas.floors import Regions
 from salframe.panoramas.frames import ReferenceFrame
 from salframe_graphs.places.likelihood import Poses
 from salframe_graphs.places.merging import gather_places
-from salframe_graphs.places.outline import BINS, MapOutlines, unpack_outline
+from salframe_graphs.places.outline import MapOutlines, unpack_outline
 from salframe_graphs.places.place_index import PLACE_COLUMNS, PlaceIndex, index_places, place_rows, read_places
 from salframe_graphs.places.rates import Likelihood, Rates
+from salframe_graphs.places.sectors import BINS
 from salframe_graphs.places.shown import ShownPlaces
 
 _PLACES = "places"

@@ -47,13 +47,13 @@ class Place:
 
 
 @dataclass(frozen=True, eq=False)
-class MapSightings:
-    """N sightings of objects in panoramas, in the world.
+class Sightings:
+    """N sightings of objects in panoramas, in the world or another common frame.
 
     Attributes:
-        frame: (N,) number of the frame in the map.
+        frame: (N,) number of the panorama.
         labels: (N,) labels.
-        centroid_m: (N, 3) positions in the world.
+        centroid_m: (N, 3) positions in the common frame.
         range_m: (N,) horizontal distances from the camera.
         log_size: (N, 3) logarithms of length, width and height.
         log_saliency: (N,) logarithm of saliency relative to the panorama's average.
@@ -88,7 +88,8 @@ def gather_places(
             objects.
     """
     frame_sightings = [
-        _sightings(number, graph, frame) for number, (graph, frame) in enumerate(zip(graphs, frames, strict=True))
+        sightings_of(number, graph, frame.T_world_pano)
+        for number, (graph, frame) in enumerate(zip(graphs, frames, strict=True))
     ]
     frames_of_place: dict[tuple[str, int], list[int]] = {}
     kinds = {frame.kind for frame in frames}
@@ -107,18 +108,60 @@ def gather_places(
         parts = [(number, np.arange(len(frame_sightings[number].labels))) for number in scene_frames] + added.get(
             name, []
         )
-        sightings = _concatenate([_select(frame_sightings[number], rows) for number, rows in parts])
+        sightings = concatenate_sightings([_select(frame_sightings[number], rows) for number, rows in parts])
         places.append(merge(name, scene_frames, sightings, rates))
     return places
 
 
-def merge(name: str, frames: Sequence[int], sightings: MapSightings, rates: Rates) -> Place:
-    """Merge sightings to the objects of one place.
+@dataclass(frozen=True, eq=False)
+class MergedSightings:
+    """M objects that N sightings were merged to.
+
+    Attributes:
+        owner: (N,) number of the object of each sighting.
+        labels: M labels.
+        centroid_m: (M, 3) mean of the sightings, weighted by inverse variance.
+        variance_m2: (M,) variance of that mean along each axis.
+        log_size: (M, 3) mean logarithms of length, width and height.
+        log_saliency: (M,) mean logarithm of saliency.
+        sightings: (M,) number of sightings.
+    """
+
+    owner: np.ndarray
+    labels: tuple[str, ...]
+    centroid_m: np.ndarray
+    variance_m2: np.ndarray
+    log_size: np.ndarray
+    log_saliency: np.ndarray
+    sightings: np.ndarray
+
+
+def merge(name: str, frames: Sequence[int], sightings: Sightings, rates: Rates) -> Place:
+    """Merge sightings to the objects of one place, with the variance of a position by `rates`."""
+    variance = rates.position_error_m**2 + (rates.range_error_share * sightings.range_m) ** 2
+    merged = merge_sightings(sightings, variance)
+    return Place(
+        name,
+        tuple(frames),
+        merged.labels,
+        merged.centroid_m,
+        merged.variance_m2,
+        merged.log_size,
+        merged.log_saliency,
+        merged.sightings,
+    )
+
+
+def merge_sightings(sightings: Sightings, variance_m2: np.ndarray) -> MergedSightings:
+    """Merge sightings of one object.
 
     Sightings are processed in the order of range. Each is merged with the nearest object of the same label that has no
     sighting of the same panorama and lies within MAX_SIGMAS; otherwise it is a new object.
+
+    Args:
+        sightings: N sightings.
+        variance_m2: (N,) variance of each sighting's position along each axis.
     """
-    variance = rates.position_error_m**2 + (rates.range_error_share * sightings.range_m) ** 2
     count = len(sightings.labels)
     owner = np.full(count, -1)
     weight, centre, label = np.zeros(count), np.zeros((count, 3)), np.empty(count, object)
@@ -130,7 +173,7 @@ def merge(name: str, frames: Sequence[int], sightings: MapSightings, rates: Rate
             if label[g] == sightings.labels[row] and sightings.frame[row] not in frames_of_group[g]
         ]
         distance = np.hypot(*(centre[open_groups, :2] - sightings.centroid_m[row, :2]).T)
-        is_near = distance < MAX_SIGMAS * np.sqrt(1 / weight[open_groups] + variance[row])
+        is_near = distance < MAX_SIGMAS * np.sqrt(1 / weight[open_groups] + variance_m2[row])
         if is_near.any():
             group = int(open_groups[int(np.argmin(np.where(is_near, distance, np.inf)))])
         else:
@@ -139,17 +182,16 @@ def merge(name: str, frames: Sequence[int], sightings: MapSightings, rates: Rate
             label[group] = sightings.labels[row]
         owner[row] = group
         frames_of_group[group].add(int(sightings.frame[row]))
-        total = weight[group] + 1 / variance[row]
-        centre[group] += (sightings.centroid_m[row] - centre[group]) / variance[row] / total
+        total = weight[group] + 1 / variance_m2[row]
+        centre[group] += (sightings.centroid_m[row] - centre[group]) / variance_m2[row] / total
         weight[group] = total
     size = len(frames_of_group)
     num_sightings = np.bincount(owner, minlength=size).astype(np.float64)
     log_size, log_saliency = np.zeros((size, 3)), np.zeros(size)
     np.add.at(log_size, owner, sightings.log_size)
     np.add.at(log_saliency, owner, sightings.log_saliency)
-    return Place(
-        name,
-        tuple(frames),
+    return MergedSightings(
+        owner,
         tuple(label[:size]),
         centre[:size],
         1 / weight[:size],
@@ -164,22 +206,30 @@ def relative_log_saliency(graph: SaliencyGraph) -> np.ndarray:
     return np.log(np.maximum(graph.saliency * len(graph), MIN_SALIENCY))
 
 
-def _sightings(number: int, graph: SaliencyGraph, frame: ReferenceFrame) -> MapSightings:
-    return MapSightings(
+def sightings_of(number: int, graph: SaliencyGraph, T_common_pano: np.ndarray) -> Sightings:
+    """Return the sightings of the graph of a panorama.
+
+    Args:
+        number: Number of the panorama.
+        graph: The graph.
+        T_common_pano: (4, 4) motion from the panorama to the common frame.
+    """
+    return Sightings(
         np.full(len(graph), number),
         np.array(graph.labels, object),
-        transform_points(frame.T_world_pano, graph.centroid_m),
+        transform_points(T_common_pano, graph.centroid_m),
         np.hypot(*graph.centroid_m[:, :2].T),
         np.log(graph.size_m),
         relative_log_saliency(graph),
     )
 
 
-def _select(sightings: MapSightings, rows: np.ndarray) -> MapSightings:
-    return MapSightings(*(getattr(sightings, name)[rows] for name in MapSightings.__dataclass_fields__))
+def _select(sightings: Sightings, rows: np.ndarray) -> Sightings:
+    return Sightings(*(getattr(sightings, name)[rows] for name in Sightings.__dataclass_fields__))
 
 
-def _concatenate(parts: Sequence[MapSightings]) -> MapSightings:
-    return MapSightings(
-        *(np.concatenate([getattr(part, name) for part in parts]) for name in MapSightings.__dataclass_fields__)
+def concatenate_sightings(parts: Sequence[Sightings]) -> Sightings:
+    """Return the sightings of all parts, at least one."""
+    return Sightings(
+        *(np.concatenate([getattr(part, name) for part in parts]) for name in Sightings.__dataclass_fields__)
     )

@@ -9,9 +9,8 @@ import numpy as np
 
 from salframe.panoramas.geometry import equirectangular_rays, wrap_angle
 from salframe_graphs.places.likelihood import Poses
+from salframe_graphs.places.sectors import BINS, MIDDLES_RAD, azimuth_bins
 
-BINS = 72
-"""Number of azimuth bins of an outline, 5 degrees each."""
 LOWEST_M, HIGHEST_M = 0.35, 0.8
 """Range of heights above the camera of the points of an outline: above most furniture and below lintels."""
 ERROR_LOG, STRAY, PEAK, MAX_SQUARED = 0.1, 0.15, 3.0, 50.0
@@ -19,7 +18,7 @@ ERROR_LOG, STRAY, PEAK, MAX_SQUARED = 0.1, 0.15, 3.0, 50.0
 upper bound of the squared deviation in standard deviations."""
 _MAX_M = 65.535
 """Maximum range of a packed outline: 65535 mm."""
-_MIDDLES = np.array([(np.cos(azimuth), np.sin(azimuth)) for azimuth in (np.arange(BINS) + 0.5) * (2 * np.pi / BINS)])
+_MIDDLES = np.column_stack([np.cos(MIDDLES_RAD), np.sin(MIDDLES_RAD)])
 """(BINS, 2) directions of the centres of the bins."""
 
 
@@ -37,7 +36,7 @@ def free_outline(range_m: np.ndarray) -> np.ndarray:
     """
     points = (equirectangular_rays(len(range_m)) * range_m[..., None]).reshape(-1, 3)
     points = points[(points[:, 2] > LOWEST_M) & (points[:, 2] < HIGHEST_M)]  # leaves out NaN too
-    bin_ = _bin(np.arctan2(points[:, 1], points[:, 0]))
+    bin_ = azimuth_bins(np.arctan2(points[:, 1], points[:, 0]))
     order = np.argsort(bin_, kind="stable")
     parts = np.split(np.hypot(points[order, 0], points[order, 1]), np.searchsorted(bin_[order], np.arange(1, BINS)))
     return np.array([np.median(part) if len(part) else np.nan for part in parts], np.float32)
@@ -63,7 +62,7 @@ def _fit(offset_m: np.ndarray, yaw_rad: np.ndarray, outline_m: np.ndarray) -> np
         outline_m: (P, BINS) outlines in metres.
     """
     x, y = offset_m[..., 0], offset_m[..., 1]
-    bins = _bin(np.arctan2(y, x) - yaw_rad)
+    bins = azimuth_bins(np.arctan2(y, x) - yaw_rad)
     expected = outline_m.ravel().take(bins + BINS * np.arange(len(bins))[:, None])
     with np.errstate(divide="ignore"):
         deviation = (0.5 / ERROR_LOG) * np.log((x * x + y * y) / (expected * expected))
@@ -127,11 +126,3 @@ def _corners(outline_m: np.ndarray, position_m: np.ndarray, yaw_rad: np.ndarray)
     x, y = np.moveaxis(outline_m[..., None] * _MIDDLES.astype(outline_m.dtype), -1, 0)
     c, s = np.cos(yaw_rad)[..., None], np.sin(yaw_rad)[..., None]
     return np.stack([c * x - s * y, s * x + c * y], -1) + position_m[..., None, :]  # type: ignore[no-any-return]
-
-
-def _bin(azimuth_rad: np.ndarray) -> np.ndarray:
-    """Return the bins (int32) of azimuths in [-2 pi, 2 pi); 0 where the azimuth is NaN."""
-    with np.errstate(invalid="ignore"):
-        number = np.floor(azimuth_rad * azimuth_rad.dtype.type(BINS / (2 * np.pi))).astype(np.int32)
-    number += BINS * (number < 0)
-    return np.minimum(np.maximum(number, 0), BINS - 1)

@@ -13,6 +13,7 @@ from salframe_graphs.places.hypotheses import best_poses
 from salframe_graphs.places.likelihood import PlaceLikelihood, Poses, RefinedPoses
 from salframe_graphs.places.place_index import PlaceIndex
 from salframe_graphs.places.rates import Likelihood, Rates
+from salframe_graphs.places.sectors import Sectors
 
 SETTLING_STEPS = 6
 """Number of reweighted fits of the final pose."""
@@ -46,9 +47,19 @@ class SearchResult:
         return self.scorer.score(self.poses.take(np.array([row])))[1] if share is None else share
 
 
-def search(query: GraphNodes, index: PlaceIndex, rates: Rates, likelihood: Likelihood, max_poses: int) -> SearchResult:
-    """Return the best pose of a query in each place of an index, from up to `max_poses` refined poses in each."""
-    scorer = PlaceLikelihood(query, index, rates, likelihood)
+def search(
+    query: GraphNodes,
+    index: PlaceIndex,
+    rates: Rates,
+    likelihood: Likelihood,
+    max_poses: int,
+    sectors: Sectors | None = None,
+) -> SearchResult:
+    """Return the best pose of a query in each place of an index, from up to `max_poses` refined poses in each.
+
+    `sectors` are those that the query shows; None: all of them.
+    """
+    scorer = PlaceLikelihood(query, index, rates, likelihood, sectors)
     refined = scorer.refine(best_poses(scorer, max_poses))
     best = top_per_group(refined.score, refined.poses.place, 1)
     return SearchResult(scorer, refined.poses.take(best), refined.score[best], refined, best)

@@ -6,8 +6,10 @@ in YAML are read by `salframe.framework.config`. The limits are in `salframe.fra
 
 from __future__ import annotations
 
+import csv
+import io
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
@@ -154,6 +156,35 @@ def read_table(path: Path, row: type[_Model]) -> list[_Model]:
         raise DataError(f"{path} is not a Parquet table: {one_line(error)}") from None
     validated: list[_Model] = check_as(rows, list[row], path)  # type: ignore[valid-type]
     return validated
+
+
+def read_csv_numbers(path: Path, columns: Sequence[str]) -> np.ndarray:
+    """Read columns of numbers from a CSV file with a header, (N, C) float64. Other columns are ignored.
+
+    Raises:
+        DataError: The file is not a CSV table, a column is missing, or a value is no finite number.
+    """
+    reader = csv.reader(io.StringIO(read_text(path, "a CSV table")), skipinitialspace=True)
+    try:
+        rows = [row for row in reader if row]
+    except csv.Error as error:
+        raise DataError(f"{path} is not a CSV table: {one_line(error)}") from None
+    header = [name.strip() for name in rows[0]] if rows else []
+    if absent := [name for name in columns if name not in header]:
+        raise DataError(f"{path} has no column {absent[0]}, expected the columns {','.join(columns)}")
+    if len(rows) - 1 > _MAX_ROWS:
+        raise DataError(f"{path} has {len(rows) - 1} rows, expected at most {_MAX_ROWS}")
+    numbers = np.empty((len(rows) - 1, len(columns)))
+    for number, row in enumerate(rows[1:]):
+        for place, name in enumerate(columns):
+            text = row[header.index(name)] if header.index(name) < len(row) else ""
+            try:
+                numbers[number, place] = float(text)
+            except ValueError:
+                numbers[number, place] = np.nan
+            if not np.isfinite(numbers[number, place]):
+                raise DataError(f"{path}: {name} is {text!r} in row {number + 1}, expected a finite number")
+    return numbers
 
 
 def read_network(path: Path) -> bytes:

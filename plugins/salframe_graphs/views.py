@@ -1,0 +1,92 @@
+"""Several views of a query as one: their objects, outlines and seen sectors in the frame of the last view."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from salframe.graphs.detections import Detections
+from salframe.graphs.graph import SaliencyGraph
+from salframe.panoramas.geometry import pose_yaw, wrap_angle
+from salframe.panoramas.view import OdometryNoise, motion_variance_m2
+from salframe_graphs.places.merging import concatenate_sightings, merge_sightings, sightings_of
+from salframe_graphs.places.sectors import BINS, MIDDLES_RAD, Sectors, azimuth_bins
+
+POSITION_ERROR_M, RANGE_ERROR_SHARE = 0.15, 0.05
+"""Standard deviation of an object's position along each axis at range 0 (m), and its growth per metre of range."""
+
+
+def join_objects(graphs: Sequence[SaliencyGraph], T_last_view: np.ndarray, odometry: OdometryNoise) -> Detections:
+    """Return the objects of views in the frame of the last view. Sightings of one object are merged.
+
+    The score of an object is the highest of its sightings, its yaw that of the nearest one.
+
+    Args:
+        graphs: The graphs of V views, with positions.
+        T_last_view: (V, 4, 4) motions that map coordinates of the views to those of the last view.
+        odometry: The errors of the motions.
+    """
+    parts, variances = [], []
+    for number, (graph, T) in enumerate(zip(graphs, T_last_view, strict=True)):
+        sightings = sightings_of(number, graph, T)
+        parts.append(sightings)
+        drift_m2 = motion_variance_m2(T_last_view, odometry, sightings.range_m, number)
+        variances.append(POSITION_ERROR_M**2 + (RANGE_ERROR_SHARE * sightings.range_m) ** 2 + drift_m2)
+    sightings = concatenate_sightings(parts)
+    merged = merge_sightings(sightings, np.concatenate(variances))
+    count = len(merged.labels)
+    scores, yaw_rad = np.zeros(count), np.zeros(count)
+    np.maximum.at(scores, merged.owner, np.concatenate([graph.scores for graph in graphs]))
+    yaws = np.concatenate([graph.yaw_rad + pose_yaw(T) for graph, T in zip(graphs, T_last_view, strict=True)])
+    far_to_near = np.argsort(-sightings.range_m, kind="stable")
+    yaw_rad[merged.owner[far_to_near]] = yaws[far_to_near] % np.pi  # the last assignment wins: the nearest sighting
+    return Detections(merged.labels, scores, merged.centroid_m, np.exp(merged.log_size), yaw_rad)
+
+
+def join_outlines(outlines_m: Sequence[np.ndarray | None], T_last_view: np.ndarray) -> np.ndarray:
+    """Return the outline of free space of views: the nearest point in each bin around the last view.
+
+    Args:
+        outlines_m: The outline (BINS,) of each view in metres, or None.
+        T_last_view: (V, 4, 4) motions that map coordinates of the views to those of the last view.
+
+    Returns:
+        (BINS,) float32 in metres; NaN for a bin without points.
+    """
+    nearest_m = np.full(BINS, np.inf)
+    directions = np.exp(1j * MIDDLES_RAD)
+    for outline_m, T in zip(outlines_m, T_last_view, strict=True):
+        if outline_m is None:
+            continue
+        points = outline_m * directions * np.exp(1j * pose_yaw(T)) + complex(*T[:2, 3])
+        points = points[np.isfinite(points)]
+        np.minimum.at(nearest_m, azimuth_bins(np.angle(points)), np.abs(points))
+    return np.where(np.isfinite(nearest_m), nearest_m, np.nan).astype(np.float32)
+
+
+def join_sectors(sectors: Sequence[Sectors | None], T_last_view: np.ndarray) -> Sectors | None:
+    """Return the sectors that views showed, in the frame of the last view; None where a view showed all of them.
+
+    Args:
+        sectors: The sectors of each view; None for a view of the whole sphere.
+        T_last_view: (V, 4, 4) motions that map coordinates of the views to those of the last view.
+    """
+    partial = [part for part in sectors if part is not None]
+    if len(partial) < len(sectors):
+        return None
+    bins, position_m = [], []
+    for part, T in zip(partial, T_last_view, strict=True):
+        bins.append(part.bins[:, azimuth_bins(wrap_angle(MIDDLES_RAD - pose_yaw(T)))])
+        position_m.append(part.position_m @ T[:2, :2].T + T[:2, 3])
+    return Sectors(np.concatenate(bins), np.concatenate(position_m))
+
+
+def sectors_to_arrays(sectors: Sectors | None) -> dict[str, np.ndarray]:
+    """Return sectors as arrays of a description; none where the whole sphere was seen."""
+    return {} if sectors is None else {"shown_sectors": sectors.bins, "shown_from_m": sectors.position_m}
+
+
+def sectors_from_arrays(arrays: Mapping[str, np.ndarray]) -> Sectors | None:
+    """Return the sectors of arrays of `sectors_to_arrays`."""
+    return Sectors(arrays["shown_sectors"], arrays["shown_from_m"]) if "shown_sectors" in arrays else None

@@ -1,0 +1,101 @@
+"""Fusing the answers of single views to one answer, for localizers that do not join descriptions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from salframe.localization.answers import (
+    MAX_OUT_OF_MAP_PROBABILITY,
+    Localization,
+    LocalizationStatus,
+    RankedPlace,
+    ranked_places,
+)
+from salframe.panoramas.geometry import invert_pose
+
+MIN_PROBABILITY = 1e-6
+"""Lower bound of a probability in the product, so that no view alone excludes a place."""
+
+
+def fuse_answers(answers: Sequence[Localization], T_last_view: np.ndarray | None) -> Localization:
+    """Fuse the answers of the views of a query. Views are treated as independent.
+
+    Where all answers that name a place have probabilities, the probability of a place is proportional to their product.
+    Otherwise the answer with the highest score is returned. The pose is that of the surest view in the first place,
+    moved to the last view; where the motion is unknown, it is the pose of the last view, if that is in the first place.
+
+    Args:
+        answers: The answers, at least one, in the order of the views.
+        T_last_view: (V, 4, 4) motions that map coordinates of the views to those of the last view; None: unknown.
+
+    Returns:
+        The answer, without the notes of the answers. An answer of the last view where no answer names a place.
+    """
+    placed = [number for number, answer in enumerate(answers) if answer.places]
+    if not placed:
+        return replace(answers[-1], notes=())
+    has_probabilities = all(answers[number].out_of_map_probability is not None for number in placed)
+    places, out_of_map = (
+        _multiply([answers[number] for number in placed])
+        if has_probabilities
+        else (max((answers[number].places for number in placed), key=lambda places: places[0].score), None)
+    )
+    is_rejected = (
+        any(answer.status is LocalizationStatus.OUT_OF_MAP for answer in answers)
+        and out_of_map is not None
+        and out_of_map > MAX_OUT_OF_MAP_PROBABILITY
+    )
+    if is_rejected:
+        return Localization(places, None, LocalizationStatus.OUT_OF_MAP, out_of_map_probability=out_of_map)
+    pose = _pose(answers, places[0].place, T_last_view)
+    status = LocalizationStatus.NO_POSE if pose is None else LocalizationStatus.OK
+    return Localization(places, pose, status, out_of_map_probability=out_of_map)
+
+
+def _multiply(answers: Sequence[Localization]) -> tuple[tuple[RankedPlace, ...], float]:
+    """Return the places with the products of their probabilities, best first, and the product for out-of-map.
+
+    The frame of a place is that of the answer with the highest probability of the place.
+    """
+    log_total: dict[str, float] = {}
+    best: dict[str, RankedPlace] = {}
+    log_min = float(np.log(MIN_PROBABILITY))
+    for answer in answers:
+        for place in answer.places:
+            log_probability = float(np.log(max(place.probability or 0.0, MIN_PROBABILITY)))
+            log_total[place.place] = log_total.get(place.place, 0.0) + log_probability - log_min
+            if place.place not in best or (place.probability or 0.0) > (best[place.place].probability or 0.0):
+                best[place.place] = place
+    outside = sum(
+        float(np.log(max(answer.out_of_map_probability or 0.0, MIN_PROBABILITY))) - log_min for answer in answers
+    )
+    names = sorted(log_total, key=lambda name: (-log_total[name], name))
+    logs = np.array([*(log_total[name] for name in names), outside])
+    share = np.exp(logs - logs.max())
+    share /= share.sum()
+    scores = (logs[:-1] + len(answers) * log_min).tolist()
+    return ranked_places([best[name].frame for name in names], names, scores, share[:-1].tolist()), float(share[-1])
+
+
+def _pose(answers: Sequence[Localization], place: str, T_last_view: np.ndarray | None) -> np.ndarray | None:
+    """Return the pose (4, 4) of the last view by the surest answer in a place; None where no answer has a pose."""
+    rows = [
+        number
+        for number, answer in enumerate(answers)
+        if answer.T_world_query is not None and answer.places[0].place == place
+    ]
+    if T_last_view is None:
+        rows = [number for number in rows if number == len(answers) - 1]
+    if not rows:
+        return None
+
+    def certainty(number: int) -> float:
+        first = answers[number].places[0]
+        return first.score if first.probability is None else first.probability
+
+    surest = max(rows, key=certainty)
+    pose = np.asarray(answers[surest].T_world_query)
+    return pose if T_last_view is None else pose @ invert_pose(T_last_view[surest])

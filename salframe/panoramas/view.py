@@ -1,0 +1,101 @@
+"""Several views of one query: their panoramas, the motion between them, and the errors of that motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic import Field
+
+from salframe.framework.errors import DataError
+from salframe.framework.validation import Settings
+from salframe.panoramas.geometry import is_rigid
+from salframe.panoramas.panorama import Panorama
+
+RIGID_TOLERANCE = 1e-3
+"""Tolerance of the check that a motion is rigid."""
+
+
+class OdometryNoise(Settings):
+    """Errors of the motion between views, as odometry measures it."""
+
+    drift_share: float = Field(
+        0.02, ge=0, le=1, description="standard deviation of a travelled distance, relative to the distance"
+    )
+    heading_drift_deg: float = Field(
+        1.0, ge=0, le=180, description="standard deviation of the change of heading from one view to the next (degrees)"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One of several views of a query, in the order in which they were taken.
+
+    Attributes:
+        panorama: The panorama. A narrow camera shows a part of the sphere, `Panorama.valid`.
+        T_last_view: (4, 4) rigid motion that maps coordinates of this view to those of the last view; the identity for
+            the last view. None where the motion is unknown.
+
+    Raises:
+        DataError: The panorama is no Panorama, or the motion is not rigid.
+    """
+
+    panorama: Panorama
+    T_last_view: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.panorama, Panorama):
+            raise DataError(f"View.panorama is {type(self.panorama).__name__}, expected a Panorama")
+        if self.T_last_view is None:
+            return
+        if not is_rigid(self.T_last_view, RIGID_TOLERANCE):
+            received = " ".join(str(np.asarray(self.T_last_view).tolist()).split())[:200]
+            raise DataError(
+                f"View.T_last_view of {self.panorama.id} is {received}, expected a rigid motion (4, 4) that maps "
+                "coordinates of this view to those of the last view, or None where it is unknown"
+            )
+        object.__setattr__(self, "T_last_view", np.array(self.T_last_view, np.float64))
+
+
+def motions(views: Sequence[View]) -> np.ndarray | None:
+    """Return the motions T_last_view of views, (V, 4, 4) float64; None where one of them is unknown.
+
+    The motion of the last view may be left out, because it is the identity.
+
+    Raises:
+        DataError: There are no views, one of them is no View, or the motion of the last view is not the identity.
+    """
+    if not views:
+        raise DataError("received no views, expected at least one View(panorama, T_last_view)")
+    for number, view in enumerate(views):
+        if not isinstance(view, View):
+            raise DataError(f"view {number} is {type(view).__name__}, expected View(panorama, T_last_view)")
+    last = views[-1].T_last_view
+    if last is not None and not np.allclose(last, np.eye(4), atol=RIGID_TOLERANCE):
+        raise DataError(
+            f"the last view has the translation {last[:3, 3].tolist()} m and the rotation {last[:3, :3].tolist()}, "
+            "expected the identity: T_last_view maps to the coordinates of the last view"
+        )
+    known = [view.T_last_view for view in views[:-1] if view.T_last_view is not None]
+    return np.stack([*known, np.eye(4)]) if len(known) == len(views) - 1 else None
+
+
+def motion_variance_m2(T_last_view: np.ndarray, noise: OdometryNoise, range_m: np.ndarray, view: int) -> np.ndarray:
+    """Return the variance of positions that are moved from a view to the last view, along each axis, in m^2.
+
+    It is (drift_share x path)^2 + (heading drift x sqrt(steps) x range)^2. The path is the distance travelled from the
+    view to the last view, and steps is the number of views between them, with the last one.
+
+    Args:
+        T_last_view: (V, 4, 4) motions of the views.
+        noise: The errors of the motion.
+        range_m: (N,) distances of the positions from the view in metres.
+        view: Number of the view.
+
+    Returns:
+        (N,) float64.
+    """
+    path_m = np.linalg.norm(np.diff(T_last_view[view:, :3, 3], axis=0), axis=1).sum()
+    heading_rad = np.radians(noise.heading_drift_deg) * np.sqrt(len(T_last_view) - 1 - view)
+    return np.asarray((noise.drift_share * path_m) ** 2 + (heading_rad * range_m) ** 2)

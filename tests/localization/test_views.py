@@ -1,0 +1,95 @@
+"""Several views as one query: motions are checked, answers are fused where the localizer has no join."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from fake_plugin import Reader
+
+from salframe.framework.errors import DataError
+from salframe.localization.answers import Localization, LocalizationStatus, ranked_places
+from salframe.localization.fusing import fuse_answers
+from salframe.localization.map import LocalizationMap
+from salframe.panoramas.geometry import pose_2d
+from salframe.panoramas.opening import find_dataset, reference_frames
+from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.view import OdometryNoise, View, motion_variance_m2, motions
+
+PANORAMA = Panorama("view")
+
+
+def answer(probabilities: dict[str, float], pose: np.ndarray | None = None) -> Localization:
+    """An answer with these places in this order; the rest of the probability is out-of-map."""
+    names = list(probabilities)
+    places = ranked_places([f"frame of {name}" for name in names], names, [0.0] * len(names), probabilities.values())
+    status = LocalizationStatus.NO_POSE if pose is None else LocalizationStatus.OK
+    return Localization(places, pose, status, out_of_map_probability=1 - sum(probabilities.values()))
+
+
+@pytest.mark.parametrize("motion", [np.eye(3), 2 * np.eye(4), np.full((4, 4), np.nan), "forward"])
+def test_a_motion_that_is_not_rigid_is_refused(motion):
+    with pytest.raises(DataError, match=r"View.T_last_view of view is .* expected a rigid motion"):
+        View(PANORAMA, motion)
+
+
+def test_the_motion_of_the_last_view_is_the_identity():
+    views = [View(PANORAMA, pose_2d(1, 0, 0)), View(PANORAMA, pose_2d(0, 0, 0.5))]
+    with pytest.raises(DataError, match=r"the last view has .* expected the identity"):
+        motions(views)
+    np.testing.assert_array_equal(motions([views[0], View(PANORAMA)]), [pose_2d(1, 0, 0), np.eye(4)])
+    assert motions([View(PANORAMA), View(PANORAMA)]) is None
+    with pytest.raises(DataError, match="no views"):
+        motions([])
+    with pytest.raises(DataError, match="view 0 is Panorama"):
+        motions([PANORAMA])
+
+
+def test_the_variance_of_a_moved_position_grows_with_path_and_turns():
+    T = np.array([pose_2d(-3, 4, 0), pose_2d(-3, 0, 1), np.eye(4)])  # 4 m, then 3 m
+    noise = OdometryNoise(drift_share=0.1, heading_drift_deg=2)
+    expected = (0.1 * 7) ** 2 + 2 * (np.radians(2) * np.array([0.0, 5.0])) ** 2
+    np.testing.assert_allclose(motion_variance_m2(T, noise, np.array([0.0, 5.0]), 0), expected)
+    np.testing.assert_array_equal(motion_variance_m2(T, noise, np.array([5.0]), 2), [0])
+
+
+def test_fused_probabilities_are_the_normalised_product():
+    fused = fuse_answers([answer({"a": 0.5, "b": 0.4}), answer({"b": 0.6, "a": 0.3})], None)
+    total = 0.5 * 0.3 + 0.4 * 0.6 + 0.1 * 0.1
+    assert [place.place for place in fused.places] == ["b", "a"]
+    np.testing.assert_allclose([place.probability for place in fused.places], [0.24 / total, 0.15 / total])
+    assert fused.out_of_map_probability == pytest.approx(0.01 / total)
+    assert fused.places[0].frame == "frame of b"
+
+
+def test_the_pose_of_the_surest_view_is_moved_to_the_last_view():
+    pose = pose_2d(2, 1, np.pi / 2)
+    T_last_view = np.array([pose_2d(-1, 0, 0), np.eye(4)])  # the last view is 1 m ahead of the first
+    answers = [answer({"a": 0.9}, pose), answer({"a": 0.4, "b": 0.3})]
+    fused = fuse_answers(answers, T_last_view)
+    np.testing.assert_allclose(fused.T_world_query, pose_2d(2, 2, np.pi / 2), atol=1e-12)
+    without_motion = fuse_answers(answers, None)
+    assert (without_motion.status, without_motion.places[0].place) == (LocalizationStatus.NO_POSE, "a")
+
+
+def test_answers_without_probabilities_are_fused_to_the_surest():
+    low = Localization(ranked_places(["f"], ["a"], [1.0]), np.eye(4), LocalizationStatus.OK)
+    high = Localization(ranked_places(["g"], ["b"], [3.0]), pose_2d(1, 0, 0), LocalizationStatus.OK)
+    failed = Localization((), None, LocalizationStatus.NO_OBJECTS)
+    assert fuse_answers([high, low, failed], None).places == high.places
+    assert fuse_answers([failed, failed], None).status is LocalizationStatus.NO_OBJECTS
+
+
+def test_a_localizer_without_join_says_so(fakes):
+    rooms = find_dataset("rooms")
+    frames = reference_frames(rooms)
+    built = LocalizationMap.build(Reader(Reader.Config(kind="reader")), frames)
+    panorama = frames[0].load()
+    alone = built.localize(panorama)
+    fused = built.localize(views=[View(panorama, pose_2d(0, 0, 0)), View(panorama)])
+    assert fused.notes[0] == "2 views localized one by one and fused, because reader cannot join them"
+    np.testing.assert_allclose(fused.T_world_query, alone.T_world_query)
+    unknown = built.localize(views=[View(panorama), View(panorama)])
+    assert "because the motion between them is unknown" in unknown.notes[0]
+    assert built.localize(views=[View(panorama)]).places == alone.places
+    with pytest.raises(DataError, match="both views and another query"):
+        built.localize(panorama, views=[View(panorama)])
