@@ -10,8 +10,8 @@ from salframe.graphs.detections import Detections
 from salframe.graphs.graph import SaliencyGraph
 from salframe.panoramas.geometry import pose_yaw, wrap_angle
 from salframe.panoramas.view import OdometryNoise, motion_variance_m2
-from salframe_graphs.places.merging import concatenate_sightings, merge_sightings, sightings_of
-from salframe_graphs.places.sectors import BINS, MIDDLES_RAD, Sectors, azimuth_bins
+from salframe_graphs.sectors import BINS, MIDDLES_RAD, Sectors, azimuth_bins
+from salframe_graphs.sightings import concatenate_sightings, merge_sightings, sightings_of
 
 POSITION_ERROR_M, RANGE_ERROR_SHARE = 0.15, 0.05
 """Standard deviation of an object's position along each axis at range 0 (m), and its growth per metre of range."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from salframe_graphs.places.likelihood import Poses
 from salframe_graphs.places.outline import MapOutlines, free_outline, pack_outline, unpack_outline
-from salframe_graphs.places.sectors import BINS
+from salframe_graphs.sectors import BINS
 
 from salframe.panoramas.geometry import equirectangular_rays, wrap_angle
 

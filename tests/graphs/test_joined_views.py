@@ -6,7 +6,7 @@ from salframe_graphs.places.likelihood import PlaceLikelihood, Poses
 from salframe_graphs.places.merging import Place
 from salframe_graphs.places.place_index import index_places
 from salframe_graphs.places.rates import Likelihood, shipped_rates
-from salframe_graphs.places.sectors import BINS, Sectors, shown_bins
+from salframe_graphs.sectors import BINS, Sectors, shown_bins
 from salframe_graphs.views import join_objects, join_outlines, join_sectors
 
 from salframe.framework.components.presets import configure, settings

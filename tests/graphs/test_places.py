@@ -13,7 +13,7 @@ from salframe_graphs.places.localizer import OUTLINE, SaliencyPlacesLocalizer
 from salframe_graphs.places.merging import Place
 from salframe_graphs.places.place_index import index_places
 from salframe_graphs.places.rates import Likelihood, shipped_rates
-from salframe_graphs.places.sectors import BINS
+from salframe_graphs.sectors import BINS
 
 from salframe.framework.components.identity import identity
 from salframe.graphs.detections import unit_vectors

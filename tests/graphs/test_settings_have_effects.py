@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 from salframe_graphs.places.localizer import OUTLINE, SaliencyPlacesLocalizer
-from salframe_graphs.places.sectors import BINS
+from salframe_graphs.sectors import BINS
 
 from salframe.framework.components.identity import identity
 from salframe.framework.components.presets import configure, settings

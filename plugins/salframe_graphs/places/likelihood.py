@@ -13,7 +13,7 @@ from salframe.graphs.table import GraphNodes
 from salframe.panoramas.geometry import as_complex
 from salframe_graphs.places.place_index import PlaceIndex
 from salframe_graphs.places.rates import Likelihood, Rates
-from salframe_graphs.places.sectors import Sectors
+from salframe_graphs.sectors import Sectors
 
 MIN_RANGE_M, REFERENCE_M = 0.5, 2.0
 """Distance below which the probability of detection is constant, and the distance to which `detection_logit` refers."""

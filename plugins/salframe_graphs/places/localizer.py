@@ -41,7 +41,7 @@ from salframe_graphs.places.map_places import MapPlaces
 from salframe_graphs.places.outline import free_outline, pack_outline, unpack_outline
 from salframe_graphs.places.rates import SHIPPED, Likelihood, Rates, shipped_rates
 from salframe_graphs.places.search import SearchResult, search, settle
-from salframe_graphs.places.sectors import Sectors, shown_bins
+from salframe_graphs.sectors import Sectors, shown_bins
 from salframe_graphs.views import join_outlines, join_sectors, sectors_from_arrays, sectors_to_arrays
 
 OUTLINE, PACKED = "outline_m", "outline_mm"

@@ -19,8 +19,8 @@ from salframe_graphs.places.merging import gather_places
 from salframe_graphs.places.outline import MapOutlines, unpack_outline
 from salframe_graphs.places.place_index import PLACE_COLUMNS, PlaceIndex, index_places, place_rows, read_places
 from salframe_graphs.places.rates import Likelihood, Rates
-from salframe_graphs.places.sectors import BINS
 from salframe_graphs.places.shown import ShownPlaces
+from salframe_graphs.sectors import BINS
 
 _PLACES = "places"
 """Name of the columns of places in the folder of a map's index."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from salframe.panoramas.geometry import equirectangular_rays, wrap_angle
 from salframe_graphs.places.likelihood import Poses
-from salframe_graphs.places.sectors import BINS, MIDDLES_RAD, azimuth_bins
+from salframe_graphs.sectors import BINS, MIDDLES_RAD, azimuth_bins
 
 LOWEST_M, HIGHEST_M = 0.35, 0.8
 """Range of heights above the camera of the points of an outline: above most furniture and below lintels."""

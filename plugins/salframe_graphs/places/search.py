@@ -13,7 +13,7 @@ from salframe_graphs.places.hypotheses import best_poses
 from salframe_graphs.places.likelihood import PlaceLikelihood, Poses, RefinedPoses
 from salframe_graphs.places.place_index import PlaceIndex
 from salframe_graphs.places.rates import Likelihood, Rates
-from salframe_graphs.places.sectors import Sectors
+from salframe_graphs.sectors import Sectors
 
 SETTLING_STEPS = 6
 """Number of reweighted fits of the final pose."""

@@ -1,0 +1,143 @@
+"""Sightings of objects in panoramas with known poses, where equal label and position mean one object."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from salframe.graphs.graph import SaliencyGraph
+from salframe.panoramas.geometry import transform_points
+
+MAX_SIGMAS = 3.0
+"""Maximum distance of two sightings of one object, in standard deviations of their difference."""
+MIN_SALIENCY = 1e-3
+"""Lower bound of saliency relative to the panorama's average, which keeps its logarithm finite."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sightings:
+    """N sightings of objects in panoramas, in the world or another common frame.
+
+    Attributes:
+        frame: (N,) number of the panorama.
+        labels: (N,) labels.
+        centroid_m: (N, 3) positions in the common frame.
+        range_m: (N,) horizontal distances from the camera.
+        log_size: (N, 3) logarithms of length, width and height.
+        log_saliency: (N,) logarithm of saliency relative to the panorama's average.
+    """
+
+    frame: np.ndarray
+    labels: np.ndarray
+    centroid_m: np.ndarray
+    range_m: np.ndarray
+    log_size: np.ndarray
+    log_saliency: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class MergedSightings:
+    """M objects that N sightings were merged to.
+
+    Attributes:
+        owner: (N,) number of the object of each sighting.
+        labels: M labels.
+        centroid_m: (M, 3) mean of the sightings, weighted by inverse variance.
+        variance_m2: (M,) variance of that mean along each axis.
+        log_size: (M, 3) mean logarithms of length, width and height.
+        log_saliency: (M,) mean logarithm of saliency.
+        sightings: (M,) number of sightings.
+    """
+
+    owner: np.ndarray
+    labels: tuple[str, ...]
+    centroid_m: np.ndarray
+    variance_m2: np.ndarray
+    log_size: np.ndarray
+    log_saliency: np.ndarray
+    sightings: np.ndarray
+
+
+def merge_sightings(sightings: Sightings, variance_m2: np.ndarray) -> MergedSightings:
+    """Merge sightings of one object.
+
+    Sightings are processed in the order of range. Each is merged with the nearest object of the same label that has no
+    sighting of the same panorama and lies within MAX_SIGMAS; otherwise it is a new object.
+
+    Args:
+        sightings: N sightings.
+        variance_m2: (N,) variance of each sighting's position along each axis.
+    """
+    count = len(sightings.labels)
+    owner = np.full(count, -1)
+    weight, centre, label = np.zeros(count), np.zeros((count, 3)), np.empty(count, object)
+    frames_of_group: list[set[int]] = []
+    for row in np.argsort(sightings.range_m, kind="stable"):
+        open_groups = [
+            g
+            for g in range(len(frames_of_group))
+            if label[g] == sightings.labels[row] and sightings.frame[row] not in frames_of_group[g]
+        ]
+        distance = np.hypot(*(centre[open_groups, :2] - sightings.centroid_m[row, :2]).T)
+        is_near = distance < MAX_SIGMAS * np.sqrt(1 / weight[open_groups] + variance_m2[row])
+        if is_near.any():
+            group = int(open_groups[int(np.argmin(np.where(is_near, distance, np.inf)))])
+        else:
+            group = len(frames_of_group)
+            frames_of_group.append(set())
+            label[group] = sightings.labels[row]
+        owner[row] = group
+        frames_of_group[group].add(int(sightings.frame[row]))
+        total = weight[group] + 1 / variance_m2[row]
+        centre[group] += (sightings.centroid_m[row] - centre[group]) / variance_m2[row] / total
+        weight[group] = total
+    size = len(frames_of_group)
+    num_sightings = np.bincount(owner, minlength=size).astype(np.float64)
+    log_size, log_saliency = np.zeros((size, 3)), np.zeros(size)
+    np.add.at(log_size, owner, sightings.log_size)
+    np.add.at(log_saliency, owner, sightings.log_saliency)
+    return MergedSightings(
+        owner,
+        tuple(label[:size]),
+        centre[:size],
+        1 / weight[:size],
+        log_size / num_sightings[:, None],
+        log_saliency / num_sightings,
+        num_sightings,
+    )
+
+
+def relative_log_saliency(graph: SaliencyGraph) -> np.ndarray:
+    """Return the logarithm (N,) of each node's saliency relative to the panorama's average; 0 where all are equal."""
+    return np.log(np.maximum(graph.saliency * len(graph), MIN_SALIENCY))
+
+
+def sightings_of(number: int, graph: SaliencyGraph, T_common_pano: np.ndarray) -> Sightings:
+    """Return the sightings of the graph of a panorama.
+
+    Args:
+        number: Number of the panorama.
+        graph: The graph.
+        T_common_pano: (4, 4) motion from the panorama to the common frame.
+    """
+    return Sightings(
+        np.full(len(graph), number),
+        np.array(graph.labels, object),
+        transform_points(T_common_pano, graph.centroid_m),
+        np.hypot(*graph.centroid_m[:, :2].T),
+        np.log(graph.size_m),
+        relative_log_saliency(graph),
+    )
+
+
+def select_sightings(sightings: Sightings, rows: np.ndarray) -> Sightings:
+    return Sightings(*(getattr(sightings, name)[rows] for name in Sightings.__dataclass_fields__))
+
+
+def concatenate_sightings(parts: Sequence[Sightings]) -> Sightings:
+    """Return the sightings of all parts, at least one."""
+    return Sightings(
+        *(np.concatenate([getattr(part, name) for part in parts]) for name in Sightings.__dataclass_fields__)
+    )
