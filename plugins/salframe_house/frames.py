@@ -108,7 +108,7 @@ def _limit_frames(frames: list[HouseFrame], building: Building, max_frames: int)
 
 
 def _map_points(building: Building, max_points: float = np.inf) -> dict[str, np.ndarray]:
-    """Choose positions near all of the free floor of each room: greedy medians, each moved to the middle of its share.
+    """Choose positions that cover the free floor of each room: greedily, then each moved to the centre of its part.
 
     Returns:
         Room id -> (N, 2) positions, N at most `max_points`.

@@ -174,7 +174,7 @@ class _Work:
                 costs.append({"frame": frame, "ms": seconds * 1e3})
 
     def _give_up(self, key: Key, death: Death, folder: Path) -> None:
-        """Write a row with the reason for a piece on which the method's process died."""
+        """Write a row with the reason, for a piece of work on which the process of the method died."""
         piece = next(one for one in self.survey.pieces if self.task.key(one) == key)
         key_fields = dict(zip(self.task.key_fields, key, strict=True))
         crashed = {"status": PieceStatus.CRASHED, "error": death.reason}

@@ -45,7 +45,7 @@ class TableStudy(Study):
     title: str = Field(description="title above the table")
     columns: tuple[str, ...] = Field((), description="the columns to show; empty: the default ones")
     quick: dict[str, Any] | Literal[False] = Field(
-        {}, description="keys of the table that `--quick` replaces; false: `--quick` skips the table"
+        {}, description="values that replace those of the table under `--quick`; false: `--quick` skips the table"
     )
 
 
