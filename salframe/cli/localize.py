@@ -86,8 +86,8 @@ def localize(
         for note in panorama.notes:
             tell(f"{panorama.id} {note}")
     if views:
-        known = [None] * len(panoramas) if T_last_view is None else list(T_last_view)
-        answer = saved_map.localize(views=[View(*view) for view in zip(panoramas, known, strict=True)], warn=warn)
+        motions = [None] * len(panoramas) if T_last_view is None else list(T_last_view)
+        answer = saved_map.localize(views=[View(*view) for view in zip(panoramas, motions, strict=True)], warn=warn)
     else:
         answer = saved_map.localize(panoramas[0], warn=warn)
     tell_choices(map)

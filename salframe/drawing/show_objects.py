@@ -239,8 +239,8 @@ def _range_notes(image: Path, shot: Shot, encoding: RangeEncoding) -> list[str]:
     if shot.depth_steps is None:
         missing = missing_note([panorama])
     else:
-        known = np.where(np.isin(shot.depth_steps, encoding.missing), 0, shot.depth_steps)
-        shares = missing_values(known)
+        readings = np.where(np.isin(shot.depth_steps, encoding.missing), 0, shot.depth_steps)
+        shares = missing_values(readings)
         missing = missing_line(shares, f"depth image of {image.name}", encoding) if shares else None
     return [note for note in (units_note([panorama]), missing) if note]
 

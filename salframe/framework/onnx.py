@@ -106,7 +106,7 @@ def open_model(
     options.add_session_config_entry(
         "session.intra_op.allow_spinning", "0"
     )  # spinning threads would occupy cores that other methods can use
-    # The network is loaded from bytes, to which outputs are added, so the runtime must be told its folder.
+    # The network is loaded from bytes, to which outputs are added, so the runtime does not know its folder.
     options.add_session_config_entry(
         "session.model_external_initializers_file_folder_path", str(path.parent.absolute())
     )

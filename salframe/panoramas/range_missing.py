@@ -45,9 +45,9 @@ def missing_values(steps: np.ndarray, weights: np.ndarray | None = None) -> dict
         steps: (h, w) values of the file; 0 where the range is unknown.
         weights: (h, w) or (h, 1) solid angle of the pixels; None: equal.
     """
-    known = steps > 0
-    weight = np.broadcast_to(1.0 if weights is None else weights, steps.shape)[known]
-    count, weight_of = np.bincount(steps[known]), np.bincount(steps[known], weight)
+    is_known = steps > 0
+    weight = np.broadcast_to(1.0 if weights is None else weights, steps.shape)[is_known]
+    count, weight_of = np.bincount(steps[is_known]), np.bincount(steps[is_known], weight)
     values = np.flatnonzero(count)
     if len(values) < MIN_VALUES:
         return {}

@@ -77,8 +77,8 @@ def motions(views: Sequence[View]) -> np.ndarray | None:
             f"the last view has the translation {last[:3, 3].tolist()} m and the rotation {last[:3, :3].tolist()}, "
             "expected the identity: T_last_view maps to the coordinates of the last view"
         )
-    known = [view.T_last_view for view in views[:-1] if view.T_last_view is not None]
-    return np.stack([*known, np.eye(4)]) if len(known) == len(views) - 1 else None
+    motions = [view.T_last_view for view in views[:-1] if view.T_last_view is not None]
+    return np.stack([*motions, np.eye(4)]) if len(motions) == len(views) - 1 else None
 
 
 def motion_variance_m2(T_last_view: np.ndarray, noise: OdometryNoise, range_m: np.ndarray, view: int) -> np.ndarray:

@@ -153,8 +153,8 @@ def content_sha256(path: Path) -> str | None:
     try:
         if path.is_file():
             external = external_files(path) if path.suffix.lower() == SUFFIX else ()
-            own = file_sha256(path)
-            return digest([own, _hash_files(path.parent, external)]) if external else own
+            sha256 = file_sha256(path)
+            return digest([sha256, _hash_files(path.parent, external)]) if external else sha256
         if not path.is_dir():
             return None
         return digest(_hash_files(path, sorted(_list_files(path))))

@@ -89,8 +89,8 @@ class Cache:
 
         Does nothing if the folder is read-only or the disk is full.
         """
-        own = {"_seconds": np.array(seconds), "_key": np.frombuffer(canonical_json(key), np.uint8)}
-        content = pack_arrays({**arrays, **own})
+        metadata = {"_seconds": np.array(seconds), "_key": np.frombuffer(canonical_json(key), np.uint8)}
+        content = pack_arrays({**arrays, **metadata})
         try:
             write_bytes(self._path(key), content + hashlib.sha256(content).digest())
         except OSError:
