@@ -104,12 +104,12 @@ class AnnotationDetector(Detector):
             raise InputMissing(
                 f"{panorama.id} has no annotations, which the detector {self.name!r} requires; choose another detector"
             )
-        objects, seed = seen_objects(panorama), (self.config.seed, zlib.crc32(panorama.id.encode()))
+        objects, seed = seen_objects(panorama), (self.config.seed, zlib.crc32(panorama.error_id.encode()))
         noise = self.config.noise
         if noise == "auto" and not annotations.rendered:
             detected = objects
         elif self._sensor_noise is not None:
-            detected = self._sensor_noise.spoil(panorama, objects, seed)
+            detected = self._sensor_noise.spoil(panorama, objects, self.config.seed)
         else:
             detected = spoil(objects, annotations.vocabulary, LEVELS[noise] if isinstance(noise, str) else noise, seed)
         return as_detections(detected, ranged=has_points(panorama))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
@@ -28,7 +29,8 @@ CORNERS = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3
 class SensedNoise:
     """Simulates the errors of a measured detector.
 
-    The random numbers of an object depend only on the seed, the frame and its key. Azimuths of false positives are
+    The random numbers of an object depend only on the seed, the `error_id` of the panorama and its key, those of false
+    positives on the seed and the id of the panorama. Azimuths of false positives are
     relative to the first annotated object, so that they rotate with the panorama. A partial view has false positives in
     proportion to the part of the sphere that it sees.
     """
@@ -46,7 +48,7 @@ class SensedNoise:
         """
         return cls(read_sensor(path))
 
-    def spoil(self, panorama: Panorama, objects: Sequence[Annotated], seed: tuple[int, int]) -> list[Annotated]:
+    def spoil(self, panorama: Panorama, objects: Sequence[Annotated], seed: int) -> list[Annotated]:
         """Return the simulated detections of the annotated objects of a panorama, followed by false positives."""
         visibility = sightings(panorama, objects)
         probabilities = self._sensor.detection.probability(
@@ -54,13 +56,13 @@ class SensedNoise:
         )
         detections = []
         for annotated, detection_probability in zip(objects, probabilities, strict=True):
-            rng = np.random.default_rng((*seed, annotated.key))
+            rng = np.random.default_rng((seed, zlib.crc32(panorama.error_id.encode()), annotated.key))
             if rng.random() < detection_probability:
                 detections.append(self._perturb(annotated, has_points(panorama), rng))
         return detections + self._draw_false_positives(
             panorama,
             _azimuth(objects[0].points_m) if objects else 0.0,
-            np.random.default_rng((*seed, *FALSE_POSITIVE_SEED)),
+            np.random.default_rng((seed, zlib.crc32(panorama.id.encode()), *FALSE_POSITIVE_SEED)),
         )
 
     def _perturb(self, annotated: Annotated, ranged: bool, rng: np.random.Generator) -> Annotated:

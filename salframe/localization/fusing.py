@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from enum import StrEnum
 
 import numpy as np
 
@@ -18,6 +19,21 @@ from salframe.panoramas.geometry import invert_pose
 
 MIN_PROBABILITY = 1e-6
 """Lower bound of a probability in the product, so that no view alone excludes a place."""
+
+
+FUSED = "views localized one by one and fused"
+"""Part of the note of an answer that was fused although the views should have been joined."""
+
+
+class Fusion(StrEnum):
+    """How several views of a query give one answer."""
+
+    JOINED = "joined"
+    """Views are joined to one query. Where the localizer cannot join them, their answers are fused as by PRODUCT."""
+    PRODUCT = "product"
+    """The probabilities of a place are multiplied over the views."""
+    SUREST = "surest"
+    """The answer with the highest probability of its first place, or score where there are no probabilities."""
 
 
 def fuse_answers(answers: Sequence[Localization], T_last_view: np.ndarray | None) -> Localization:
@@ -53,6 +69,29 @@ def fuse_answers(answers: Sequence[Localization], T_last_view: np.ndarray | None
     pose = _pose(answers, places[0].place, T_last_view)
     status = LocalizationStatus.NO_POSE if pose is None else LocalizationStatus.OK
     return Localization(places, pose, status, out_of_map_probability=out_of_map)
+
+
+def choose_surest(answers: Sequence[Localization], T_last_view: np.ndarray | None) -> Localization:
+    """Return the surest answer of the views of a query, with its pose moved to the last view.
+
+    Arguments and result are those of `fuse_answers`.
+    """
+    placed = [number for number, answer in enumerate(answers) if answer.places]
+    if not placed:
+        return replace(answers[-1], notes=())
+    number = max(placed, key=lambda number: _certainty(answers[number]))
+    surest = answers[number]
+    if surest.T_world_query is None or number == len(answers) - 1:
+        return replace(surest, notes=())
+    if T_last_view is None:
+        return replace(surest, T_world_query=None, covariance=None, status=LocalizationStatus.NO_POSE, notes=())
+    return replace(surest, T_world_query=surest.T_world_query @ invert_pose(T_last_view[number]), notes=())
+
+
+def _certainty(answer: Localization) -> float:
+    """Return the probability of the first place of an answer, or its score where it has no probabilities."""
+    first = answer.places[0]
+    return first.score if first.probability is None else first.probability
 
 
 def _multiply(answers: Sequence[Localization]) -> tuple[tuple[RankedPlace, ...], float]:
@@ -91,11 +130,6 @@ def _pose(answers: Sequence[Localization], place: str, T_last_view: np.ndarray |
         rows = [number for number in rows if number == len(answers) - 1]
     if not rows:
         return None
-
-    def certainty(number: int) -> float:
-        first = answers[number].places[0]
-        return first.score if first.probability is None else first.probability
-
-    surest = max(rows, key=certainty)
+    surest = max(rows, key=lambda number: _certainty(answers[number]))
     pose = np.asarray(answers[surest].T_world_query)
     return pose if T_last_view is None else pose @ invert_pose(T_last_view[surest])

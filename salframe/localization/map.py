@@ -14,7 +14,7 @@ import numpy as np
 from salframe.framework.component import ComponentConfig
 from salframe.framework.components.installation import folder_bytes
 from salframe.framework.components.registry import registry
-from salframe.framework.errors import FRAME_ERRORS, DataError, InputMissing, InvalidAnswer, SalframeError
+from salframe.framework.errors import DataError, InvalidAnswer, SalframeError
 from salframe.framework.files.array_files import FileStamp
 from salframe.framework.files.cache import Cache
 from salframe.framework.files.columns import Columns, check_kinds
@@ -22,12 +22,13 @@ from salframe.graphs.scene_index import scene_index_notes
 from salframe.graphs.vocabulary import unknown_labels_note
 from salframe.localization.answers import Localization
 from salframe.localization.canonical_order import in_canonical_order
-from salframe.localization.describing import check_parts, describe_ahead, describe_frame, suggest_components
-from salframe.localization.fusing import fuse_answers
-from salframe.localization.left_out import check_left_out, left_out_note
+from salframe.localization.describing import describe_ahead, describe_frame
+from salframe.localization.fusing import FUSED, Fusion, choose_surest, fuse_answers
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map_files import MapParts, find_not_finite, read_map, write_map
 from salframe.localization.preparing import Tell, python_warning, silent
+from salframe.localization.query_input import query_frame
+from salframe.localization.references import describe_references
 from salframe.panoramas.data_checks import query_notes
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.floors import FloorMasks
@@ -90,7 +91,7 @@ class LocalizationMap:
             DataError: There are no frames, or too many cannot be read.
             InputMissing: The localizer cannot use too many of the frames.
         """
-        packed, usable = _describe_all(localizer, frames, cache, dataset, progress, tell)
+        packed, usable = describe_references(localizer, frames, cache, dataset, progress, tell)
         built = cls(localizer, *in_canonical_order(packed, usable), floors)
         built._index()
         for note in scene_index_notes(localizer.config, len(frames)):
@@ -190,7 +191,7 @@ class LocalizationMap:
 
         `floors` are those of the changed map; the other arguments are as in `build`. Raises as `build`.
         """
-        packed, usable = _describe_all(self.localizer, frames, cache, dataset, progress, tell)
+        packed, usable = describe_references(self.localizer, frames, cache, dataset, progress, tell)
         self._replace({frame.place for frame in frames}, packed, usable, floors)
         for note in scene_index_notes(self.localizer.config, len(self.frames)):
             tell(note)
@@ -237,57 +238,59 @@ class LocalizationMap:
         if views is not None:
             if any(part is not None for part in (query, rgb, range_m, annotations)):
                 raise DataError("received both views and another query, expected only one of them")
-            return self._localize_views(views, warn)
-        return self.answer(self._describe_query(query, rgb, range_m, annotations, warn))
+            T_last_view = motions(views)
+            return self._localize_views([view.panorama for view in views], T_last_view, warn)
+        if isinstance(query, QueryFrame) and query.earlier:
+            return self._localize_views([view.load() for view in query.views], query.T_last_view, warn)
+        frame = query_frame(self.localizer, query, rgb, range_m, annotations)
+        return self.answer(self._describe_query(frame, warn))
 
-    def _localize_views(self, views: Sequence[View], warn: Callable[[str], object]) -> Localization:
+    def _localize_views(
+        self, panoramas: Sequence[Panorama], T_last_view: np.ndarray | None, warn: Callable[[str], object]
+    ) -> Localization:
         """Localize the views of one query, joined where possible. Raises as `localize`."""
-        T_last_view = motions(views)
-        descriptions = [self._describe_query(view.panorama, None, None, None, warn) for view in views]
-        if len(views) == 1:
-            return self.answer(descriptions[0])
-        joined = None
-        if T_last_view is not None:
-            joined = self.localizer.join(descriptions, T_last_view, self.localizer.odometry)
-        if joined is not None:
-            return self.answer(joined)
-        answers = [self.answer(description) for description in descriptions]
-        if T_last_view is None:
-            reason = "the motion between them is unknown"
-        else:
-            reason = f"{self.localizer.name} cannot join them"
-        note = f"{len(views)} views localized one by one and fused, because {reason}"
-        notes = dict.fromkeys(remark for answer in answers for remark in answer.notes)
-        return replace(fuse_answers(answers, T_last_view), notes=(note, *notes))
+        frames = [query_frame(self.localizer, panorama) for panorama in panoramas]
+        return self.answer_views([self._describe_query(frame, warn) for frame in frames], T_last_view)
 
-    def _describe_query(
-        self,
-        query: ReferenceFrame | QueryFrame | Panorama | None,
-        rgb: np.ndarray | None,
-        range_m: np.ndarray | None,
-        annotations: Annotations | None,
-        warn: Callable[[str], object],
-    ) -> Description:
-        """Return the description of a query. Arguments and errors are those of `localize`."""
-        if query is None:
-            query = Panorama("the panorama", rgb, range_m, annotations=annotations)
-        elif not isinstance(query, ReferenceFrame | QueryFrame | Panorama):
-            raise DataError(
-                f"the query is {type(query).__name__}, expected a frame, a Panorama, or arrays as rgb=, range_m= and "
-                "annotations=; read files with salframe.read_panorama"
-            )
-        elif any(image is not None for image in (rgb, range_m, annotations)):
-            raise DataError(f"received both {query.id} and images of another panorama, expected only one of them")
-        if isinstance(query, Panorama):
-            panorama = query
-            check_parts(self.localizer, panorama, lambda: suggest_components(self.localizer.config, panorama.provides))
-            query = QueryFrame(panorama.id, lambda: panorama)
-        else:
-            panorama = query.load()
-            query = replace(query, load=lambda: panorama)
-        for note in query_notes(panorama, self._camera_z_m):
+    def _describe_query(self, frame: ReferenceFrame | QueryFrame, warn: Callable[[str], object]) -> Description:
+        """Return the description of a query, with warnings on its panorama."""
+        for note in query_notes(frame.load(), self._camera_z_m):
             warn(note)
-        return describe_frame(self.localizer, query)[0]
+        return describe_frame(self.localizer, frame)[0]
+
+    def answer_views(
+        self, descriptions: Sequence[Description], T_last_view: np.ndarray | None, fusion: Fusion = Fusion.JOINED
+    ) -> Localization:
+        """Localize a query from the descriptions of its views, in the order in which they were taken.
+
+        Args:
+            descriptions: The descriptions of V views, at least one.
+            T_last_view: (V, 4, 4) motions that map coordinates of the views to those of the last view; None: unknown.
+            fusion: Whether to join the views where the localizer can, or to fuse the answers to single views. A note
+                says where they are fused although they should be joined.
+
+        Raises:
+            InvalidAnswer: As `answer`.
+            DataError: As `answer`.
+        """
+        if len(descriptions) == 1:
+            return self.answer(descriptions[0])
+        reason = ""
+        if fusion is Fusion.JOINED:
+            joined = None
+            if T_last_view is not None:
+                joined = self.localizer.join(descriptions, T_last_view, self.localizer.odometry)
+            if joined is not None:
+                return self.answer(joined)
+            reason = f"{self.localizer.name} cannot join them"
+            if T_last_view is None:
+                reason = "the motion between them is unknown"
+        answers = [self.answer(description) for description in descriptions]
+        notes = dict.fromkeys(remark for answer in answers for remark in answer.notes)
+        if reason:
+            notes = {f"{len(answers)} {FUSED}, because {reason}": None, **notes}
+        fused = choose_surest(answers, T_last_view) if fusion is Fusion.SUREST else fuse_answers(answers, T_last_view)
+        return replace(fused, notes=tuple(notes))
 
     def answer(self, description: Description) -> Localization:
         """Localize a described query.
@@ -377,39 +380,6 @@ def map_config(directory: str | Path) -> ComponentConfig:
     """Return the settings of a saved map's localizer, with the components that `auto` selected. Raises as
     `open_map`."""
     return read_map(Path(directory), MapParts.read_config)
-
-
-def _describe_all(
-    localizer: Localizer,
-    frames: Sequence[ReferenceFrame],
-    cache: Cache | None,
-    dataset: str,
-    progress: Callable[[int, int], None] | None,
-    tell: Tell,
-) -> tuple[list[Description], list[ReferenceFrame]]:
-    """Return the packed descriptions of the frames that can be used, and these frames."""
-    if not frames:
-        raise DataError("a map needs at least one reference frame, received none")
-    packed, usable, notes = [], [], []
-    left_out: dict[str, DataError | InputMissing] = {}
-    for done, frame in enumerate(frames):
-        if progress:
-            progress(done, len(frames))
-        try:
-            description, _ = describe_frame(localizer, frame, cache, dataset)
-        except FRAME_ERRORS as error:
-            left_out[frame.id] = error
-            continue
-        packed.append(localizer.pack(description))
-        usable.append(frame)
-        if note := localizer.note(description):
-            notes.append(f"{frame.id}: {note}")
-    if progress:
-        progress(len(frames), len(frames))
-    check_left_out(left_out, len(frames))
-    for note in [*notes, *filter(None, [left_out_note(left_out)])]:
-        tell(note)
-    return packed, usable
 
 
 @contextmanager

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -78,17 +78,37 @@ class ReferenceFrame:
 
 @dataclass(frozen=True, eq=False)
 class QueryFrame:
-    """A panorama to localize. Its pose and place are part of the truth of the dataset.
+    """A panorama to localize, or the last of several views. Its pose and place are part of the truth of the dataset.
 
     Attributes:
         id: Id of the query.
         load: Returns the panorama.
         content: As in ReferenceFrame.
+        earlier: Views of the query that were taken before, in this order.
+        T_last_view: (V, 4, 4) float64 rigid motions that map coordinates of the earlier views and of this panorama to
+            those of this panorama. None where they are unknown, or where there are no earlier views.
+
+    Raises:
+        DataError: The motions are no rigid motions, or not one for each view.
     """
 
     id: str
     load: Callable[[], Panorama]
     content: str = ""
+    earlier: tuple[QueryFrame, ...] = ()
+    T_last_view: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        if self.T_last_view is None:
+            return
+        motions = check_array(self, "T_last_view", np.float64, len(self.earlier) + 1, 4, 4)
+        if not all(is_rigid(motion, POSE_TOLERANCE) for motion in motions):
+            raise DataError(f"the query {self.id} has motions between its views that are not rigid")
+
+    @property
+    def views(self) -> tuple[QueryFrame, ...]:
+        """All views, in the order in which they were taken. The last one is this panorama alone."""
+        return (*self.earlier, replace(self, earlier=(), T_last_view=None))
 
 
 @dataclass(frozen=True)

@@ -72,13 +72,13 @@ def spoil_annotations(panorama: Panorama, noise: AnnotationNoise, seed: int) -> 
     """Return a panorama with simulated errors in its annotations.
 
     The pixels do not change, except for the range of objects whose range has an error. The errors of an object depend
-    only on the seed, the id of the panorama and the object. Objects that are missed at some rate are missed at every
-    higher rate.
+    only on the seed, the `error_id` of the panorama and the object. Objects that are missed at some rate are missed at
+    every higher rate.
     """
     annotations = panorama.annotations
     if annotations is None:
         return panorama
-    frame, vocabulary = zlib.crc32(panorama.id.encode()), annotations.vocabulary
+    frame, vocabulary = zlib.crc32(panorama.error_id.encode()), annotations.vocabulary
 
     def draw(key: int, label: str) -> _Draw:
         rng = np.random.default_rng((seed, frame, key))

@@ -119,6 +119,8 @@ class Annotations:
         labels: Label of each instance id. Ids as text, such as "7", are converted.
         objects: List of objects; None where there is an instance image.
         rendered: Whether labels and ranges come from a renderer and are free of errors.
+        error_id: Seeds the simulated errors of objects. Panoramas with one `error_id` have the same errors of the same
+            objects, as views of one stretch with a real detector. "": the id of the panorama.
 
     Raises:
         DataError: There are both an instance image and a list of objects, or neither; the image has no integers, or
@@ -129,6 +131,7 @@ class Annotations:
     labels: Mapping[int, str] = field(default_factory=dict)
     objects: ObjectBoxes | None = None
     rendered: bool = False
+    error_id: str = ""
 
     def __post_init__(self) -> None:
         if (self.instance_id is None) == (self.objects is None):
@@ -221,6 +224,11 @@ class Panorama:
             check_array(self, "range_m", np.float32, None, None)
         if self.valid is not None:
             check_mask(self, "valid")
+
+    @property
+    def error_id(self) -> str:
+        """Id that seeds the simulated errors of objects: that of the annotations, or that of the panorama."""
+        return self.id if self.annotations is None else self.annotations.error_id or self.id
 
     @property
     def provides(self) -> frozenset[str]:

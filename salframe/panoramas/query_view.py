@@ -5,18 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache, lru_cache, partial
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from salframe.framework.component import ComponentConfig, added
 from salframe.framework.components.identity import settings_identity
-from salframe.framework.errors import InputMissing
+from salframe.framework.errors import DataError, InputMissing
 from salframe.framework.files.hashes import digest
 from salframe.panoramas.frames import Fold, QueryFrame, ReferenceFrame
 from salframe.panoramas.geometry import equirectangular_rays
 from salframe.panoramas.object_noise import AnnotationNoise, spoil_annotations
 from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.query_motion import OdometryErrors, measured_motion, odometry_seed, turned_query
 
 ASPECT = 3 / 4
 """Ratio of height to width of a rectilinear view."""
@@ -48,8 +49,26 @@ class QueryView(ComponentConfig):
     query_noise: AnnotationNoise = added(
         AnnotationNoise(), match_only=True, description="errors in the annotations of queries, not of reference frames"
     )
+    query_views: int = added(1, match_only=True, ge=1, le=100, description="number of views of a query")
+    query_motion: Literal["turned", "driven"] = added(
+        "turned",
+        match_only=True,
+        description="motion between the views of a query: turned: to the left on the spot, by 60 % of the field of "
+        "view; driven: along a path, in datasets that have other views near the query",
+    )
+    query_odometry: OdometryErrors = added(
+        OdometryErrors(), match_only=True, description="errors of the motion between the views of a query"
+    )
+    query_errors: Literal["stretch", "view"] = added(
+        "stretch",
+        match_only=True,
+        description="simulated errors of an object in the views of a query: stretch: the same in all views; view: new "
+        "errors in each view",
+    )
 
 
+MOTION_SETTINGS = frozenset({"query_views", "query_motion", "query_odometry"})
+"""Names of the settings that no single view depends on."""
 VIEW_SETTINGS = frozenset(QueryView.model_fields) - {"kind"}
 """Names of the settings of QueryView. The fingerprint of a dataset does not depend on them."""
 
@@ -86,21 +105,65 @@ def view_queries(folds: Sequence[Fold], config: ComponentConfig, stored_key: str
         config: Settings of the dataset.
         stored_key: Cache key of unchanged frames that have no `content`.
     """
-    view = view_settings(config)
+    settings = {name: value for name, value in view_settings(config).items() if name not in MOTION_SETTINGS}
 
     @cache  # folds share their frames
     def with_key(frame: ReferenceFrame) -> ReferenceFrame:
         return replace(frame, content=frame.content or stored_key)
 
     def with_view(query: QueryFrame) -> QueryFrame:
-        content = digest([query.content or stored_key, view])
-        return QueryFrame(query.id, partial(_load_query, query, config), content)
+        query = _with_motion(query, config, query.content or stored_key)
+        *earlier, last = (
+            QueryFrame(
+                view.id, partial(_load_view, view, config, query.id), digest([view.content or stored_key, settings])
+            )
+            for view in query.views
+        )
+        return replace(last, earlier=tuple(earlier), T_last_view=query.T_last_view)
 
     return [Fold(fold.id, tuple(map(with_key, fold.references)), tuple(map(with_view, fold.queries))) for fold in folds]
 
 
-def _load_query(query: QueryFrame, config: ComponentConfig) -> Panorama:
-    return as_query(query.load(), config)
+def _with_motion(query: QueryFrame, config: Any, content: str) -> QueryFrame:
+    """Return a query with the views and the odometry of the settings.
+
+    Raises:
+        DataError: The queries are sequences already, cannot be driven, or turn with the view of a whole panorama.
+    """
+    if config.query_views == 1:
+        return query
+    if config.query_motion == "driven":
+        if not query.earlier:
+            raise DataError(
+                f"{config.kind} has no other views near the query {query.id}, which query_motion=driven requires; "
+                "expected query_motion=turned"
+            )
+    elif query.earlier:
+        raise DataError(
+            f"the query {query.id} has {len(query.views)} views in the data, expected query_views=1, which keeps them"
+        )
+    else:
+        fov_deg = config.query_fov_deg
+        if config.query_focal is not None:
+            fov_deg = min(fov_deg, 2 * np.degrees(np.arctan(1 / config.query_focal)))
+        if fov_deg >= 360:
+            raise DataError(
+                f"query_views is {config.query_views} for whole panoramas, expected a narrower view, such as "
+                "query_fov_deg=90"
+            )
+        query = turned_query(query, config.query_views, fov_deg, content)
+    if query.T_last_view is None:
+        return query
+    seed = odometry_seed(query, getattr(config, "seed", 0))
+    return replace(query, T_last_view=measured_motion(query.T_last_view, config.query_odometry, seed))
+
+
+def _load_view(view: QueryFrame, config: Any, query_id: str) -> Panorama:
+    """Return the panorama of a view of a query, with the settings of QueryView applied."""
+    panorama = view.load()
+    if config.query_errors == "stretch" and view.id != query_id and panorama.annotations is not None:
+        panorama = replace(panorama, annotations=replace(panorama.annotations, error_id=query_id))
+    return as_query(panorama, config)
 
 
 def _crop(panorama: Panorama, fov_deg: float, focal: float | None) -> Panorama:

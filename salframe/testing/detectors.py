@@ -12,9 +12,10 @@ from salframe.graphs.detector import Detector
 from salframe.graphs.turning import turned_detections
 from salframe.panoramas.geometry import wrap_angle
 from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.turning import turned
 from salframe.testing.expectations import DoesNotApply, ask, attempt, expect, same
 from salframe.testing.identities import check_identities
-from salframe.testing.rooms import HEIGHT_PX, PARTS, ROOMS, blind, halved, look, stand, turned
+from salframe.testing.rooms import HEIGHT_PX, PARTS, ROOMS, blind, halved, look, stand
 from salframe.testing.rules import Rules
 
 YAW_SLACK_M = 0.01

@@ -18,10 +18,11 @@ from salframe.localization.map import LocalizationMap
 from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.geometry import pose_2d, pose_errors
 from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.turning import turned
 from salframe.testing.detectors import check_needs, turns
 from salframe.testing.expectations import DoesNotApply, ask, attempt, expect, same
 from salframe.testing.identities import check_identities
-from salframe.testing.rooms import HEIGHT_PX, PARTS, blind, halved, map_frames, query_frames, random_frames, turned
+from salframe.testing.rooms import HEIGHT_PX, PARTS, blind, halved, map_frames, query_frames, random_frames
 from salframe.testing.rules import Rules
 
 SEEDS = (1, 2)

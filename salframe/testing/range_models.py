@@ -9,10 +9,11 @@ import numpy as np
 from salframe.framework.components.identity import identity
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.range_model import RangeModel
+from salframe.panoramas.turning import turned
 from salframe.testing.detectors import check_needs, turns
 from salframe.testing.expectations import ask, attempt, expect, same
 from salframe.testing.identities import check_identities
-from salframe.testing.rooms import PARTS, ROOMS, blind, halved, look, stand, turned
+from salframe.testing.rooms import PARTS, ROOMS, blind, halved, look, stand
 from salframe.testing.rules import Rules
 
 TURN_SHARE = 0.95

@@ -163,14 +163,6 @@ def halved(panorama: Panorama) -> Panorama:
     return replace(_changed(panorama, hide), valid=valid)
 
 
-def turned(panorama: Panorama, columns: int) -> Panorama:
-    """Return the panorama rolled to the right by a number of columns.
-
-    This is the panorama of the same camera, rotated to the left by columns / W of a full turn.
-    """
-    return _changed(panorama, lambda image: np.roll(image, columns, axis=1))
-
-
 def _changed(panorama: Panorama, change: Callable[[np.ndarray], np.ndarray]) -> Panorama:
     """Return the panorama with a function applied to each of its images."""
     annotations = panorama.annotations

@@ -90,7 +90,7 @@ def drawn():
     for frame in range(FRAMES):
         pano = panorama(f"frame-{frame}")
         objects = seen_objects(pano)
-        pairs.append((objects, noise.spoil(pano, objects, (0, frame))))
+        pairs.append((objects, noise.spoil(pano, objects, 0)))
     return pairs
 
 
@@ -224,7 +224,7 @@ def test_without_range_bearings_and_labels_are_drawn(tmp_path):
     objects = seen_objects(pano)
     shown = sightings(pano, objects)
     chance = SENSOR.detection.probability(shown.labels, shown.solid_angle_sr)
-    found = [one for frame in range(FRAMES) for one in noise.spoil(pano, objects, (0, frame)) if one.key > 0]
+    found = [one for frame in range(FRAMES) for one in noise.spoil(pano, objects, 0) if one.key > 0]
     assert len(found) / FRAMES == pytest.approx(chance.sum(), abs=4 * np.sqrt((chance * (1 - chance)).sum() / FRAMES))
     detections = detect(pano, noise=write(tmp_path, SENSOR))
     assert np.isnan(detections.centroid_m).all()

@@ -31,8 +31,8 @@ from salframe.panoramas.geometry import invert_pose, pose_2d, pose_errors
 from salframe.panoramas.opening import configure_dataset, open_dataset, reference_frames
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.query_view import as_query
+from salframe.panoramas.turning import turned
 from salframe.panoramas.view import OdometryNoise, View
-from salframe.testing.rooms import turned
 
 TURN_SHARE = 0.6
 """Turn from one view to the next, relative to the field of view."""

@@ -17,7 +17,8 @@ from salframe.framework.components.presets import configure
 from salframe.framework.errors import ConfigError, WeightsError
 from salframe.panoramas.geometry import equirectangular_rays
 from salframe.panoramas.panorama import Panorama
-from salframe.testing.rooms import EYE_M, ROOMS, halved, turned
+from salframe.panoramas.turning import turned
+from salframe.testing.rooms import EYE_M, ROOMS, halved
 
 STEP = 0.0054
 """Of the painted ranges."""

@@ -26,7 +26,7 @@ from salframe.panoramas.geometry import (
     wrap_angle,
 )
 from salframe.panoramas.panorama import Panorama
-from salframe.testing.rooms import turned
+from salframe.panoramas.turning import turned
 
 HEIGHT = 256
 WALL_M = 4.0

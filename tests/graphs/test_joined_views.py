@@ -17,8 +17,9 @@ from salframe.localization.map import LocalizationMap
 from salframe.panoramas.geometry import equirectangular_rays, invert_pose, pose_2d, pose_errors, transform_points
 from salframe.panoramas.panorama import Annotations, Panorama
 from salframe.panoramas.query_view import as_query
+from salframe.panoramas.turning import turned
 from salframe.panoramas.view import OdometryNoise, View
-from salframe.testing.rooms import map_frames, query_frames, query_truths, turned
+from salframe.testing.rooms import map_frames, query_frames, query_truths
 
 MOTIONS = np.array([pose_2d(-2, 0, np.pi / 2), np.eye(4)])  # the first view is 2 m behind and looks to the left
 

@@ -20,7 +20,7 @@ from salframe.framework.errors import InputMissing, WeightsError
 from salframe.graphs.detections import Detections
 from salframe.panoramas.geometry import pose_2d, transform_points, wrap_angle
 from salframe.panoramas.panorama import Annotations, Panorama
-from salframe.testing.rooms import turned
+from salframe.panoramas.turning import turned
 
 HEIGHT = 512
 SEED = 7

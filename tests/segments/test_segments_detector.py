@@ -14,7 +14,7 @@ from salframe.framework.components.presets import configure
 from salframe.framework.errors import ConfigError, InputMissing, WeightsError
 from salframe.panoramas.geometry import column_azimuth, equirectangular_rays, row_elevation, wrap_angle
 from salframe.panoramas.panorama import Panorama
-from salframe.testing.rooms import turned
+from salframe.panoramas.turning import turned
 
 HEIGHT = 256
 WALL_M = 4.0

@@ -26,6 +26,7 @@ from salframe.framework.errors import (
 from salframe.framework.files.cache import Cache
 from salframe.localization.answers import Localization
 from salframe.localization.describing import describe_frame
+from salframe.localization.fusing import FUSED, Fusion
 from salframe.localization.left_out import check_left_out, left_out_note
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map import LocalizationMap
@@ -42,10 +43,13 @@ class Answering(Worker[Query]):
     _map: LocalizationMap
     """The map of the fold that was prepared."""
 
-    def __init__(self, localizer: Localizer, dataset: Dataset, todo: Sequence[Query], folder: Path) -> None:
+    def __init__(
+        self, localizer: Localizer, dataset: Dataset, todo: Sequence[Query], folder: Path, fusion: Fusion
+    ) -> None:
         folds = {piece.fold.id: piece.fold for piece in todo}
         uses = Counter(frame.id for fold in folds.values() for frame in fold.references)
-        uses.update(piece.frame.id for piece in todo)
+        uses.update(view.id for piece in todo for view in piece.frame.views)
+        self._fusion, self._fused = fusion, list[str]()
         self._localizer, self._floors, self._fold = localizer, dataset.floors(), ""
         self._places: dict[str, str] = {}
         self._descriptions = _Descriptions(localizer, dataset.content_key, uses, folder / DESCRIPTIONS)
@@ -69,13 +73,15 @@ class Answering(Worker[Query]):
 
     def work(self, piece: Query) -> Row:
         try:
-            description, describe_ms = self._descriptions.take(piece.frame)
+            views = [self._descriptions.take(view) for view in piece.frame.views]
         except FRAME_ERRORS as error:
             self._unusable.append(str(error))
             raise
         start = time.perf_counter()
-        answer = self._map.answer(description)
+        descriptions, describe_ms = [description for description, _ in views], sum(ms for _, ms in views)
+        answer = self._map.answer_views(descriptions, piece.frame.T_last_view, self._fusion)
         query_ms = (time.perf_counter() - start) * 1e3
+        self._fused += [note for note in answer.notes if FUSED in note]
         for ranked in answer.places:
             if self._places.get(ranked.frame) != ranked.place:
                 raise InvalidAnswer(f"match gave {ranked}, expected a frame of the map and its place")
@@ -113,6 +119,7 @@ class Answering(Worker[Query]):
     def warning(self) -> str | None:
         problems = {
             "query frame(s) that cannot be used": self._unusable,
+            "queries of several views answered view by view": self._fused,
             "frame(s) partly described": list(self._descriptions.notes.values()),
         }
         parts = [f"{len(reasons)} {what}, the first: {reasons[0]}" for what, reasons in problems.items() if reasons]

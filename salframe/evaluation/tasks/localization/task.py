@@ -7,15 +7,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from pydantic import Field
+
 from salframe.evaluation.report.arms import Arm
 from salframe.evaluation.report.paged_task import Islands, PagedTask
 from salframe.evaluation.runs.inputs import check_needs
 from salframe.evaluation.runs.records import Part, Record
-from salframe.evaluation.runs.request import Request, resolve
+from salframe.evaluation.runs.request import Request, Resolved, resolve
 from salframe.evaluation.runs.rows import Row
-from salframe.evaluation.runs.run_folder import DESCRIPTIONS, ROWS
+from salframe.evaluation.runs.run_folder import DESCRIPTIONS, REQUEST, ROWS, Run
 from salframe.evaluation.runs.runner import run_task
-from salframe.evaluation.runs.task import Result, Worker
+from salframe.evaluation.runs.task import Result, TaskOptions, Worker
 from salframe.evaluation.tables.reported import read_reported
 from salframe.evaluation.tables.table import Table
 from salframe.evaluation.tasks.localization.answering import Answering, answer_row
@@ -34,6 +36,8 @@ from salframe.evaluation.tasks.localization.table import (
 from salframe.evaluation.tasks.localization.view import LocalizationView, Queries
 from salframe.evaluation.true_places import places_notes
 from salframe.framework.errors import DataError
+from salframe.framework.files.reading import check_as
+from salframe.localization.fusing import Fusion
 from salframe.localization.localizer import Localizer
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.opening import Progress
@@ -54,6 +58,14 @@ def compare(request: Request, *, reported: bool = False, progress: Progress | No
     return run_task(LocalizationTask(), request, resolve(request), progress=progress, reported=papers)
 
 
+class LocalizationOptions(TaskOptions):
+    """Options of a localization study."""
+
+    views: tuple[Fusion, ...] = Field(
+        (), description="how several views of a query give one answer: joined, product or surest; each is a row"
+    )
+
+
 @dataclass(frozen=True)
 class LocalizationTask(PagedTask[Query, LocalizationSurvey, AnswerRow, LocalizationRow]):
     """Where was each query taken?"""
@@ -68,6 +80,25 @@ class LocalizationTask(PagedTask[Query, LocalizationSurvey, AnswerRow, Localizat
     about = ABOUT
     counted = (ROWS, DESCRIPTIONS)
     maps = True
+    Options = LocalizationOptions
+    fusion: Fusion = Fusion.JOINED
+
+    @classmethod
+    def vary(cls, options: TaskOptions) -> list[tuple[dict[str, Any], TaskOptions]]:
+        fusions = options.views if isinstance(options, LocalizationOptions) else ()
+        return [({"views": fusion}, LocalizationOptions(views=(fusion,))) for fusion in fusions] or [({}, options)]
+
+    @classmethod
+    def plan(cls, request: Request, options: TaskOptions) -> tuple[LocalizationTask, Resolved]:
+        fusions = options.views if isinstance(options, LocalizationOptions) else ()
+        return cls(*fusions), resolve(request, cls.role)
+
+    def asks(self) -> dict[str, Any]:
+        return {} if self.fusion is Fusion.JOINED else {"views": self.fusion.value}
+
+    @classmethod
+    def from_run(cls, run: Run) -> LocalizationTask:
+        return cls(check_as(run.task.get("views", Fusion.JOINED), Fusion, f"{run.directory / REQUEST}: task.views"))
 
     def survey(self, dataset: Dataset) -> LocalizationSurvey:
         queries = [Query(fold, frame) for fold in dataset.folds() for frame in fold.queries]
@@ -84,13 +115,23 @@ class LocalizationTask(PagedTask[Query, LocalizationSurvey, AnswerRow, Localizat
     def total(self, survey: LocalizationSurvey) -> int:
         folds = survey.dataset.folds()
         mapped = {frame.id for fold in folds for frame in fold.references}
-        return len(mapped | {frame.id for fold in folds for frame in fold.queries}) + len(survey.pieces)
+        views = {view.id for fold in folds for query in fold.queries for view in query.views}
+        return len(mapped | views) + len(survey.pieces)
+
+    def input(self, label: str, method: Any, dataset: Dataset) -> tuple[str, ...]:
+        counts = sorted({len(query.views) for fold in dataset.folds() for query in fold.queries})
+        parts = super().input(label, method, dataset)
+        if counts[-1:] in ([], [1]):
+            return parts
+        joins = self.fusion is Fusion.JOINED and type(method).join is not Localizer.join
+        number = f"{counts[-1]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
+        return (*parts, f"{number} views {'joined' if joins else 'fused'}")
 
     def open(
         self, label: str, method: Localizer, survey: LocalizationSurvey, todo: Sequence[Query], folder: Path
     ) -> Worker[Query]:
         check_needs(method, survey.dataset)
-        return Answering(method, survey.dataset, todo, folder)
+        return Answering(method, survey.dataset, todo, folder, self.fusion)
 
     def failed(self, piece: Query) -> Row:
         return answer_row(None)

@@ -1,0 +1,39 @@
+"""The input of `LocalizationMap.localize` as a frame whose panorama is loaded and has the parts that are needed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from salframe.framework.errors import DataError
+from salframe.localization.describing import check_parts, suggest_components
+from salframe.localization.localizer import Localizer
+from salframe.panoramas.frames import QueryFrame, ReferenceFrame
+from salframe.panoramas.panorama import Annotations, Panorama
+
+
+def query_frame(
+    localizer: Localizer,
+    query: ReferenceFrame | QueryFrame | Panorama | None,
+    rgb: np.ndarray | None = None,
+    range_m: np.ndarray | None = None,
+    annotations: Annotations | None = None,
+) -> ReferenceFrame | QueryFrame:
+    """Return the frame of a query, whose panorama is loaded. Arguments and errors are those of
+    `LocalizationMap.localize`."""
+    if query is None:
+        query = Panorama("the panorama", rgb, range_m, annotations=annotations)
+    elif not isinstance(query, ReferenceFrame | QueryFrame | Panorama):
+        raise DataError(
+            f"the query is {type(query).__name__}, expected a frame, a Panorama, or arrays as rgb=, range_m= and "
+            "annotations=; read files with salframe.read_panorama"
+        )
+    elif any(image is not None for image in (rgb, range_m, annotations)):
+        raise DataError(f"received both {query.id} and images of another panorama, expected only one of them")
+    if isinstance(query, Panorama):
+        panorama = query
+        check_parts(localizer, panorama, lambda: suggest_components(localizer.config, panorama.provides))
+        return QueryFrame(panorama.id, lambda: panorama)
+    panorama = query.load()
+    return replace(query, load=lambda: panorama)
