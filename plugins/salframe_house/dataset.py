@@ -38,6 +38,13 @@ class House(RenderedDataset["HouseFrame"], NavigableDataset):
     class Config(HouseConfig):
         """See `HouseConfig`."""
 
+    @cached_property
+    def fingerprint(self) -> str:
+        fingerprint = super().fingerprint
+        if self.config.query_motion != "driven" or self.config.query_views == 1:
+            return fingerprint
+        return digest([fingerprint, "driven", self.config.query_views])
+
     @property
     def provides(self) -> frozenset[str]:
         channels = {
@@ -54,6 +61,11 @@ class House(RenderedDataset["HouseFrame"], NavigableDataset):
         from salframe_house.rendering import frames_of
 
         return frames_of(self.config)
+
+    def list_sequences(self) -> Mapping[str, Sequence[str]]:
+        from salframe_house.rendering import sequences_of
+
+        return sequences_of(self.config)
 
     def file_stem(self, number: int, frame: HouseFrame) -> str:
         return frame.id

@@ -22,6 +22,7 @@ from salframe_house.building import (
     change_building,
     generate_building,
 )
+from salframe_house.driving import drive_all
 from salframe_house.frames import HouseFrame, choose_frames
 from salframe_house.lighting import Lighting
 from salframe_house.render import HouseRenderer
@@ -49,8 +50,10 @@ def buildings_of(config: HouseConfig) -> tuple[Building, Building]:
     )
 
 
+@cache
 def frames_of(config: HouseConfig) -> tuple[HouseFrame, ...]:
-    """Return the frames of a dataset (see `choose_frames`), with the lighting of its settings."""
+    """Return the frames of a dataset (see `choose_frames`), with the lighting of its settings. Earlier views of driven
+    queries come before their query."""
     frames = choose_frames(
         *buildings_of(config),
         config.seed,
@@ -59,9 +62,27 @@ def frames_of(config: HouseConfig) -> tuple[HouseFrame, ...]:
         config.query_shift_m,
         config.frames_per_room,
     )
-    if config.lighting == "other":
+    if config.lighting != "other":
+        frames = tuple(replace(frame, lighting=config.lighting) if frame.is_query else frame for frame in frames)
+    if not is_driven(config):
         return frames
-    return tuple(replace(frame, lighting=config.lighting) if frame.is_query else frame for frame in frames)
+    queries = [frame for frame in frames if frame.is_query]
+    driven = drive_all(buildings_of(config)[1], queries, config.query_views, config.seed)
+    return (*(frame for frame in frames if not frame.is_query), *(view for views in driven for view in views))
+
+
+def is_driven(config: HouseConfig) -> bool:
+    """Return whether queries are views along a path."""
+    return config.query_motion == "driven" and config.query_views > 1
+
+
+def sequences_of(config: HouseConfig) -> dict[str, list[str]]:
+    """Return the ids of the earlier views of driven queries, by query."""
+    if not is_driven(config):
+        return {}
+    ids = [frame.id for frame in frames_of(config) if frame.is_query]
+    groups = [ids[start : start + config.query_views] for start in range(0, len(ids), config.query_views)]
+    return {views[-1]: views[:-1] for views in groups}
 
 
 def object_table(building: Building, changed: Building) -> dict[str, Sequence[Any]]:

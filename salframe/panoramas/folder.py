@@ -71,9 +71,7 @@ class FolderDataset(Dataset):
             for entry in entries
             if entry.role != "query"
         )
-        queries = tuple(
-            self._folder.query_frame(entry, contents.get(entry.id, "")) for entry in entries if entry.role == "query"
-        )
+        queries = tuple(self._folder.query_frames(contents))
         folds = self.view([Fold("all", references, queries)])
         hidden = getattr(self.config, "hide_query_place", False)  # datasets that render may lack this setting
         return add_hidden_places(folds, self.truth, self.floors()) if hidden else folds

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -26,6 +27,7 @@ from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.panorama_files import load_panorama
 from salframe.panoramas.pose_conventions import PoseConvention, convert_pose
 from salframe.panoramas.range_encoding import MAX_STEP, RangeEncoding, RangeKind
+from salframe.panoramas.sequences import Odometry
 
 IMAGE_KEYS = ("rgb", "range", "instances", "valid")
 """Keys of a frame in the manifest that name an image file."""
@@ -95,6 +97,8 @@ class FrameEntry(RangeKeys):
     valid: str | None = None
     place: str | None = None
     pose: tuple[float, ...] | None = Pose
+    sequence: str | None = Field(None, min_length=1)
+    t_s: Annotated[float, Field(allow_inf_nan=False)] | None = None
     _pose = field_validator("pose")(_rigid)
 
     @model_validator(mode="after")
@@ -106,6 +110,10 @@ class FrameEntry(RangeKeys):
             )
         if self.role != "query" and not (has_pose and has_place):
             raise ValueError(f"the reference frame {self.id} has no {'place' if has_pose else 'pose'}")
+        if self.sequence is not None and self.role != "query":
+            raise ValueError(f"the reference frame {self.id} has a sequence, expected it only in queries")
+        if self.sequence is not None and self.t_s is None:
+            raise ValueError(f"the view {self.id} of the sequence {self.sequence!r} has no t_s, its time in seconds")
         if not (self.rgb or self.range or self.instances):
             raise ValueError(f"the frame {self.id} names no image, expected rgb, range or instances")
         return self
@@ -133,6 +141,7 @@ class Manifest(RangeKeys):
     objects: str | None = None
     floors: tuple[FloorEntry, ...] = ()
     rendered: bool = False
+    odometry: str | None = None
     pose_convention: PoseConvention = "ros"
     pose_unit_m: PositiveFloat = 1.0
 
@@ -143,6 +152,10 @@ class Manifest(RangeKeys):
             if frame.id in ids:
                 raise ValueError(f"two frames have the id {frame.id}, expected unique ids")
             ids.add(frame.id)
+        times = {(frame.sequence, frame.t_s) for frame in self.frames if frame.sequence is not None}
+        views = [frame for frame in self.frames if frame.sequence is not None]
+        if len(times) < len(views):
+            raise ValueError("two views of a sequence have the same t_s, expected the time at which each was taken")
         if not any(frame.role != "query" for frame in self.frames):
             raise ValueError(
                 f"the manifest has {len(self.frames)} frames and no reference frame, expected at least one of role map"
@@ -219,9 +232,33 @@ class Folder:
             return None
         return convert_pose(pose_matrix(pose), self.manifest.pose_convention, self.manifest.pose_unit_m)
 
-    def query_frame(self, entry: FrameEntry, content: str = "") -> QueryFrame:
-        """Return a query of the manifest with this `content`; its images are read when it is loaded."""
-        return QueryFrame(entry.id, partial(self.load, entry), content)
+    def query_frames(self, contents: Mapping[str, str]) -> list[QueryFrame]:
+        """Return the queries of the manifest. Their images are read when they are loaded.
+
+        The views of a sequence are one query, in the order of time. Its id is that of its last view.
+
+        Args:
+            contents: The `content` of frames by id; missing: "".
+
+        Raises:
+            DataError: The odometry cannot be read.
+        """
+        odometry = None if self.manifest.odometry is None else Odometry.read(self.root / self.manifest.odometry)
+        groups: dict[str, list[FrameEntry]] = {}
+        for entry in self.manifest.frames:
+            if entry.role == "query":
+                key = f"frame {entry.id}" if entry.sequence is None else f"sequence {entry.sequence}"
+                groups.setdefault(key, []).append(entry)
+        queries = []
+        for entries in groups.values():
+            entries.sort(key=lambda entry: entry.t_s or 0.0)
+            *earlier, last = (
+                QueryFrame(entry.id, partial(self.load, entry), contents.get(entry.id, "")) for entry in entries
+            )
+            times = [entry.t_s for entry in entries if entry.t_s is not None]
+            T_last_view = odometry.motions(times) if odometry is not None and earlier else None
+            queries.append(replace(last, earlier=tuple(earlier), T_last_view=T_last_view))
+        return queries
 
     def load(self, frame: FrameEntry) -> Panorama:
         """Read the panorama of a frame.
@@ -290,7 +327,10 @@ class Folder:
     @cached_property
     def fingerprint(self) -> str:
         """SHA-256 of the manifest and of every file that it names."""
-        names = [MANIFEST, *(name for name in (self.manifest.truth, self.manifest.objects) if name)]
+        names = [
+            MANIFEST,
+            *(name for name in (self.manifest.truth, self.manifest.objects, self.manifest.odometry) if name),
+        ]
         names += [name for floor in self.manifest.floors for name in (floor.free, floor.region, floor.obstacle)]
         names += [name for frame in self.manifest.frames for key in IMAGE_KEYS if (name := getattr(frame, key))]
         content = hashlib.sha256()
@@ -397,6 +437,7 @@ def write_manifest(
     objects: str | None = None,
     floors: Sequence[FloorEntry] = (),
     rendered: bool = False,
+    odometry: str | None = None,
 ) -> None:
     """Write truth.json and then manifest.json. Call this last: the manifest makes the folder a dataset.
 
@@ -408,6 +449,7 @@ def write_manifest(
         objects: Name of the table of objects.
         floors: Entries of the floors.
         rendered: As in Annotations.
+        odometry: Name of the CSV file with the poses of the views of sequences over time.
     """
     if truth:
         write_json(root / "truth.json", TruthFile(queries=dict(truth)).model_dump(mode="json", exclude_none=True))
@@ -419,5 +461,6 @@ def write_manifest(
         objects=objects,
         floors=tuple(floors),
         rendered=rendered,
+        odometry=odometry,
     )
     write_json(root / MANIFEST, manifest.model_dump(mode="json", exclude_none=True))

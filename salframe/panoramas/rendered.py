@@ -18,11 +18,12 @@ from salframe.framework.errors import SalframeError, WorkerDied
 from salframe.framework.files.cache import cache_home
 from salframe.framework.files.hashes import digest
 from salframe.framework.files.reading import read_as
-from salframe.framework.files.writing import share_file, write_json
+from salframe.framework.files.writing import share_file, write_json, write_text
 from salframe.panoramas.dataset import MANIFEST
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.folder import FolderDataset
 from salframe.panoramas.geometry import pose_2d
+from salframe.panoramas.motion_file import COLUMNS
 from salframe.panoramas.panorama import Panorama, visible_instances
 
 if TYPE_CHECKING:
@@ -30,7 +31,9 @@ if TYPE_CHECKING:
 
 FrameRole = Literal["map", "transition", "query"]
 
-_OBJECTS, _CONTENTS, _SHARED = "objects.parquet", "contents.json", "frames"
+_OBJECTS, _CONTENTS, _SHARED, _ODOMETRY = "objects.parquet", "contents.json", "frames", "odometry.csv"
+_SEQUENCE_S = 1000
+"""Time from the first view of a sequence to that of the next sequence, in seconds."""
 
 
 @dataclass(frozen=True)
@@ -103,6 +106,11 @@ class RenderedDataset(FolderDataset, Generic[Frame]):
     def render(self, frame: Frame) -> Panorama:
         """Render the panorama of a frame."""
 
+    def list_sequences(self) -> Mapping[str, Sequence[str]]:
+        """Return the ids of the earlier views of queries with several views, by query; all of them are in
+        `list_frames`."""
+        return {}
+
     def list_objects(self) -> Mapping[str, Sequence[Any]] | None:
         """Return the columns of the table of objects, with `instance_id` and `label`; None without annotations."""
         return None
@@ -142,6 +150,7 @@ class RenderedDataset(FolderDataset, Generic[Frame]):
         # Objects, floors and entries are validated first, so that errors appear before hours of rendering.
         objects, floors = self.list_objects(), self.list_floors()
         entries = [self._entry(number, frame) for number, frame in enumerate(frames)]
+        entries, odometry = self._with_sequences(frames, entries)
         keys = [self._key(frame) for frame in frames]
         jobs = [self._job(*arguments) for arguments in zip(frames, entries, keys, strict=True)]
         missing = [job for job in jobs if not job.share()]
@@ -168,7 +177,32 @@ class RenderedDataset(FolderDataset, Generic[Frame]):
         contents = {frame.id: digest([key, labels]) for frame, key in zip(frames, keys, strict=True)}
         write_json(self.root / _CONTENTS, contents)
         table = None if objects is None else _OBJECTS
-        write_manifest(self.root, entries, truth, table, masks, rendered="annotations" in self.provides)
+        if odometry:
+            write_text(self.root / _ODOMETRY, odometry)
+        write_manifest(
+            self.root,
+            entries,
+            truth,
+            table,
+            masks,
+            rendered="annotations" in self.provides,
+            odometry=_ODOMETRY if odometry else None,
+        )
+
+    def _with_sequences(self, frames: Sequence[Frame], entries: list[FrameEntry]) -> tuple[list[FrameEntry], str]:
+        """Return the entries with their sequences and times, and the true odometry as CSV; "" without sequences.
+
+        The views of a sequence are one second apart.
+        """
+        rows, numbers = [], {frame.id: number for number, frame in enumerate(frames)}
+        entries = list(entries)
+        for start, (query, earlier) in enumerate(self.list_sequences().items()):
+            for step, id in enumerate((*earlier, query)):
+                number, t_s = numbers[id], float(start * _SEQUENCE_S + step)
+                entries[number] = entries[number].model_copy(update={"sequence": query, "t_s": t_s})
+                frame = frames[number]
+                rows.append(f"{t_s},{frame.x_m},{frame.y_m},{frame.z_m},{np.degrees(frame.yaw_rad)}")
+        return entries, "\n".join([",".join(COLUMNS), *rows, ""]) if rows else ""
 
     @cached_property
     def contents(self) -> Mapping[str, str]:
