@@ -75,3 +75,9 @@ def test_a_path_depends_on_the_query_alone(number):
     changed, queries, driven = drives()
     (alone,) = drive_all(changed, [queries[number]], VIEWS, 3)
     assert alone == driven[number]
+
+
+def test_few_views_are_the_last_ones_of_the_path():
+    changed, queries, driven = drives()
+    for views, few in zip(driven, drive_all(changed, queries, 3, 3), strict=True):
+        assert few == views[-3:]
