@@ -46,7 +46,8 @@ class OnnxDepth(RangeModel):
             description="output of the network: 1 / depth, depth along the view's axis, range, or points (x, y, z)",
         )
         metric: bool = Field(
-            False, description="the output is in metres; false: up to scale, `inverse` and `z-depth` also up to shift"
+            False,
+            description="the output is in metres; false: its scale is unknown, and the shift of 1 / depth or z-depth",
         )
         camera_height_m: float | None = Field(
             None, gt=0, description="height of the camera above the floor, which determines the scale"

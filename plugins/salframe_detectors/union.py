@@ -29,7 +29,7 @@ class UnionDetector(Detector):
     version = "2"
 
     class Config(ComponentConfig):
-        of: slots("detector", ("segments", "onnx"), "the detectors to unite")  # type: ignore[valid-type]
+        of: slots("detector", ("segments", "onnx"), "detectors to combine")  # type: ignore[valid-type]
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)

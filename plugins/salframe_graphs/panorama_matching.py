@@ -44,7 +44,7 @@ class PanoramaMatchingConfig(ComponentConfig):
     agreement: float = match_only(
         0.5,
         ge=0,
-        description="share of the score of each agreeing match (same pose in the world) to add to a match's score",
+        description="share of the scores of agreeing matches (same query pose in the world) to add to a match's score",
     )
     agreement_radius_m: float = match_only(
         1.5, gt=0, description="maximum distance (m) between the poses of two agreeing matches"

@@ -80,7 +80,7 @@ def remove(
     places: Annotated[list[str], typer.Argument(metavar="PLACE...", help="Places to remove")],
     as_json: Json = False,
 ) -> None:
-    """Remove places and their floor from a map."""
+    """Remove places, and their areas in the floor masks, from a map."""
     from salframe.topology.growing import remove_from_map
 
     _print_change(map, remove_from_map(map, places), as_json)

@@ -428,6 +428,6 @@ def _blaming(folder: Path | None, localizer: Localizer) -> Iterator[None]:
         names = [] if folder is None else find_not_finite(folder)
         hint = f" (not finite: {', '.join(names)})" if names else ""
         raise DataError(
-            f"{where} has arrays that {localizer.name} cannot use{hint}, expected the arrays that it wrote: "
-            "build the map again"
+            f"{where} has arrays that {localizer.name} cannot use{hint}, expected the arrays that "
+            "this method wrote: build the map again"
         ) from error

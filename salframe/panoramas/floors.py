@@ -151,10 +151,12 @@ def floor_pixels(floor: FloorMasks, xy_m: np.ndarray) -> np.ndarray:
 
 
 def check_heights(floors: Sequence[FloorMasks]) -> None:
-    """Check that floors that touch have different heights. Raises DataError."""
+    """Check that floors whose masks overlap or adjoin have different heights. Raises DataError."""
     for floor, other in combinations(floors, 2):
         if floor.z_m == other.z_m and touch(floor, other):
-            raise DataError(f"two floors are at z = {floor.z_m:g} m, expected a different z_m for floors that touch")
+            raise DataError(
+                f"two floors with overlapping or adjacent masks are at z = {floor.z_m:g} m, expected a different z_m for each"
+            )
 
 
 class Regions:

@@ -168,7 +168,10 @@ def test_two_buildings_at_one_height_are_one_map_of_two_parts():
     ("floors", "message"),
     [
         ([], "a topological map needs floor masks, received none"),
-        ([two_rooms(), two_rooms(0.6)], "two floors are at z = 0 m, expected a different z_m for floors that touch"),
+        (
+            [two_rooms(), two_rooms(0.6)],
+            "two floors with overlapping or adjacent masks are at z = 0 m, expected a different z_m for each",
+        ),
         ([two_rooms(), two_rooms(z_m=3.0)], "two nodes of the map would have the name 'west'"),
         ([replace(two_rooms(), region=np.zeros_like(two_rooms().region))], "has no free floor in any region"),
     ],

@@ -110,7 +110,8 @@ class _Request(Settings):
 class Run:
     """A run folder.
 
-    `content` is that of its request.yaml: task, seed, data, and by label the settings of methods and their changes.
+    `content` is the content of request.yaml: task, seed, data, and dictionaries from the label of a method to its
+    settings and its changes.
     """
 
     directory: Path

@@ -180,7 +180,7 @@ def _describe(
     name, dataset, localizer = prepare(data, method, root, [*overrides, HIDE], None, progress, tell)
     if "posterior" not in type(localizer.config).model_fields:
         raise ConfigError(
-            f"{name} is a {localizer.name!r}, which has no setting `posterior`: its answers cannot carry probabilities"
+            f"{name} is a {localizer.name!r}, which has no setting `posterior`: its answers cannot have probabilities"
         )
     check_needs(localizer, dataset)
     frames: dict[str, ReferenceFrame | QueryFrame] = {}
