@@ -186,7 +186,8 @@ class PanoramaMatching:
 
 
 def _in_world(covariance: np.ndarray, T_world_scene: np.ndarray) -> np.ndarray:
-    """Return the covariance of a PoseEstimate, rotated from the axes of the reference frame to those of the world."""
+    """Return the covariance of a PoseEstimate, rotated from the axes of the reference frame to the axes of the
+    world."""
     turn = np.eye(len(covariance))
     if len(covariance) == 6:
         turn[:3, :3] = turn[3:, 3:] = T_world_scene[:3, :3]

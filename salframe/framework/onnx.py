@@ -77,7 +77,8 @@ class OnnxModel:
             raise WeightsError(f"{self.path} gave {type(result).__name__} as {name}, expected an array")
         if self._has_batch and result.shape[:1] != (batch,):
             raise WeightsError(
-                f"{self.path} gave {name} of shape {result.shape} for a batch of {batch}, expected a first dimension of {batch}"
+                f"{self.path} gave {name} of shape {result.shape} for a batch of {batch}, expected a first dimension "
+                f"of {batch}"
             )
         if result.size and result.dtype.kind == "f" and not np.isfinite(result).any():
             raise WeightsError(f"{self.path} gave {name} without a finite number, expected finite numbers")

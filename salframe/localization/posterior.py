@@ -1,4 +1,5 @@
-"""Convert scores of places to probabilities, including that of out-of-map, with parameters fitted on tuning data."""
+"""Convert scores of places to probabilities, including the out-of-map probability, with parameters fitted on tuning
+data."""
 
 from __future__ import annotations
 

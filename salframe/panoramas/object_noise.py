@@ -27,7 +27,7 @@ class ObjectNoise(Settings):
     range_share: float = Field(
         0.0,
         ge=0,
-        description="standard deviation of the random factor on the range of an object, one factor per object (0.1: 10 %)",
+        description="standard deviation of the random factor on the range of an object, one factor per object",
     )
 
 

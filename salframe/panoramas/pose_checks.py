@@ -1,4 +1,4 @@
-"""Check the poses of reference frames against what their range images show."""
+"""Compare the poses of reference frames with their range images."""
 
 from __future__ import annotations
 
@@ -57,8 +57,8 @@ MAX_FLOOR_ERROR_M = 0.35
 
 
 class _Explanation(NamedTuple):
-    """A change of the poses or ranges under which the frames may agree better: a scale of the positions, or what the
-    text says. Of those that agree equally well, the one of the least surprise is reported."""
+    """A change of the poses or ranges under which the frames may agree better: a scale of the positions, or the change
+    in the text. If several changes agree equally well, the most common error is reported."""
 
     agreement: Agreement
     text: str
@@ -96,12 +96,12 @@ def pose_notes(
     """Return one-line warnings where poses contradict the panoramas; empty where they do not.
 
     The up directions of all frames are checked. The ranges of up to NUM_FRAMES frames are compared in pairs. Frames
-    without range, and those that cannot be read, take part in the first check only. docs/explanation/guarantees.md
-    lists what these checks detect.
+    without range and unreadable frames take part in the first check only. docs/explanation/guarantees.md lists what
+    these checks detect.
 
     Args:
         frames: The reference frames.
-        floors: The floor masks, whose heights are compared with those of the cameras.
+        floors: The floor masks. Their heights are compared with the heights of the cameras.
         compares_ranges: Whether to compare the range images; False checks the up directions only.
 
     Raises:
@@ -301,7 +301,7 @@ def _scaled(poses: Iterable[np.ndarray], scale: float) -> list[np.ndarray]:
 
 
 def _finer_scale(sample: _Sample, scale: float) -> float:
-    """Return a unit (UNIT_SCALES) or else the middle of the best scales near one of the grid SCALES."""
+    """Return a scale of UNIT_SCALES if one fits, else the middle of the best scales near a scale of the grid SCALES."""
     scales = scale * np.geomspace(0.93, 1 / 0.93, 31)
     ratios = np.array([sample.agreement(_scaled(sample.poses, value), CLOSE).ratio for value in scales])
     best = scales[ratios >= ratios.max() - 0.005]

@@ -49,7 +49,7 @@ class Stranger:
 
 @dataclass(frozen=True)
 class RegionComparison:
-    """The frames that could be compared with the floor masks, and those that stand outside the region of their place.
+    """The frames that could be compared with the floor masks, and the frames outside the region of their place.
 
     A frame is compared if it stands on a region, or if its place has a region.
     """
@@ -122,7 +122,7 @@ def _regions_near(floor: FloorMasks, frame: ReferenceFrame) -> tuple[str | None,
 
 
 def _likely_cause(frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks], strangers: Sequence[Stranger]) -> str:
-    """Return what is likely wrong: the first change of the masks that makes frames and regions agree."""
+    """Return the likely cause: the first change of the masks under which frames and regions agree."""
     sample = frames[:: 1 + len(frames) // MAX_FRAMES]
     for cause, changed in _changes(frames, floors, strangers):
         comparison = compare_regions(sample, changed)

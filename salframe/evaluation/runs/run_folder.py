@@ -260,7 +260,7 @@ class Run:
             )
 
     def environment(self) -> Mapping[str, Any]:
-        """Return what `bind` wrote: the date, the fingerprint of the data, versions and the machine.
+        """Return the content that `bind` wrote: the date, the fingerprint of the data, versions and the machine.
 
         Raises DataError where env.json is not as `bind` writes it.
         """

@@ -207,7 +207,7 @@ def _takes_root(data: str) -> bool:
 
 
 def _try(tunings: Sequence[Tuning], tries: Sequence[str], tell: Tell) -> dict[str, Any]:
-    """Return the best of the settings to try. Each setting is tried with the best values of those before it."""
+    """Return the best of the settings to try. Each setting is tried with the best values of the settings before it."""
     best: dict[str, Any] = {}
     min_loss = _fit(tunings, best)[2] if tries else 0.0
     for text in tries:
