@@ -32,7 +32,8 @@ class OnnxDepth(RangeModel):
     Tested only with synthetic networks whose output is known in closed form; no published network was tested. Each
     view's depth gets a scale, and a shift if the network does not determine it, so that views agree where they overlap.
     The views are then merged with weights that fall to 0 at a view's border. If the network is metric, its overall
-    scale is used. With `camera_height_m` the scale follows from the floor, which must be visible; otherwise no range is known.
+    scale is used. With `camera_height_m` the scale follows from the floor, which must be
+    visible; otherwise no range is known.
     """
 
     name = "onnx-depth"

@@ -135,7 +135,7 @@ def _tilt_error(frames: Sequence[ReferenceFrame], tilts: np.ndarray) -> str:
     worst = int(np.argmax(tilts > REFUSED_TILT_DEG))
     text = (
         f"{(tilts > REFUSED_TILT_DEG).sum()} of {len(frames)} reference frames are not upright by their poses "
-        f"({frames[worst].id}: the up axis of the panorama is {tilts[worst]:.0f} deg from that of the world)"
+        f"({frames[worst].id}: the up axis of the panorama is {tilts[worst]:.0f} deg from the up axis of the world)"
     )
     if np.median(tilts) > 180 - MAX_TILT_DEG:
         return f"{text}, likely the camera hangs upside down: turn the images and the poses by 180 deg about x"
@@ -353,5 +353,5 @@ def _height_notes(sample: _Sample, floors: Sequence[FloorMasks]) -> list[str]:
     expected_z_m = min(floor_z_m, key=lambda floor: abs(floor - visible_z_m))
     return [
         f"the ranges of {frames[middle].id} show the floor at z = {visible_z_m:.2f} m, expected the z_m of the floor "
-        f"masks, {expected_z_m:.2f} m: check z_m, the unit of the poses and that of the ranges"
+        f"masks, {expected_z_m:.2f} m: check z_m, the unit of the poses and the unit of the ranges"
     ]

@@ -134,7 +134,7 @@ def missing_line(shares: Mapping[int, float], source: str, encoding: RangeEncodi
     fills = " and ".join(
         f"{value if encoding else f'{value * MILLIMETRE:g} m'} fills {shares[value]:.1%}" for value in values
     )
-    likely = f"{fills} of the pixels of the {source} without joining the surfaces around, and likely means no reading"
+    likely = f"{fills} of the pixels of the {source}, differs from the surfaces around it, and likely means no reading"
     if encoding is None:
         return f"{likely}: set the range of these pixels to NaN"
     missing = sorted({*encoding.missing, *values})

@@ -155,12 +155,12 @@ def _changes(
     )
     for scale in SCALES:
         yield (
-            f"resolution_m may be wrong, {scale:g} times as large would fit",
+            f"resolution_m may be wrong, a value {scale:g} times as large fits",
             [replace(floor, resolution_m=floor.resolution_m * scale) for floor in floors],
         )
     for x_m, y_m in sorted(((x, y) for x in SHIFTS_M for y in SHIFTS_M), key=lambda shift: float(np.hypot(*shift))):
         yield (
-            f"masks may be shifted, origin_m moved by ({x_m:g}, {y_m:g}) m would fit",
+            f"masks may be shifted: move origin_m by ({x_m:g}, {y_m:g}) m",
             [_moved(floor, x_m, y_m) for floor in floors],
         )
 
