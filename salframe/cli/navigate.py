@@ -28,7 +28,7 @@ def navigate(
     methods: Methods = METHODS,
     episodes: Annotated[
         str,
-        typer.Option(metavar="N|FILE|TASK:SPLIT", help="Number of random episodes, a JSON file, or a published task"),
+        typer.Option(metavar="N|FILE|TASK:SPLIT", help="Number of random walks, a JSON file, or a published task"),
     ] = "100",
     positioning: Annotated[
         Literal["on", "off", "both", "all"],
