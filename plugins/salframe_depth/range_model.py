@@ -29,11 +29,11 @@ UNSEEN = 128
 class OnnxDepth(RangeModel):
     """Any monocular depth network in ONNX, on overlapping views that are aligned, or on the whole panorama.
 
-    Tested only with synthetic networks whose output is known in closed form; no published network was tested. Each
-    view's depth gets a scale, and a shift if the network does not determine it, so that views agree where they overlap.
+    Tested only with synthetic networks whose output is known in closed form; no published network was tested. The depth
+    of each view is scaled, and shifted if the shift of the network is unknown, so that views agree where they overlap.
     The views are then merged with weights that fall to 0 at a view's border. If the network is metric, its overall
-    scale is used. With `camera_height_m` the scale follows from the floor, which must be
-    visible; otherwise no range is known.
+    scale is used. With `camera_height_m` the scale follows from the floor, which must be visible; otherwise no range is
+    known.
     """
 
     name = "onnx-depth"

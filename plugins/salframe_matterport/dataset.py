@@ -40,10 +40,10 @@ APART_M = 1000.0
 class MatterportAnnotations(NavigableDataset):
     """Real buildings: viewpoints of Matterport3D, objects from REVERIE's boxes, one fold per query.
 
-    Every included viewpoint that sees an object is a scene. Ranges come from object positions that are triangulated
-    from all bearings of an object. A query is a viewpoint whose region has another scene. The query's own scene is left
-    out of its fold's map, and the query is turned by a random yaw. The settings `leave_out`, `query_triangulates`,
-    `one_map` and `hide_query_place` control the other content of the map.
+    Every included viewpoint that sees an object is a scene (a reference frame). Ranges come from object positions that
+    are triangulated from all bearings of an object. A query is a viewpoint whose region has another scene. The query's
+    own scene is left out of its fold's map, and the query is turned by a random yaw. The settings `leave_out`,
+    `query_triangulates`, `one_map` and `hide_query_place` control the other content of the map.
     """
 
     name = "matterport-annotations"

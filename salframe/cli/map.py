@@ -159,8 +159,8 @@ def query(
 ) -> None:
     """Localize a panorama in a map and print the nearest node.
 
-    With --to, also prints the route from that node to GOAL. Its first turn starts from the estimated heading. Without a
-    route, prints the position and the reason, and exits with status 1.
+    With --to, also prints the route from that node to GOAL. The first turn of the route is relative to the estimated
+    heading. Without a route, prints the position and the reason, and exits with status 1.
     """
     import numpy as np
 
