@@ -20,7 +20,7 @@ POSITION_ERROR_M, RANGE_ERROR_SHARE = 0.15, 0.05
 def join_objects(graphs: Sequence[SaliencyGraph], T_last_view: np.ndarray, odometry: OdometryNoise) -> Detections:
     """Return the objects of views in the frame of the last view. Sightings of one object are merged.
 
-    The score of an object is the highest of its sightings, its yaw that of the nearest one.
+    An object has the highest score of its sightings, and the yaw of the nearest sighting.
 
     Args:
         graphs: The graphs of V views, with positions.
