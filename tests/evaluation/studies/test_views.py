@@ -59,5 +59,5 @@ def test_single_views_have_no_word_in_the_input(study):
 
 
 def test_an_unknown_fusion_is_refused(study):
-    with pytest.raises(ConfigError, match="views.*mean.*expected"):
+    with pytest.raises(ConfigError, match=r"views.*mean.*expected"):
         study(methods=["joiner"], views=["mean"])
