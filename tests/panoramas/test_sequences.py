@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from salframe.framework.errors import DataError
+from salframe.panoramas.data_checks import data_notes
 from salframe.panoramas.folder import FolderDataset
 from salframe.panoramas.folder_format import FrameEntry, TruthEntry, write_manifest, write_panorama
 from salframe.panoramas.geometry import pose_2d
@@ -94,6 +95,8 @@ def test_missing_odometry_leaves_the_motion_unknown(tmp_path, rows):
     frame = query(write_folder(tmp_path, {"a": 0.0, "b": 4.0}, rows))
     assert [view.id for view in frame.views] == ["a", "b"]
     assert frame.T_last_view is None
+    (note,) = [note for note in data_notes(FolderDataset(FolderDataset.Config(root=tmp_path))) if "motion" in note]
+    assert note.startswith("the motion between the views of b is unknown (1 of 1 queries with several views)")
 
 
 @pytest.mark.parametrize(
