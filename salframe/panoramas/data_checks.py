@@ -47,8 +47,8 @@ def motion_note(folds: Sequence[Fold]) -> str | None:
     if not unknown:
         return None
     return (
-        f"the motion between the views of {unknown[0]} is unknown ({len(unknown)} of {len(queries)} queries with several "
-        "views), expected odometry at the times of all views: these views are localized one by one and fused"
+        f"the motion between the views of {unknown[0]} is unknown ({len(unknown)} of {len(queries)} queries with "
+        "several views), expected odometry at the times of all views: these views are localized one by one and fused"
     )
 
 
