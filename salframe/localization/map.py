@@ -218,7 +218,8 @@ class LocalizationMap:
         """Localize a frame, a panorama, the images of a panorama, or several views with the motion between them.
 
         Views are joined to one query by localizers that implement `join`. Otherwise, and where the motion is unknown,
-        each view is localized alone, the answers are fused, and a note says so. The pose is that of the last view.
+        each view is localized alone, the answers are fused, and a note says so. The pose is that of the last view, of
+        its base if it has a `position_m`.
 
         Args:
             query: The frame or panorama.
@@ -237,7 +238,7 @@ class LocalizationMap:
         if views is not None:
             if any(part is not None for part in (query, rgb, range_m, annotations)):
                 raise DataError("received both views and another query, expected only one of them")
-            return self._localize_views(views, warn)
+            return self._localize_views(views, warn).moved(views[-1].position_m)
         return self.answer(self._describe_query(query, rgb, range_m, annotations, warn))
 
     def _localize_views(self, views: Sequence[View], warn: Callable[[str], object]) -> Localization:
