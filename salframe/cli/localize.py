@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 def localize(
     map: Annotated[Path, typer.Argument(help="Map folder written by `salframe build`")],
     frame: Annotated[
-        list[str] | None, typer.Argument(help="Image in a folder with a manifest.json, or frame id with --data")
+        list[str] | None, typer.Argument(help="Image of a manifest.json, frame id with --data, or a photograph")
     ] = None,
     views: Annotated[bool, typer.Option("--views", help="Join several FRAMEs or loose images to one query")] = False,
     motion: Annotated[

@@ -255,8 +255,20 @@ class Camera:
             (H, 2H) bool, whether the camera shows each pixel of the panorama, and (H, 2H, 2) float32 columns and rows
             of `project`.
         """
-        pixels = self.project(equirectangular_rays(height))
-        return self.contains(pixels), pixels.astype(np.float32)
+        rays = equirectangular_rays(height)
+        near = rays @ self.rotation[:, 2].astype(np.float32) > np.cos(self._reach_rad)
+        shown, pixels = self.project(rays[near]), np.full((*near.shape, 2), np.nan, np.float32)
+        is_shown = np.zeros(near.shape, bool)
+        pixels[near], is_shown[near] = shown, self.contains(shown)
+        return is_shown, pixels
+
+    @cached_property
+    def _reach_rad(self) -> float:
+        """Angle from the optical axis within which the whole image lies, with 50 % more for tangential distortion."""
+        x, y = max(self.cx, self.width - self.cx) / self.fx, max(self.cy, self.height - self.cy) / self.fy
+        angles = np.linspace(0, self.max_angle_rad, 8192)
+        corner = np.interp(1.5 * np.hypot(x, y), self._distorted(angles), angles)
+        return min(float(corner), np.pi)
 
     @property
     def _model(self) -> DistortionModel:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import cv2
 import numpy as np
 import pytest
@@ -183,3 +185,17 @@ def test_depth_of_a_photograph_is_read_as_declared(pictures):
     assert "fills" not in declared.err
     error = run(*shown, "--range-kind", "cube", *DETECTOR).err
     assert "range_kind is 'cube' for a photograph, expected 'z' (along the optical axis) or 'ray'" in error
+
+
+def test_a_photograph_of_a_calibrated_camera(pictures):
+    calibration = {"width": 640, "height": 480, "fx": 300, "fy": 300, "cx": 319.5, "cy": 239.5}
+    content = {**calibration, "distortion_model": "plumb_bob", "distortion": [-0.05, 0, 0, 0, 0]}
+    (pictures / "camera.json").write_text(json.dumps(content))
+    shown = run("show-objects", "desk.png", "--camera", "camera.json", "--range", "desk.depth.png", *DETECTOR)
+    assert (shown.code, shown.err) == (0, "")
+    both = run("show-objects", "desk.png", "--camera", "camera.json", "--fov", "90", *DETECTOR)
+    assert both.err == "error: received both --camera and --fov, expected only one of them\n"
+    (pictures / "camera.json").write_text(json.dumps({**content, "width": 1280}))
+    larger = run("show-objects", "desk.png", "--camera", "camera.json", *DETECTOR)
+    assert larger.code == 1
+    assert "desk.png is 640 x 480, expected 1280 x 480 like its camera" in larger.err

@@ -1,5 +1,7 @@
 """Pictures of objects: positions of outlines and names compared with closed forms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from ball_plugin import BALLS, angular_radius, balls
@@ -53,9 +55,14 @@ def test_a_panorama_has_outlines_around_the_objects(label, centre_m, radius_m, s
         assert not ((columns > 200) & (columns < 2 * HEIGHT - 200)).any()
 
 
+UPWARDS = Camera.of_field_of_view(1300, 900, 80, pitch_deg=25)
+BARREL = replace(UPWARDS, distortion_model="plumb_bob", distortion=(-0.2, 0.05, 0.001, 0.002, 0))
+
+
 @pytest.mark.parametrize("with_range", [True, False])
-def test_a_photograph_is_drawn_in_its_own_pixels(with_range):
-    camera, detections = (Camera.of_field_of_view(1300, 900, 80, pitch_deg=25), balls(with_range))
+@pytest.mark.parametrize("camera", [UPWARDS, BARREL], ids=["pinhole", "barrel"])
+def test_a_photograph_is_drawn_in_its_own_pixels(camera, with_range):
+    detections = balls(with_range)
     drawn = outlined(np.full((900, 1300, 3), 128, np.uint8), detections, camera)
     assert drawn.shape == (900, 1300, 3)
     rays = camera.rays()
