@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
+from numbers import Real
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -93,8 +94,8 @@ class Camera:
     T_base_camera: np.ndarray = field(default_factory=LEVEL.copy)
 
     def __post_init__(self) -> None:
-        self._check_pinhole()
         self._check_distortion()
+        self._check_pinhole()
         self._check_extrinsics()
         if self.lost_share > MAX_LOST_SHARE:
             raise DataError(
@@ -178,7 +179,8 @@ class Camera:
         folds = numerator.deriv() * denominator - numerator * denominator.deriv()
         if self._model is DistortionModel.FISHEYE:
             return _first_root([folds], np.pi)
-        return float(np.arctan(_first_root([folds, denominator], np.tan(MAX_PINHOLE_ANGLE_RAD))))
+        radius = _first_root([folds, denominator], np.tan(MAX_PINHOLE_ANGLE_RAD))
+        return float(np.arctan(radius * (1 - 1e-9)))  # just below a pole
 
     @cached_property
     def lost_share(self) -> float:
@@ -293,7 +295,7 @@ class Camera:
     def _check_pinhole(self) -> None:
         """Check the size of the image, the focal lengths and the principal point. Raises DataError."""
         values = {name: getattr(self, name) for name in ("width", "height", "fx", "fy", "cx", "cy")}
-        is_finite = all(isinstance(value, int | float | np.integer) and np.isfinite(value) for value in values.values())
+        is_finite = all(isinstance(value, Real) and np.isfinite(float(value)) for value in values.values())
         if not is_finite or min(self.width, self.height, self.fx, self.fy) <= 0:
             received = ", ".join(f"{name} {value!r}" for name, value in values.items())
             raise DataError(f"a camera has {received}, expected finite numbers, and positive sizes and focal lengths")
@@ -301,7 +303,7 @@ class Camera:
         if not 1 / MAX_PIXEL_RATIO <= self.fx / self.fy <= MAX_PIXEL_RATIO:
             raise DataError(f"a camera has fx {self.fx:g} and fy {self.fy:g}, expected about equal values in pixels")
         across = max(self.width / self.fx, self.height / self.fy)
-        is_fisheye = self.distortion_model in (DistortionModel.FISHEYE, "equidistant")
+        is_fisheye = self._model is DistortionModel.FISHEYE
         fov_deg = float(np.degrees(across if is_fisheye else 2 * np.arctan(across / 2)))
         max_deg = MAX_FISHEYE_FOV_DEG if is_fisheye else MAX_FOV_DEG
         if not MIN_FOV_DEG <= fov_deg <= max_deg:

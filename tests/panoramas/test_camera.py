@@ -98,6 +98,16 @@ def test_pitch_looks_up():
     np.testing.assert_allclose(up.project(up.rotation[:, 2]), [99.5, 49.5])
 
 
+def test_a_pole_of_the_distortion_limits_the_angle():
+    """r / (1 - 0.5 r^2) grows without limit towards r = sqrt(2), so that the whole image is seen."""
+    camera = Camera(**INTRINSICS, distortion_model="rational_polynomial", distortion=[0, 0, 0, 0, 0, -0.5, 0, 0])
+    assert np.tan(camera.max_angle_rad) == pytest.approx(np.sqrt(2))
+    assert camera.lost_share == 0
+    shown, _ = camera.sampling(128)
+    assert equirectangular_rays(128)[..., 0][shown].min() > np.cos(np.arctan(np.sqrt(2)))
+    np.testing.assert_allclose(np.linalg.norm(camera.rays(), axis=-1), 1)
+
+
 def test_a_fold_of_the_distortion_is_not_seen_twice():
     """r (1 - 0.35 r^2) has its maximum at r = 0.976: no direction beyond is shown, and corners beyond are left out."""
     camera = Camera(640, 480, 525, 525, 319.5, 239.5, "plumb_bob", (-0.35, 0, 0, 0, 0))

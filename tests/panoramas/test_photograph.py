@@ -68,3 +68,14 @@ def test_depth_is_checked_as_the_range_of_a_panorama():
     assert np.nanmax(range_m) < 3  # 2 m at most 43 deg off the axis
     with pytest.raises(DataError, match="wall: depth_m has dtype uint16, expected float32 in metres"):
         photograph_panorama(camera, "wall", rgb, np.full((48, 64), 2000, np.uint16))
+
+
+def test_an_image_of_higher_resolution_is_averaged_in_place():
+    """The left half is bright: the edge stays at azimuth 0, to a tenth of a pixel of the panorama."""
+    camera = Camera.of_field_of_view(4000, 400, 70)
+    rgb = np.zeros((400, 4000, 3), np.uint8)
+    rgb[:, :2000] = 200
+    panorama = photograph_panorama(camera, "edge", rgb)
+    assert len(panorama.rgb) == 1024  # an eighth of the photograph's resolution
+    row = panorama.rgb[512, :, 0][panorama.valid[512]]
+    assert row.sum() / 200 == pytest.approx(len(row) / 2, abs=0.1)
