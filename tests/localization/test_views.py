@@ -44,6 +44,20 @@ def test_the_motion_of_the_last_view_is_the_identity():
         motions([PANORAMA])
 
 
+def test_motions_between_bases_become_motions_between_panoramas():
+    """A camera 0.5 m ahead of a base that turns by 90 degrees on the spot: it stands 0.5 m left and 0.5 m behind."""
+    ahead = np.array([0.5, 0, 1.0])
+    first = View(PANORAMA, pose_2d(0, 0, -np.pi / 2), ahead)
+    expected = pose_2d(-0.5, -0.5, -np.pi / 2)
+    np.testing.assert_allclose(motions([first, View(PANORAMA, None, ahead)])[0], expected, atol=1e-12)
+    other_side = View(PANORAMA, None, -ahead)
+    np.testing.assert_allclose(motions([first, other_side])[0], pose_2d(0.5, -0.5, -np.pi / 2, 2), atol=1e-12)
+    with pytest.raises(DataError, match=r"View\.position_m has shape \(2,\), expected \(3\)"):
+        View(PANORAMA, None, np.zeros(2))
+    with pytest.raises(DataError, match=r"View\.position_m is \[nan, 0.0, 0.0\], expected finite metres"):
+        View(PANORAMA, None, [np.nan, 0, 0])
+
+
 def test_the_variance_of_a_moved_position_grows_with_path_and_turns():
     T = np.array([pose_2d(-3, 4, 0), pose_2d(-3, 0, 1), np.eye(4)])  # 4 m, then 3 m
     noise = OdometryNoise(drift_share=0.1, heading_drift_deg=2)
@@ -91,6 +105,9 @@ def test_a_localizer_without_join_says_so(fakes):
     unknown = built.localize(views=[View(panorama), View(panorama)])
     assert "because the motion between them is unknown" in unknown.notes[0]
     assert built.localize(views=[View(panorama)]).places == alone.places
+    moved = built.localize(views=[View(panorama, position_m=[0.5, 0, 1])])
+    expected = alone.T_world_query @ np.vstack([np.eye(4)[:3] - [[0, 0, 0, 0.5], [0] * 4, [0, 0, 0, 1]], [0, 0, 0, 1]])
+    np.testing.assert_allclose(moved.T_world_query, expected)
     with pytest.raises(DataError, match="both views and another query"):
         built.localize(panorama, views=[View(panorama)])
 
