@@ -10,6 +10,7 @@ from salframe.framework.errors import DataError
 from salframe.localization.answers import Localization, LocalizationStatus, ranked_places
 from salframe.localization.fusing import choose_surest, fuse_answers
 from salframe.localization.map import LocalizationMap
+from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.opening import find_dataset, reference_frames
 from salframe.panoramas.panorama import Panorama
@@ -123,3 +124,22 @@ def test_the_surest_answer_is_moved_to_the_last_view():
     np.testing.assert_array_equal(choose_surest([last, first], None).T_world_query, first.T_world_query)
     nothing = Localization((), None, LocalizationStatus.NO_OBJECTS)
     assert choose_surest([nothing, nothing], None).status == LocalizationStatus.NO_OBJECTS
+
+
+def test_a_query_with_earlier_views_is_localized_as_its_views(fakes):
+    rooms = find_dataset("rooms")
+    frames = reference_frames(rooms)
+    built = LocalizationMap.build(Reader(Reader.Config(kind="reader")), frames)
+    T_last_view = np.array([pose_2d(-1, 0, 0.5), np.eye(4)])
+    query = QueryFrame("last", frames[0].load, earlier=(QueryFrame("first", frames[1].load),), T_last_view=T_last_view)
+    expected = built.localize(views=[View(frames[1].load(), T_last_view[0]), View(frames[0].load())])
+    answer = built.localize(query)
+    assert answer.places == expected.places
+    assert answer.notes == expected.notes
+    np.testing.assert_array_equal(answer.T_world_query, expected.T_world_query)
+
+
+@pytest.mark.parametrize("motions", [np.array([np.eye(4)]), np.array([2 * np.eye(4), np.eye(4)])])
+def test_wrong_motions_of_a_query_are_refused(motions):
+    with pytest.raises(DataError, match=r"T_last_view has shape|are not rigid"):
+        QueryFrame("last", lambda: PANORAMA, earlier=(QueryFrame("first", lambda: PANORAMA),), T_last_view=motions)
