@@ -19,7 +19,6 @@ from salframe.framework.errors import DataError
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.folder import FolderDataset
 from salframe.panoramas.folder_format import (
-    Folder,
     FrameEntry,
     TruthEntry,
     is_written,
@@ -28,6 +27,7 @@ from salframe.panoramas.folder_format import (
     write_objects,
     write_panorama,
 )
+from salframe.panoramas.folder_reader import Folder
 from salframe.panoramas.frames import FrameKind, QueryFrame
 from salframe.panoramas.geometry import pose_2d
 

@@ -14,7 +14,8 @@ from scipy.spatial.transform import Rotation
 from salframe.framework.errors import DataError
 from salframe.panoramas import images
 from salframe.panoramas.data_checks import picture_note
-from salframe.panoramas.folder_format import Folder, FrameEntry, write_manifest
+from salframe.panoramas.folder_format import FrameEntry, write_manifest
+from salframe.panoramas.folder_reader import Folder
 from salframe.panoramas.geometry import equirectangular_rays
 from salframe.panoramas.shot import open_panorama, open_photograph, read_panorama
 

@@ -31,7 +31,7 @@ from salframe.localization.map_files import MAP
 from salframe.navigation.episodes import read_episode_requests
 from salframe.panoramas import images
 from salframe.panoramas.camera_file import read_camera
-from salframe.panoramas.folder_format import Folder
+from salframe.panoramas.folder_reader import Folder
 from salframe.panoramas.house_file import read_house
 from salframe.panoramas.shot import read_panorama
 from salframe.topology.building_map import build_map
