@@ -210,9 +210,9 @@ class _RandomMap:
 
 def _random_map(config: ComponentConfig, seed: int) -> _RandomMap:
     """Return a map of the random rooms of a seed; the settings are random too unless the seed is 0."""
-    config, given = random_config(config, seed) if seed else config, config
+    used_config = random_config(config, seed) if seed else config
     frames, query_frames = random_frames(seed)
-    localizer, drawn = _make(config), differences(given, config)
+    localizer, drawn = _make(used_config), differences(config, used_config)
     what = f"of random rooms with the random settings {drawn}" if drawn else "of random rooms"
     descriptions = [_describe(localizer, frame.load()) for frame in frames]
     built = _index(localizer, descriptions, frames)
@@ -220,7 +220,7 @@ def _random_map(config: ComponentConfig, seed: int) -> _RandomMap:
     for panorama in (query.load() for query in query_frames):
         description = attempt(f"describe {what}", _describe, localizer, panorama)
         queries.append((panorama, description, attempt(f"match {what}", built.answer, description)))
-    return _RandomMap(seed, config, drawn, frames, descriptions, built, queries)
+    return _RandomMap(seed, used_config, drawn, frames, descriptions, built, queries)
 
 
 def _make(config: ComponentConfig) -> Localizer:
