@@ -4,9 +4,9 @@
 
 The errors are applied to the reference frames of `house-6`, seeds 1 to N, without floor masks. Printed are, for each
 error, the median displacement that it causes between the poses of the frames and the true ones, and the number of
-folders in which `data_notes` reported it. Correct data are `house-6`, `house-12`, `house-42` and `house-106`, seeds 1 to
-5, with floor masks, tilted cameras, cameras at other heights, survey coordinates, noisy ranges and poses, and one frame
-a place. Only compared frames are rendered.
+folders in which `data_notes` reported it. Correct data are `house-6`, `house-12`, `house-42` and `house-106`, seeds 1
+to 5, with floor masks, tilted cameras, cameras at other heights, survey coordinates, noisy ranges and poses, and one
+frame a place. Only compared frames are rendered.
 """
 
 from __future__ import annotations
