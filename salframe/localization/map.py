@@ -25,6 +25,7 @@ from salframe.localization.canonical_order import in_canonical_order
 from salframe.localization.describing import check_parts, describe_ahead, describe_frame, suggest_components
 from salframe.localization.fusing import fuse_answers
 from salframe.localization.left_out import check_left_out, left_out_note
+from salframe.localization.level_frames import as_it_stood, level_motions, split_level, upright_frame
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map_files import MapParts, find_not_finite, read_map, write_map
 from salframe.localization.preparing import Tell, python_warning, silent
@@ -106,8 +107,9 @@ class LocalizationMap:
         floors: Sequence[FloorMasks] = (),
     ) -> LocalizationMap:
         """Index described reference frames, packed and unpacked as in a saved map."""
-        packed = [localizer.pack(description) for description in descriptions]
-        built = cls(localizer, *in_canonical_order(packed, frames), floors)
+        packed = [localizer.pack(split_level(description)[0]) for description in descriptions]
+        upright = [upright_frame(localizer, frame) for frame in frames]
+        built = cls(localizer, *in_canonical_order(packed, upright), floors)
         built._index()
         return built
 
@@ -248,9 +250,10 @@ class LocalizationMap:
             return self.answer(descriptions[0])
         joined = None
         if T_last_view is not None:
-            joined = self.localizer.join(descriptions, T_last_view, self.localizer.odometry)
+            flat, rotations = zip(*map(split_level, descriptions), strict=True)
+            joined = self.localizer.join(flat, level_motions(T_last_view, rotations), self.localizer.odometry)
         if joined is not None:
-            return self.answer(joined)
+            return self._answer_level(joined, rotations[-1])
         answers = [self.answer(description) for description in descriptions]
         if T_last_view is None:
             reason = "the motion between them is unknown"
@@ -284,7 +287,7 @@ class LocalizationMap:
             query = QueryFrame(panorama.id, lambda: panorama)
         else:
             panorama = query.load()
-            query = replace(query, load=lambda: panorama)
+            query = QueryFrame(query.id, lambda: panorama, query.content)
         for note in query_notes(panorama, self._camera_z_m):
             warn(note)
         return describe_frame(self.localizer, query)[0]
@@ -300,6 +303,10 @@ class LocalizationMap:
             DataError: A memory-mapped file of the map was changed after the map was opened, or the localizer cannot
                 match with the arrays of an opened map.
         """
+        return self._answer_level(*split_level(description))
+
+    def _answer_level(self, description: Description, rotation: np.ndarray | None) -> Localization:
+        """Localize a description of a panorama that was levelled by a rotation R_level_pano. Raises as `answer`."""
         if changed := [stamp.path for stamp in self._mapped_files if not stamp.is_current()]:
             raise DataError(f"{changed[0]} was changed while the map was open: open the map again")
         with nullcontext() if self._folder is None else _blaming(self._folder, self.localizer):
@@ -311,6 +318,7 @@ class LocalizationMap:
             raise InvalidAnswer(f"match gave {type(answer).__name__}, expected a Localization")
         if labels := self.localizer.unknown_labels(description):
             answer = replace(answer, notes=(*answer.notes, unknown_labels_note(labels)))
+        answer = as_it_stood(answer, rotation)
         posterior = self.localizer.posterior
         if (
             posterior is None
@@ -400,8 +408,8 @@ def _describe_all(
         except FRAME_ERRORS as error:
             left_out[frame.id] = error
             continue
-        packed.append(localizer.pack(description))
-        usable.append(frame)
+        packed.append(localizer.pack(split_level(description)[0]))
+        usable.append(upright_frame(localizer, frame))
         if note := localizer.note(description):
             notes.append(f"{frame.id}: {note}")
     if progress:
