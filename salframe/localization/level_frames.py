@@ -22,6 +22,8 @@ from salframe.panoramas.panorama import Panorama
 
 R_LEVEL_PANO = "R_level_pano"
 """Key in the description of a panorama that was levelled: (3, 3) rotation from its frame to the levelled frame."""
+UPSIDE_DOWN = np.diag([1.0, -1.0, -1.0])
+"""Rotation that levels a camera that hangs upside down."""
 VERSION = "1"
 """Changes whenever the levelled panoramas change. It is part of the cache keys of descriptions."""
 
@@ -91,6 +93,18 @@ def as_it_stood(answer: Localization, rotation: np.ndarray | None) -> Localizati
     elif heading_rad is not None:
         heading_rad = pose_yaw(pose_2d(0, 0, heading_rad) @ _as_pose(rotation))
     return replace(answer, T_world_query=pose, heading_rad=heading_rad, notes=(*answer.notes, note))
+
+
+def of_turned(description: Description, rotation: np.ndarray) -> Description:
+    """Return the description of a panorama that was turned by a rotation (3, 3), as one of the panorama itself."""
+    description, level = split_level(description)
+    return {**description, R_LEVEL_PANO: rotation if level is None else level @ rotation}
+
+
+def better_answer(first: Localization, second: Localization) -> Localization:
+    """Return the answer with the higher score of two answers by one localizer; the first where they are equal."""
+    scores = [answer.places[0].score if answer.status.names_a_place else -np.inf for answer in (first, second)]
+    return second if scores[1] > scores[0] else first
 
 
 def correspond(localizer: Localizer, query: Description, reference: Description) -> PointMatches | NodeMatches | None:

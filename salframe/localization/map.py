@@ -25,14 +25,23 @@ from salframe.localization.canonical_order import in_canonical_order
 from salframe.localization.describing import check_parts, describe_ahead, describe_frame, suggest_components
 from salframe.localization.fusing import fuse_answers
 from salframe.localization.left_out import check_left_out, left_out_note
-from salframe.localization.level_frames import as_it_stood, level_motions, split_level, upright_frame
+from salframe.localization.level_frames import (
+    UPSIDE_DOWN,
+    as_it_stood,
+    better_answer,
+    level_motions,
+    of_turned,
+    split_level,
+    upright_frame,
+)
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map_files import MapParts, find_not_finite, read_map, write_map
 from salframe.localization.preparing import Tell, python_warning, silent
-from salframe.panoramas.data_checks import query_notes
+from salframe.panoramas.data_checks import query_notes, upside_down_note
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import QueryFrame, ReferenceFrame
+from salframe.panoramas.levelling import turn_panorama
 from salframe.panoramas.opening import reference_frames
 from salframe.panoramas.panorama import Annotations, Panorama
 from salframe.panoramas.view import View, motions
@@ -240,12 +249,22 @@ class LocalizationMap:
             if any(part is not None for part in (query, rgb, range_m, annotations)):
                 raise DataError("received both views and another query, expected only one of them")
             return self._localize_views(views, warn)
-        return self.answer(self._describe_query(query, rgb, range_m, annotations, warn))
+        frame = self._query_frame(query, rgb, range_m, annotations, warn)
+        answer = self.answer(describe_frame(self.localizer, frame)[0])
+        panorama = frame.load()
+        if (note := upside_down_note(panorama, self._camera_z_m)) is None:
+            return answer
+        if self.localizer.level == "off":
+            warn(note)
+            return answer
+        turned = QueryFrame(frame.id, lambda: turn_panorama(panorama, UPSIDE_DOWN))
+        return better_answer(answer, self.answer(of_turned(describe_frame(self.localizer, turned)[0], UPSIDE_DOWN)))
 
     def _localize_views(self, views: Sequence[View], warn: Callable[[str], object]) -> Localization:
         """Localize the views of one query, joined where possible. Raises as `localize`."""
         T_last_view = motions(views)
-        descriptions = [self._describe_query(view.panorama, None, None, None, warn) for view in views]
+        frames = [self._query_frame(view.panorama, None, None, None, warn) for view in views]
+        descriptions = [describe_frame(self.localizer, frame)[0] for frame in frames]
         if len(views) == 1:
             return self.answer(descriptions[0])
         joined = None
@@ -263,15 +282,15 @@ class LocalizationMap:
         notes = dict.fromkeys(remark for answer in answers for remark in answer.notes)
         return replace(fuse_answers(answers, T_last_view), notes=(note, *notes))
 
-    def _describe_query(
+    def _query_frame(
         self,
         query: ReferenceFrame | QueryFrame | Panorama | None,
         rgb: np.ndarray | None,
         range_m: np.ndarray | None,
         annotations: Annotations | None,
         warn: Callable[[str], object],
-    ) -> Description:
-        """Return the description of a query. Arguments and errors are those of `localize`."""
+    ) -> QueryFrame:
+        """Return a query with its panorama in memory. Arguments and errors are those of `localize`."""
         if query is None:
             query = Panorama("the panorama", rgb, range_m, annotations=annotations)
         elif not isinstance(query, ReferenceFrame | QueryFrame | Panorama):
@@ -284,13 +303,11 @@ class LocalizationMap:
         if isinstance(query, Panorama):
             panorama = query
             check_parts(self.localizer, panorama, lambda: suggest_components(self.localizer.config, panorama.provides))
-            query = QueryFrame(panorama.id, lambda: panorama)
         else:
             panorama = query.load()
-            query = QueryFrame(query.id, lambda: panorama, query.content)
         for note in query_notes(panorama, self._camera_z_m):
             warn(note)
-        return describe_frame(self.localizer, query)[0]
+        return QueryFrame(query.id, lambda: panorama)
 
     def answer(self, description: Description) -> Localization:
         """Localize a described query.
