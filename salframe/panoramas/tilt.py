@@ -116,12 +116,14 @@ def up_from_lines(ends: np.ndarray) -> np.ndarray | None:
         nearby = _directions(COARSE_DEG, FINE_DEG) @ level_rotation(start)
         start = nearby[_axis_support(normal, length, nearby, FINE_DEG).argmax()]
         up, spread = _fit_vertical(normal, length, start)
-        refined.append((float(_axis_support(normal, length, up[None], FINE_DEG)[0]), up, spread))
+        if up[2] >= np.cos(np.radians(MAX_TILT_DEG)):  # a fit to few lines may end at another axis of the room
+            refined.append((float(_axis_support(normal, length, up[None], FINE_DEG)[0]), up, spread))
+    if not refined:
+        return None
     total, up, spread = max(refined, key=lambda item: item[0])
     rivals = [other for other, direction, _ in refined if direction @ up < np.cos(np.radians(SEPARATE_DEG))]
     is_determined = total >= max(MIN_LINES_SHARE * length.sum(), MIN_LINES_RATIO * max(rivals, default=0.0))
-    is_determined &= spread >= MIN_SPREAD and up[2] >= np.cos(np.radians(MAX_TILT_DEG))
-    return up if is_determined else None
+    return up if is_determined and spread >= MIN_SPREAD else None
 
 
 def level_rotation(up: np.ndarray) -> np.ndarray:
