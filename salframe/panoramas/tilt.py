@@ -55,8 +55,8 @@ def up_from_range(range_m: np.ndarray) -> np.ndarray | None:
         for _ in range(2):
             cosine = np.abs(normal @ up)
             is_level, is_upright = cosine > np.cos(tolerance), cosine < np.sin(tolerance)
-            level, upright = (normal[rows].T * weight[rows] @ normal[rows] for rows in (is_level, is_upright))
-            up = np.linalg.eigh(upright - level)[1][:, 0]
+            signed = weight * (is_upright.astype(np.float64) - is_level)
+            up = np.linalg.eigh(normal.T * signed @ normal)[1][:, 0]
     up = up if up[2] > 0 else -up
     level_share, upright_share = (weight[rows].sum() / weight.sum() for rows in (is_level, is_upright))
     is_determined = level_share >= MIN_LEVEL_SHARE and level_share + upright_share >= MIN_SURFACE_SHARE
