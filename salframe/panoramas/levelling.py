@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from salframe.panoramas.geometry import equirectangular_rays, rays_to_pixels
 from salframe.panoramas.line_segments import find_segments
-from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
+from salframe.panoramas.panorama import ObjectBoxes, Panorama
 from salframe.panoramas.tilt import level_rotation, up_from_lines, up_from_range
 
 MIN_TILT_DEG = 1.0
@@ -84,46 +85,53 @@ def turn_panorama(panorama: Panorama, rotation: np.ndarray) -> Panorama:
         panorama: The panorama.
         rotation: (3, 3) rotation from its frame to the new frame.
     """
-    turned = {
-        name: turn_image(image, rotation)
-        for name in ("rgb", "range_m", "valid")
-        if (image := getattr(panorama, name)) is not None
-    }
-    if panorama.annotations is not None:
-        turned["annotations"] = _turn_annotations(panorama.annotations, rotation)
-    return replace(panorama, **turned)
+    annotations = panorama.annotations
+    images = {name: getattr(panorama, name) for name in ("rgb", "range_m", "valid")}
+    images["instance_id"] = None if annotations is None else annotations.instance_id
+    names = [name for name, image in images.items() if image is not None]
+    turned: dict[str, Any] = dict(zip(names, turn_images([images[name] for name in names], rotation), strict=True))
+    instance_id = turned.pop("instance_id", None)
+    if annotations is not None and annotations.objects is not None:
+        annotations = replace(annotations, objects=_turn_objects(annotations.objects, rotation))
+    elif annotations is not None:
+        annotations = replace(annotations, instance_id=instance_id)
+    return replace(panorama, annotations=annotations, **turned)
 
 
 def turn_image(image: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """Return an equirectangular image (H, 2H, ...) in other axes; colour is interpolated, the rest is not.
+    """Return an equirectangular image (H, 2H, ...) in other axes, as `turn_images`."""
+    return turn_images([image], rotation)[0]
+
+
+def turn_images(images: Sequence[np.ndarray], rotation: np.ndarray) -> list[np.ndarray]:
+    """Return equirectangular images of one size in other axes; colour is interpolated, the rest is not.
 
     Args:
-        image: The image. Images with channels are colour.
-        rotation: (3, 3) rotation from its frame to the new frame.
+        images: Images (H, 2H, ...). Those with channels are colour.
+        rotation: (3, 3) rotation from their frame to the new frame.
     """
     import cv2
 
-    turned, height = np.empty_like(image), len(image)
-    is_color = image.ndim == 3
-    around = np.concatenate([image[:, -1:], image, image[:, :1]], axis=1) if is_color else image
+    if not images:
+        return []
+    turned, height = [np.empty_like(image) for image in images], len(images[0])
+    around = [np.concatenate([im[:, -1:], im, im[:, :1]], axis=1) if im.ndim == 3 else im for im in images]
     for start in range(0, height, _BLOCK_ROWS):
-        rays = equirectangular_rays(height)[start : start + _BLOCK_ROWS] @ rotation
-        columns, rows = rays_to_pixels(rays, height)
-        if is_color:
-            x, y = (columns + 0.5).astype(np.float32), (rows - 0.5).astype(np.float32)
-            block = cv2.remap(around, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        else:
-            block = image[np.minimum(rows.astype(int), height - 1), columns.astype(int) % (2 * height)]
-        turned[start : start + _BLOCK_ROWS] = block
+        block = slice(start, start + _BLOCK_ROWS)
+        columns, rows = rays_to_pixels(equirectangular_rays(height)[block] @ rotation, height)
+        row, column = np.minimum(rows.astype(int), height - 1), columns.astype(int) % (2 * height)
+        for image, source in zip(turned, around, strict=True):
+            if image.ndim == 3:
+                x, y = (columns + 0.5).astype(np.float32), (rows - 0.5).astype(np.float32)
+                image[block] = cv2.remap(source, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            else:
+                image[block] = source[row, column]
     return turned
 
 
-def _turn_annotations(annotations: Annotations, rotation: np.ndarray) -> Annotations:
-    """Return annotations in other axes. The boxes of a list of objects stay upright: only their azimuth changes."""
-    if annotations.instance_id is not None:
-        return replace(annotations, instance_id=turn_image(annotations.instance_id, rotation))
-    objects = annotations.objects or ObjectBoxes.empty()
+def _turn_objects(objects: ObjectBoxes, rotation: np.ndarray) -> ObjectBoxes:
+    """Return objects in other axes. Their boxes stay upright: only the azimuth of the length changes."""
     along = np.column_stack([np.cos(objects.yaw_rad), np.sin(objects.yaw_rad), np.zeros(len(objects.labels))])
     along = along @ rotation.T
     yaw_rad = np.arctan2(along[:, 1], along[:, 0])
-    return replace(annotations, objects=replace(objects, centroid_m=objects.centroid_m @ rotation.T, yaw_rad=yaw_rad))
+    return replace(objects, centroid_m=objects.centroid_m @ rotation.T, yaw_rad=yaw_rad)
