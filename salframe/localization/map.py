@@ -45,7 +45,7 @@ from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 from salframe.panoramas.levelling import turn_panorama
 from salframe.panoramas.opening import reference_frames
 from salframe.panoramas.panorama import Annotations, Panorama
-from salframe.panoramas.view import View
+from salframe.panoramas.view import View, motions
 
 MAX_HEIGHTS = 200
 """Maximum number of reference frames whose heights are compared with that of a query."""

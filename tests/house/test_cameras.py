@@ -17,7 +17,7 @@ from salframe.panoramas.geometry import invert_pose, pose_2d, pose_errors, pose_
 from salframe.panoramas.opening import find_dataset
 from salframe.panoramas.photograph import photograph_panorama
 from salframe.panoramas.shot import read_photograph
-from salframe.testing.rooms import turned
+from salframe.panoramas.turning import turned
 
 FISHEYE = {**CALIBRATION, "fx": 220.0, "fy": 220.0, "distortion_model": "fisheye", "distortion": [0.05, -0.01, 0, 0]}
 
