@@ -85,6 +85,7 @@ CHANGES = {
 }
 """For each setting of matching another value, and the other settings with which it shows."""
 DESCRIBING = {
+    "level": "off",
     "range": "onnx-depth",
     "detector": "panoseg",
     "saliency": "uniform",
