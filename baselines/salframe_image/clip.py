@@ -64,8 +64,7 @@ class ClipRooms(Localizer):
 
     class Config(ComponentConfig):
         checkpoint: UserFile | None = Field(
-            None,
-            description="local folder with CLIP's files under the names of the downloaded ones, used instead of them",
+            None, description="local folder with CLIP's files, named as in the download; null: the downloaded files"
         )
         room_types: tuple[str, ...] | None = match_only(
             None, min_length=1, description="room types; null: those in the place names of the map"

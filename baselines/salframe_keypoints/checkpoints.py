@@ -25,8 +25,7 @@ class TrainedMatcher(FeatureMatcher):
 
     class Config(ComponentConfig):
         checkpoint: UserFile | None = Field(
-            None,
-            description="local weights used instead of the downloaded ones: the file, or the folder with the files",
+            None, description="local weights (a file, or a folder with the files); null: the downloaded weights"
         )
 
     @classmethod

@@ -48,7 +48,9 @@ class Keypoints(Localizer):
             description="image network for the global descriptors of the shortlist; null: the matcher's local "
             "descriptors, pooled with a vocabulary of the map",
         )
-        words: int = match_only(64, ge=1, description="size of the vocabulary that local descriptors are pooled with")
+        words: int = match_only(
+            64, ge=1, description="number of visual words in the vocabulary that pools local descriptors"
+        )
         shortlist: int | None = match_only(
             5, ge=1, description="number of reference frames to match, best by global descriptor; null: all"
         )

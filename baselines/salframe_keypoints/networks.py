@@ -36,7 +36,7 @@ class NetworkMatcher(TrainedMatcher, DescriptorMatcher):
             image: (1, 3, h, w) tensor with values from 0 to 1.
 
         Returns:
-            Tensors of keypoints (K, 2) in pixels of the library, and descriptors (K, D) of unit length.
+            Tensors of keypoints (K, 2) in pixels (pixel centres at integers), and descriptors (K, D) of unit length.
         """
 
     def extract(self, images: np.ndarray) -> list[ViewFeatures]:

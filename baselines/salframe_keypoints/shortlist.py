@@ -87,7 +87,7 @@ def split_views(description: Description) -> list[ViewFeatures]:
     """Return the views in a description of `keypoints`.
 
     Raises:
-        DataError: The numbers of points or features of the views do not add up to those of the description.
+        DataError: The numbers of points or features of the views do not add up to the numbers of the description.
     """
     points, features = (
         _split(description, *names) for names in (("points_px", "point_count"), ("features", "feature_count"))

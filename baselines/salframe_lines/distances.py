@@ -65,7 +65,8 @@ def distance_codes_from(lines: Sequence[Lines3d], positions_m: np.ndarray, point
 
 
 def agreeing_share(codes: np.ndarray, query: np.ndarray, within_rad: float) -> np.ndarray:
-    """Return the (T,) share of distances (T, 3 Q) that differ from those of a query (3 Q,) by at most `within_rad`.
+    """Return the share (T,) of distances (T, 3 Q) that differ from the distances of a query (3 Q,) by at most
+    `within_rad`.
 
     This is the inlier cost of LDL and FGPL.
     """

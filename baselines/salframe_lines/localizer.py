@@ -1,4 +1,4 @@
-"""The localizer `lines`: compares line distance functions of a query with those of 3D lines, then aligns the lines."""
+"""The localizer `lines`: compares line distance functions of a query and of 3D lines, then aligns the lines."""
 
 from __future__ import annotations
 
@@ -201,7 +201,7 @@ class Lines(Localizer):
 
 
 def _along_axes(description: Description, values: np.ndarray) -> list[np.ndarray]:
-    """Split values of all lines into those along x, y and z."""
+    """Split values of all lines by the direction of the line: x, y or z."""
     return np.split(values, np.searchsorted(description["axis"], (1, 2)))
 
 

@@ -114,7 +114,7 @@ class SensedNoise:
     def _draw_direction(self, view: np.ndarray, ahead_rad: float, rng: np.random.Generator) -> tuple[float, float]:
         """Return elevation and azimuth of a false positive in a view (H, 2H) bool, in radians.
 
-        The direction is that of a random visible pixel where the view lies outside the measured elevations.
+        If the view lies outside the measured elevations, the direction is the direction of a random visible pixel.
         """
         for _ in range(MAX_DIRECTIONS):
             elevation = float(value_at(self._sensor.false_objects.elevation_rad, rng.random()))

@@ -29,10 +29,10 @@ UNSEEN = 128
 class OnnxDepth(RangeModel):
     """Any monocular depth network in ONNX, on overlapping views that are aligned, or on the whole panorama.
 
-    Tested only with synthetic networks whose output is known in closed form; no published network was tested. Each
-    view's depth gets a scale, and a shift if the network does not determine it, so that views agree where they overlap.
-    The views are then merged with weights that fall to 0 at a view's border. The overall scale is that of the network
-    if it is metric. With `camera_height_m` it follows from the floor, which must be visible; otherwise no range is
+    Tested only with synthetic networks whose output is known in closed form; no published network was tested. The depth
+    of each view is scaled, and shifted if the shift of the network is unknown, so that views agree where they overlap.
+    The views are then merged with weights that fall to 0 at a view's border. If the network is metric, its overall
+    scale is used. With `camera_height_m` the scale follows from the floor, which must be visible; otherwise no range is
     known.
     """
 
@@ -46,7 +46,8 @@ class OnnxDepth(RangeModel):
             description="output of the network: 1 / depth, depth along the view's axis, range, or points (x, y, z)",
         )
         metric: bool = Field(
-            False, description="the output is in metres; false: up to scale, `inverse` and `z-depth` also up to shift"
+            False,
+            description="the output is in metres; false: its scale is unknown, and the shift of 1 / depth or z-depth",
         )
         camera_height_m: float | None = Field(
             None, gt=0, description="height of the camera above the floor, which determines the scale"

@@ -26,7 +26,7 @@ BATCH = 2
 
 
 def check_detection_decoder(make: Callable[[], DetectionDecoder]) -> None:
-    """Check that a decoder returns valid boxes for any numbers, and raises WeightsError on other shapes."""
+    """Check that a decoder returns valid boxes for any numbers, and raises WeightsError for unexpected shapes."""
     decoder = make()
     rng = np.random.default_rng(0)
     for layout, shapes in LAYOUTS.items():

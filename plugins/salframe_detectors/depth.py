@@ -15,8 +15,8 @@ MIN_REACH = 0.05
 def foreground(range_m: np.ndarray, solid_angle_sr: np.ndarray) -> np.ndarray:
     """Return the mask (n,) of the pixels of an object's outline that show the object; all False if no range is known.
 
-    A box also contains background. The object is assumed to be at the median range of the outline, and to be about as
-    deep as wide: the side of a square with the outline's solid angle at that range.
+    A box also contains background. The object is assumed to be at the median range of the outline, and to be as deep as
+    wide. Its width is the side of a square with the outline's solid angle at this range.
 
     Args:
         range_m: Ranges (n,) in metres, NaN where unknown.

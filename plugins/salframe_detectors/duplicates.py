@@ -95,7 +95,7 @@ def cap_radius(solid_angle_sr: float) -> float:
 
 
 def shared_cap(apart_rad: float, one_rad: float, other_rad: float) -> float:
-    """Return the solid angle that two caps share, divided by that of the smaller one.
+    """Return the solid angle that two caps share, divided by the solid angle of the smaller cap.
 
     A point is shared if it is in the other cap. The intersection of two caps is the sum of two sectors minus the two
     triangles between them (Girard). The caps must cover less than half of the sphere, as objects do.

@@ -91,7 +91,7 @@ def group(
 
 
 def outline(footprint: np.ndarray, view: np.ndarray, visible: np.ndarray) -> np.ndarray:
-    """Return the pixels (P,) bool of an object: those marked in more than half of the views that show them.
+    """Return the pixels (P,) bool of an object: pixels that are marked in more than half of the views that show them.
 
     Args:
         footprint, view: As in `group`, of the object's detections only.

@@ -21,15 +21,16 @@ from salframe_detectors.duplicates import same_objects
 class UnionDetector(Detector):
     """Merged detections of several detectors; an object that more than one of them detects is reported once.
 
-    Labels are replaced by the labels that detectors share. Of several detections of an object, the one with the best
-    score whose position is known is returned, with the best score of all. The order of the detectors does not matter.
+    Labels are replaced by the labels that detectors share. If several detectors detect an object, the detection with a
+    known position and the best score is returned, with the best score of all. The order of the detectors does not
+    matter.
     """
 
     name = "union"
     version = "2"
 
     class Config(ComponentConfig):
-        of: slots("detector", ("segments", "onnx"), "the detectors to unite")  # type: ignore[valid-type]
+        of: slots("detector", ("segments", "onnx"), "detectors to combine")  # type: ignore[valid-type]
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)

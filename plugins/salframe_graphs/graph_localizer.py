@@ -17,7 +17,7 @@ from salframe.graphs.vocabulary import WRITTEN_LABELS, with_object_labels, writt
 from salframe.localization.localizer import Description, Localizer, range_slot
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.view import OdometryNoise
-from salframe_graphs.views import join_objects
+from salframe_graphs.views import ViewObjects, join_objects
 
 
 class GraphLocalizerConfig(ComponentConfig):
@@ -29,6 +29,11 @@ class GraphLocalizerConfig(ComponentConfig):
     graph: GraphConfig = GraphConfig.model_validate({})
     odometry: OdometryNoise = added(
         OdometryNoise(), match_only=True, description="errors of the motion between the views of a query"
+    )
+    view_objects: ViewObjects = added(
+        ViewObjects(),
+        match_only=True,
+        description="errors of objects in the views of a query, which decide what is merged",
     )
 
 
@@ -65,7 +70,7 @@ class GraphLocalizer(Localizer):
         graphs = [graph_from_arrays(description) for description in descriptions]
         if any(graph.bearings_only for graph in graphs):
             return None  # objects without positions cannot be moved
-        objects = join_objects(graphs, T_last_view, odometry)
+        objects = join_objects(graphs, T_last_view, odometry, self.config.view_objects)
         joined = build_graph(objects, self._saliency.score(objects), self.config.graph)
         written = np.unique(np.concatenate([description[WRITTEN_LABELS] for description in descriptions]))
         return {**graph_to_arrays(joined), WRITTEN_LABELS: written}

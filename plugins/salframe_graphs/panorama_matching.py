@@ -44,7 +44,7 @@ class PanoramaMatchingConfig(ComponentConfig):
     agreement: float = match_only(
         0.5,
         ge=0,
-        description="share of the score of each agreeing match (same pose in the world) to add to a match's score",
+        description="share of the scores of agreeing matches (same query pose in the world) to add to a match's score",
     )
     agreement_radius_m: float = match_only(
         1.5, gt=0, description="maximum distance (m) between the poses of two agreeing matches"
@@ -186,7 +186,8 @@ class PanoramaMatching:
 
 
 def _in_world(covariance: np.ndarray, T_world_scene: np.ndarray) -> np.ndarray:
-    """Return the covariance of a PoseEstimate, rotated from the axes of the reference frame to those of the world."""
+    """Return the covariance of a PoseEstimate, rotated from the axes of the reference frame to the axes of the
+    world."""
     turn = np.eye(len(covariance))
     if len(covariance) == 6:
         turn[:3, :3] = turn[3:, 3:] = T_world_scene[:3, :3]

@@ -14,6 +14,8 @@ HORIZON_RAD = np.radians(15)
 """Maximum elevation and depression of the pixels that decide whether a sector was seen."""
 MIN_SHOWN_SHARE = 0.5
 """Minimum share of seen pixels near the horizon in a sector that was seen."""
+MARGIN_M = 0.3
+"""Distance behind the outline of free space within which objects should be seen: objects stand at walls."""
 MIDDLES_RAD = (np.arange(BINS) + 0.5) * (2 * np.pi / BINS)
 """(BINS,) azimuths of the centres of the bins, float64."""
 
@@ -43,24 +45,41 @@ def shown_bins(valid: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Sectors:
-    """Sectors that V views of a query showed, in the frame of the query.
+    """Parts of the floor in which V views of a query should see objects, in the frame of the query.
 
     Attributes:
-        bins: (V, BINS) bool: whether each view showed each azimuth bin around its position.
+        reach_m: (V, BINS) float32: distance up to which each view should see objects in each azimuth bin around its
+            position, metres. 0: the view does not show the bin; inf: the distance of the walls is unknown.
         position_m: (V, 2) float64 x and y of the views.
     """
 
-    bins: np.ndarray
+    reach_m: np.ndarray
     position_m: np.ndarray
+
+    @classmethod
+    def of_view(cls, shown: np.ndarray | None, outline_m: np.ndarray | None) -> Sectors:
+        """Return the part that one view shows.
+
+        Args:
+            shown: (BINS,) bool, whether the view shows each bin; None: all bins.
+            outline_m: (BINS,) outline of free space in metres, NaN where unknown; None: unknown.
+        """
+        reach_m = np.full(BINS, np.inf, np.float32)
+        if outline_m is not None:
+            reach_m = np.where(np.isfinite(outline_m), outline_m + np.float32(MARGIN_M), reach_m)
+        if shown is not None:
+            reach_m = np.where(shown, reach_m, np.float32(0))
+        return cls(reach_m[None], np.zeros((1, 2)))
 
     @property
     def share(self) -> float:
         """Share of the azimuths that at least one view showed."""
-        return float(self.bins.any(0).mean())
+        return float((self.reach_m > 0).any(0).mean())
 
     def show(self, points: np.ndarray) -> np.ndarray:
-        """Return whether at least one view showed the direction of points (T,) complex x + iy in metres, (T,) bool."""
+        """Return whether at least one view should see objects at points (T,) complex x + iy in metres, (T,) bool."""
         shown = np.zeros(len(points), bool)
-        for view_bins, position in zip(self.bins, as_complex(self.position_m), strict=True):
-            shown |= view_bins[azimuth_bins(np.angle(points - position))]
+        for reach_m, position in zip(self.reach_m, as_complex(self.position_m), strict=True):
+            offset = points - position
+            shown |= np.abs(offset) < reach_m[azimuth_bins(np.angle(offset))]
         return shown

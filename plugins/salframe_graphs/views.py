@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from pydantic import Field
 
+from salframe.framework.validation import Settings
 from salframe.graphs.detections import Detections
 from salframe.graphs.graph import SaliencyGraph
 from salframe.panoramas.geometry import pose_yaw, wrap_angle
@@ -13,26 +15,36 @@ from salframe.panoramas.view import OdometryNoise, motion_variance_m2
 from salframe_graphs.sectors import BINS, MIDDLES_RAD, Sectors, azimuth_bins
 from salframe_graphs.sightings import concatenate_sightings, merge_sightings, sightings_of
 
-POSITION_ERROR_M, RANGE_ERROR_SHARE = 0.15, 0.05
-"""Standard deviation of an object's position along each axis at range 0 (m), and its growth per metre of range."""
+
+class ViewObjects(Settings):
+    """Errors of the position of an object in a view, along each axis."""
+
+    position_error_m: float = Field(0.15, gt=0, description="standard deviation at range 0 (m)")
+    range_error_share: float = Field(
+        0.05, ge=0, description="standard deviation that grows with the range, relative to the range"
+    )
 
 
-def join_objects(graphs: Sequence[SaliencyGraph], T_last_view: np.ndarray, odometry: OdometryNoise) -> Detections:
+def join_objects(
+    graphs: Sequence[SaliencyGraph], T_last_view: np.ndarray, odometry: OdometryNoise, errors: ViewObjects
+) -> Detections:
     """Return the objects of views in the frame of the last view. Sightings of one object are merged.
 
-    The score of an object is the highest of its sightings, its yaw that of the nearest one.
+    An object has the highest score of its sightings, and the yaw of the nearest sighting.
 
     Args:
         graphs: The graphs of V views, with positions.
         T_last_view: (V, 4, 4) motions that map coordinates of the views to those of the last view.
         odometry: The errors of the motions.
+        errors: The errors of objects in a view.
     """
     parts, variances = [], []
     for number, (graph, T) in enumerate(zip(graphs, T_last_view, strict=True)):
         sightings = sightings_of(number, graph, T)
         parts.append(sightings)
         drift_m2 = motion_variance_m2(T_last_view, odometry, sightings.range_m, number)
-        variances.append(POSITION_ERROR_M**2 + (RANGE_ERROR_SHARE * sightings.range_m) ** 2 + drift_m2)
+        ranged_m = errors.range_error_share * sightings.range_m
+        variances.append(errors.position_error_m**2 + ranged_m**2 + drift_m2)
     sightings = concatenate_sightings(parts)
     merged = merge_sightings(sightings, np.concatenate(variances))
     count = len(merged.labels)
@@ -65,28 +77,25 @@ def join_outlines(outlines_m: Sequence[np.ndarray | None], T_last_view: np.ndarr
     return np.where(np.isfinite(nearest_m), nearest_m, np.nan).astype(np.float32)
 
 
-def join_sectors(sectors: Sequence[Sectors | None], T_last_view: np.ndarray) -> Sectors | None:
-    """Return the sectors that views showed, in the frame of the last view; None where a view showed all of them.
+def join_sectors(sectors: Sequence[Sectors], T_last_view: np.ndarray) -> Sectors:
+    """Return the parts of the floor that views showed, in the frame of the last view.
 
     Args:
-        sectors: The sectors of each view; None for a view of the whole sphere.
+        sectors: The parts that the views showed.
         T_last_view: (V, 4, 4) motions that map coordinates of the views to those of the last view.
     """
-    partial = [part for part in sectors if part is not None]
-    if len(partial) < len(sectors):
-        return None
-    bins, position_m = [], []
-    for part, T in zip(partial, T_last_view, strict=True):
-        bins.append(part.bins[:, azimuth_bins(wrap_angle(MIDDLES_RAD - pose_yaw(T)))])
+    reach_m, position_m = [], []
+    for part, T in zip(sectors, T_last_view, strict=True):
+        reach_m.append(part.reach_m[:, azimuth_bins(wrap_angle(MIDDLES_RAD - pose_yaw(T)))])
         position_m.append(part.position_m @ T[:2, :2].T + T[:2, 3])
-    return Sectors(np.concatenate(bins), np.concatenate(position_m))
+    return Sectors(np.concatenate(reach_m), np.concatenate(position_m))
 
 
-def sectors_to_arrays(sectors: Sectors | None) -> dict[str, np.ndarray]:
-    """Return sectors as arrays of a description; none where the whole sphere was seen."""
-    return {} if sectors is None else {"shown_sectors": sectors.bins, "shown_from_m": sectors.position_m}
+def sectors_to_arrays(sectors: Sectors) -> dict[str, np.ndarray]:
+    """Return sectors as arrays of a description."""
+    return {"reach_m": sectors.reach_m, "shown_from_m": sectors.position_m}
 
 
 def sectors_from_arrays(arrays: Mapping[str, np.ndarray]) -> Sectors | None:
-    """Return the sectors of arrays of `sectors_to_arrays`."""
-    return Sectors(arrays["shown_sectors"], arrays["shown_from_m"]) if "shown_sectors" in arrays else None
+    """Return the sectors of arrays of `sectors_to_arrays`; None where they have none."""
+    return Sectors(arrays["reach_m"], arrays["shown_from_m"]) if "reach_m" in arrays else None

@@ -17,6 +17,8 @@ from salframe_house.frames import CLEARANCE_M, HouseFrame
 
 STEP_M = 0.5
 """Distance from one view to the next along the path."""
+MIN_STEPS = 11
+"""Minimum number of steps of a path. Queries with fewer views have the last views of the path."""
 _START_TOLERANCE_M = 0.05
 _SMOOTHING_M = 0.3  # length of the path over which a heading is measured
 
@@ -36,8 +38,8 @@ class Drives:
     def drive(self, query: HouseFrame, num_views: int) -> list[HouseFrame]:
         """Return the views of a query, STEP_M apart, in the order in which they are taken.
 
-        The path is the shortest one from a random point to the query. Its length is STEP_M for each step, or less where
-        no point is so far away. Every view looks along the path.
+        The path is the shortest one from a random point to the query, of MIN_STEPS steps or more. Where no point is so
+        far away, it begins at the farthest one, and steps are shorter if necessary. Every view looks along the path.
 
         Args:
             query: The query. The last view has its id and position.
@@ -47,7 +49,7 @@ class Drives:
         end = nearest_pixel(self._grid.clear, self._grid.to_pixel(np.array([query.x_m, query.y_m])))
         if end is None:
             raise AssertionError("a building with queries has free space")
-        length = (num_views - 1) * STEP_M / resolution_m
+        length = max(num_views - 1, MIN_STEPS) * STEP_M / resolution_m
         distance, before = dijkstra(
             self._graph, indices=self._number[cell(end)], limit=length + 1, return_predecessors=True
         )
@@ -62,14 +64,15 @@ class Drives:
         return self._views(query, points_m, num_views)
 
     def _views(self, query: HouseFrame, points_m: np.ndarray, num_views: int) -> list[HouseFrame]:
-        """Return views at equal distances along a path (P, 2), each looking along it."""
+        """Return views at equal distances along the end of a path (P, 2), each looking along it."""
         along_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points_m, axis=0), axis=1))])
 
         def at(distance_m: float) -> np.ndarray:
             return np.array([np.interp(distance_m, along_m, points_m[:, axis]) for axis in range(2)])
 
         views = []
-        for number, distance_m in enumerate(np.linspace(0, along_m[-1], num_views)):
+        first_m = max(along_m[-1] - (num_views - 1) * STEP_M, 0.0)
+        for number, distance_m in enumerate(np.linspace(first_m, along_m[-1], num_views)):
             start_m = min(distance_m, max(along_m[-1] - _SMOOTHING_M, 0.0))
             x, y = at(start_m + _SMOOTHING_M) - at(start_m)
             position = at(float(distance_m))

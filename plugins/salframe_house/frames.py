@@ -173,7 +173,8 @@ def _queries(
 
 
 def _near(shift_m: np.ndarray, target_m: float, rng: np.random.Generator) -> int:
-    """Return a random point whose shift is within 3 cm of the target, or else the point with the closest shift."""
+    """Return a random point with a shift within 3 cm of the target, or the point with the closest shift if there is
+    none."""
     close = np.flatnonzero(np.abs(shift_m - target_m) < 0.03)
     return int(rng.choice(close)) if len(close) else int(np.abs(shift_m - target_m).argmin())
 

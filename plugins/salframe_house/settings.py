@@ -44,8 +44,8 @@ class HouseConfig(QueryView):
     )
     changes: Literal["uniform", "by-class"] = added(
         "uniform",
-        description="selection of the objects that change: uniform: all objects alike, fittings last; by-class: at the "
-        "rate at which people move them (chairs and bins 10 times as often as wardrobes, built-in objects never)",
+        description="objects that change. uniform: all with equal probability, fittings last; by-class: movable "
+        "objects more often (chairs and bins 10 times as often as wardrobes, fittings never)",
     )
     change_kinds: tuple[Literal["removed", "moved", "added"], ...] = added(
         ("removed", "moved", "added"), min_length=1, description="kinds of changes, in equal parts"
@@ -69,6 +69,6 @@ class HouseConfig(QueryView):
         True, description="provide range with the queries; false: only the reference frames have range"
     )
     query_scale_share: float = Field(
-        0.0, ge=0, description="relative standard deviation of the scale of the range of queries, one factor per query"
+        0.0, ge=0, description="standard deviation of the random factor on the ranges of a query, one factor per query"
     )
     hide_query_place: bool = hide_query_place_setting()

@@ -73,9 +73,9 @@ def project(rays: np.ndarray, view: np.ndarray) -> tuple[np.ndarray, np.ndarray,
 def bearing(view: np.ndarray, box_px: np.ndarray) -> Bearing:
     """Combine the boxes of an object in several views to one bearing.
 
-    A direction is excluded if it is inside a view but outside the object's box in that view. A box that is cut by a
-    view's border is thus completed by the neighbouring views, and a box that is enlarged by perspective is tightened by
-    them. The bearing is the mean of the remaining directions, weighted by solid angle.
+    A direction is excluded if it is inside a view but outside the object's box in that view. The neighbouring views
+    therefore complete a box that is cut by the border of a view, and tighten a box that is enlarged by perspective. The
+    bearing is the mean of the remaining directions, weighted by solid angle.
 
     Args:
         view: Indices (K,) of the views that show the object.

@@ -40,12 +40,12 @@ APART_M = 1000.0
 class MatterportAnnotations(NavigableDataset):
     """Real buildings: viewpoints of Matterport3D, objects from REVERIE's boxes, one fold per query.
 
-    Every included viewpoint that sees an object is a scene. Ranges come from object positions that are triangulated
-    from all bearings of an object. A query is a viewpoint whose region has another scene. The query's own scene is left
-    out of its fold's map, and the query is turned by a random yaw. The settings `leave_out`, `query_triangulates`,
-    `one_map`, `map_share` and `hide_query_place` control what else the map contains. The views of a driven query are
-    viewpoints of a random walk that ends at the query (`Walks`), each turned by a random yaw; they are left out of the
-    map.
+Every included viewpoint that sees an object is a scene (a reference frame). Ranges come from object positions that
+    are triangulated from all bearings of an object. A query is a viewpoint whose region has another scene. The query's
+    own scene is left out of its fold's map, and the query is turned by a random yaw. The settings `leave_out`,
+    `query_triangulates`, `one_map`, `map_share` and `hide_query_place` control the other content of the map. The views
+    of a driven query are the scenes of a random walk that ends at the query (`Walks`), each turned by a random yaw.
+    They are left out of the map, too.
     """
 
     name = "matterport-annotations"
@@ -62,13 +62,13 @@ class MatterportAnnotations(NavigableDataset):
         leave_out: int = match_only(
             1,
             ge=1,
-            description="number of viewpoints of the query's region that are left out of its map: the query's own and "
-            "the nearest ones; only viewpoints of regions with more viewpoints are queries",
+            description="number of viewpoints of the query's region that are left out of the map: the viewpoint of "
+            "the query and those nearest to it; regions with at most this number of viewpoints have no queries",
         )
         query_triangulates: bool = match_only(
             True,
-            description="use the viewpoints that are left out of a map to triangulate its ranges; "
-            "false: use only the viewpoints of the map",
+            description="triangulate the ranges of a map also from the viewpoints that are left out of the map; "
+            "false: only from the viewpoints in the map",
         )
         one_map: bool = match_only(
             False, description="put all buildings in one map, 1 km apart along x; each fold has one query per building"
@@ -107,7 +107,7 @@ class MatterportAnnotations(NavigableDataset):
     def _root(self) -> Path:
         if self.config.root is None:
             raise DataError(
-                f"{self.name} has no folder, expected that of the official files (salframe docs matterport): "
+                f"{self.name} has no folder, expected the folder of the official files (salframe docs matterport): "
                 "pass --data-dir DIR"
             )
         return self.config.root

@@ -184,8 +184,9 @@ def _fit(
 ) -> tuple[dict[int, int], float, tuple[float, float], float]:
     """Fit the regions of a level to the patches.
 
-    The initial guess aligns the bounding box of all regions with that of all patches. Then scale and origin are fitted
-    by least squares to the edges of overlapping boxes (soft L1 loss, since curtains and open doors move an edge).
+    The initial guess aligns the bounding box of all regions with the bounding box of all patches. Then scale and origin
+    are fitted by least squares to the edges of overlapping boxes (soft L1 loss, since curtains and open doors move an
+    edge).
 
     Returns:
         Region index by patch, metres per pixel, origin, and the median edge distance in metres.

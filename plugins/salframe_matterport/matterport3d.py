@@ -63,7 +63,7 @@ class Matterport3D(Dataset):
     def _buildings(self) -> dict[str, Path]:
         if self.config.root is None:
             raise DataError(
-                f"{self.name} has no folder, expected that of the Matterport3D release "
+                f"{self.name} has no folder, expected the folder of the Matterport3D release "
                 "(salframe docs real-buildings): pass --data-dir DIR"
             )
         buildings = find_buildings(self.config.root)

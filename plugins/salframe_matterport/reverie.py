@@ -270,8 +270,8 @@ def by_task(split: str, root: Path) -> dict[str, ReverieEpisode]:
 def read_answers(content: Any, path: Path) -> dict[str, Answer]:
     """Parse the answers of a submission file, by instr_id; the first answer to an instruction counts.
 
-    Two formats are accepted: REVERIE's (`predObjId`, steps are [viewpoint, heading, elevation]) and that of the DUET
-    family (`pred_objid`, trajectories nested one list deeper, steps may be viewpoints only).
+    Two formats are accepted: the format of REVERIE (`predObjId`, steps are [viewpoint, heading, elevation]), and the
+    format of the DUET family (`pred_objid`, trajectories nested one list deeper, steps may be viewpoints only).
 
     Args:
         content: Parsed JSON of the file.

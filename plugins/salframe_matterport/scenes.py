@@ -1,4 +1,5 @@
-"""Scenes of a building from its official files: what a labelled RGB-D panorama would show at every viewpoint."""
+"""Scenes of a building from its official files: the objects that a labelled RGB-D panorama would show at every
+viewpoint."""
 
 from __future__ import annotations
 

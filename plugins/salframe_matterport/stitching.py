@@ -51,8 +51,8 @@ def stitch_range(
 ) -> np.ndarray:
     """Stitch depth images to range_m (H, 2H) float32 along the rays of the panorama, NaN where no camera has a reading.
 
-    Each ray takes the reading of the camera in whose picture it is most central. Readings are never averaged, since
-    averaging would put points between a chair and the wall behind it.
+    Each ray takes the reading of the camera whose image centre is nearest to the ray. Readings are never averaged,
+    since averaging would put points between a chair and the wall behind it.
 
     Args:
         z_depth_m: One image (h, w) float32 per camera: depth along its z axis in metres, NaN where unknown.

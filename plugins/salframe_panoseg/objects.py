@@ -67,5 +67,5 @@ def _join_parts(
 
 
 def _length_m(points_m: np.ndarray) -> float:
-    """Return the length of a bar whose points have the same mean squared distance from their mean as points (n, 3)."""
+    """Return the length of a bar with the same mean squared distance of its points from their mean as points (n, 3)."""
     return float(np.sqrt(12 * points_m.var(0).sum()))

@@ -70,7 +70,7 @@ class PixelClasses:
 
 
 class SegmentsDetector(Detector):
-    """Objects from any network with class scores per pixel, by votes of overlapping views; doors and windows are
+    """Objects from any network with class scores per pixel, averaged over overlapping views; doors and windows are
     objects.
 
     Works with colour only; then bearings, labels and scores are known, and positions are NaN.

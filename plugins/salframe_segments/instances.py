@@ -26,9 +26,8 @@ def find_instances(
     Args:
         class_id: Class (H, W) int of each pixel.
         objects: Whether the pixels of each class (C,) are objects.
-        whole: Whether objects of each class (C,) are not split at range jumps: doors stand open, and windows show what
-        is
-            behind them.
+        whole: Whether objects of each class (C,) are not split at range jumps, such as open doors, and windows that
+        show surfaces behind them.
         points_m: Points (H, W, 3) of the pixels in metres, NaN where unknown; None: parts are neither split nor joined.
         area_sr: Solid angle (H, W) of the pixels.
 

@@ -48,7 +48,8 @@ class _Interrupted(Exception):
 
 
 class Commands(TyperGroup):
-    """The built-in commands and those of plugins, which are loaded when they are listed or called.
+    """The built-in commands, and the commands of plugins. Commands of plugins are loaded when they are listed or
+    called.
 
     Contexts and commands are types of click, which typer does not export.
     """

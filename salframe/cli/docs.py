@@ -52,7 +52,7 @@ def docs(
 
 
 def _folder() -> Path:
-    """Return the folder of the pages: that of the installation, or of the clone."""
+    """Return the folder of the pages, in the installation or in the clone."""
     package = Path(__file__).parents[1]
     installed = package / "docs"
     return installed if installed.is_dir() else package.parent / "docs"

@@ -27,9 +27,10 @@ def fit(
 ) -> None:
     """Fit the parameters of a method to tuning data.
 
-    Selects the best values of --try, fits the weights of the evidence if the method has any, and fits the
-    probabilities of the places and of the query being out-of-map. For these, each query is localized in its map and
-    in the map without its place. Use the file with `--set posterior=FILE.yaml` and `--set weights=FILE.yaml`.
+    Selects the best values of --try, and fits the weights of the evidence if the method has any. Then fits the
+    posterior: the probabilities of the places, and the probability that the query is out of the map. For the posterior,
+    each query is localized in its map and in the map without its place. Use the file with `--set posterior=FILE.yaml`
+    and `--set weights=FILE.yaml`.
     """
     from salframe.cli.output import Bars, tell
     from salframe.evaluation.studies.fitting import fit_method

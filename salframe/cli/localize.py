@@ -22,7 +22,9 @@ def localize(
     frame: Annotated[
         list[str] | None, typer.Argument(help="Image in a folder with a manifest.json, or frame id with --data")
     ] = None,
-    views: Annotated[bool, typer.Option("--views", help="Join several FRAMEs or loose images to one query")] = False,
+    views: Annotated[
+        bool, typer.Option("--views", help="Localize all FRAMEs, or images without a manifest, as one query")
+    ] = False,
     motion: Annotated[
         Path | None, typer.Option(metavar="FILE", help="CSV with t_s, x_m, y_m, z_m and yaw_deg of each view")
     ] = None,
@@ -50,9 +52,9 @@ def localize(
 ) -> None:
     """Localize a panorama in a saved map.
 
-    The query is a frame of a dataset, loose images, or several views in the order in which they were taken. Prints the
-    places, best first, and the pose, for views that of the last one. Without --motion, views are localized one by one,
-    and their answers are fused.
+    The query is a frame of a dataset, images without a manifest, or several views in the order in which they were
+    taken. Prints the places, best first, and the pose. The pose of several views is the pose of the last view. Without
+    --motion, the views are localized one by one, and their answers are fused.
     """
     from salframe.cli.output import Bars, tell, warn
     from salframe.framework.errors import ConfigError

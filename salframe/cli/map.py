@@ -80,7 +80,7 @@ def remove(
     places: Annotated[list[str], typer.Argument(metavar="PLACE...", help="Places to remove")],
     as_json: Json = False,
 ) -> None:
-    """Remove places and their floor from a map."""
+    """Remove places, and their areas in the floor masks, from a map."""
     from salframe.topology.growing import remove_from_map
 
     _print_change(map, remove_from_map(map, places), as_json)
@@ -159,8 +159,8 @@ def query(
 ) -> None:
     """Localize a panorama in a map and print the nearest node.
 
-    With --to, also prints the route from that node to GOAL. Its first turn starts from the estimated heading. Without a
-    route, prints the position and the reason, and exits with status 1.
+    With --to, also prints the route from that node to GOAL. The first turn of the route is relative to the estimated
+    heading. Without a route, prints the position and the reason, and exits with status 1.
     """
     import numpy as np
 

@@ -27,8 +27,7 @@ NavigationSeed = Annotated[
 def navigate(
     methods: Methods = METHODS,
     episodes: Annotated[
-        str,
-        typer.Option(metavar="N|FILE|TASK:SPLIT", help="Number of random episodes, a JSON file, or a published task"),
+        str, typer.Option(metavar="N|FILE|TASK:SPLIT", help="Number of random walks, a JSON file, or a published task")
     ] = "100",
     positioning: Annotated[
         Literal["on", "off", "both", "all"],
@@ -41,8 +40,8 @@ def navigate(
 
     With --positioning off, the agent uses the place only and takes its heading from odometry. "both" runs each method
     once with and once without its poses. "all" also runs an agent that knows its true place. In the episodes of a
-    published task, the goals are known. METHOD.KEY in --set changes one method, KEY every method that has this
-    setting. Run the same command again to resume an interrupted run.
+    published task, the goals are known. In --set, METHOD.KEY changes one method, and KEY changes every method that has
+    this setting. Run the same command again to resume an interrupted run.
     """
     from salframe.evaluation.tasks.navigation.options import Positioning
     from salframe.evaluation.tasks.navigation.task import NavigationTask

@@ -98,7 +98,9 @@ Style = Annotated[
 ]
 Columns = Annotated[
     str | None,
-    typer.Option("--columns", metavar="NAMES", help="Columns of the table, comma-separated (default: the usual ones)"),
+    typer.Option(
+        "--columns", metavar="NAMES", help="Columns of the table, comma-separated (default: the main columns)"
+    ),
 ]
 Timeout = Annotated[
     float | None,

@@ -30,7 +30,7 @@ _json_out: TextIO | None = None
 
 @contextmanager
 def only_json(is_requested: bool) -> Iterator[None]:
-    """Redirect all output to stderr, in this process and its children, except that of `print_json`.
+    """Redirect all output to stderr, in this process and its children. Exception: `print_json` writes to stdout.
 
     The redirection of the real stdout is permanent, because C libraries flush their buffers, and exit handlers run,
     after this block. A stdout that was replaced, as in tests, is restored.

@@ -54,7 +54,7 @@ def print_result(result: Result[Any] | StudyResult, columns: Sequence[str] = (),
 
 
 def print_experiment(result: ExperimentResult) -> None:
-    """Print the tables of an experiment, those reported in papers, and the file that stores them."""
+    """Print the tables of an experiment, the tables reported in papers, and the path of the results file."""
     _say(f"{result.experiment.title}: {result.experiment.question}", dim=False)
     for table in result.tables:
         for part in table.tables():
@@ -173,7 +173,7 @@ def _print_notes(result: Result[Any] | StudyResult) -> None:
 
 
 def print_reported(papers: Sequence[Reported]) -> None:
-    """Print the tables that papers report, apart from the measured ones."""
+    """Print the tables that papers report, separately from the measured tables."""
     for paper in papers:
         _console().print(_reported(paper.tables))
         _console().print(f"{paper.source}. {paper.note}", style="dim", markup=False, highlight=False)

@@ -45,8 +45,8 @@ def list_(verbose: Verbose = False, as_json: Json = False) -> None:
 def fetch(name: Name) -> None:
     """Download weights to the cache of salframe and verify them.
 
-    Weights that are installed already are not downloaded again. The licence, and the training data if that has terms
-    of its own, are printed on stderr.
+    Weights that are installed already are not downloaded again. Prints the licence on stderr, and the training data if
+    they have other terms.
     """
     from salframe.cli.output import Bars
     from salframe.framework.components.installation import fetch_weights, find_weights

@@ -41,7 +41,7 @@ def draw_topology(topology: TopologicalMap, path: str | Path) -> None:
     something are left out.
 
     Raises:
-        ConfigError: The path is that of an existing file which is no PNG.
+        ConfigError: The path names an existing file that is not a PNG.
     """
     from PIL import Image
 

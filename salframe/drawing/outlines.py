@@ -20,8 +20,8 @@ _BOX = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, 8
 def outline_objects(detections: Detections) -> list[list[np.ndarray]]:
     """Return the closed lines around the parts of each object, (K, 3) float64 unit vectors in the panorama frame.
 
-    The lines are around the points behind the mask where these are known, else around the mask, else around the box;
-    else the line is a circle of the object's solid angle around its bearing, where these are known.
+    The lines are around the points of the object if they are known, else around the mask, else around the box; else the
+    line is a circle of the object's solid angle around its bearing, where these are known.
     """
     return [_outline(detections, i) for i in range(len(detections))]
 

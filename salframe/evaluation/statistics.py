@@ -40,9 +40,10 @@ def median(values: Sequence[float] | np.ndarray) -> float | None:
 def estimate_proportion(successes: np.ndarray, clusters: Sequence[str]) -> Estimate:
     """Return the mean of (N,) bool with Wilson's interval for the effective sample size.
 
-    Queries of one cluster (a place) are correlated. The sample size is divided by the design effect, the ratio of the
-    variance of the mean over clusters to that of independent queries, where that is above 1 (Korn and Graubard 1998).
-    The result is Wilson's interval where each query is a separate cluster, or all are successes or all failures.
+    Queries of one cluster (a place) are correlated. If the design effect is above 1, the sample size is divided by it
+    (Korn and Graubard 1998). The design effect is the variance of the mean over clusters, divided by the variance of
+    the mean of independent queries. The result is Wilson's interval where each query is a separate cluster, or all are
+    successes or all failures.
     """
     count, share = float(len(successes)), float(successes.mean())
     number = _cluster_numbers(clusters)

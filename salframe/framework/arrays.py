@@ -70,7 +70,7 @@ def check_array(
 def check_mask(owner: object, name: str) -> np.ndarray:
     """Check the mask (rows, columns) in a field and replace it by a read-only bool array, as `check_array`.
 
-    A mask of integers, such as 0 and 255, is true where it is not 0, as in a mask that is read from an image.
+    A mask of integers, such as 0 and 255, is true where the value is not 0.
     """
     value = as_array(getattr(owner, name), f"{type(owner).__name__}.{name}")
     if value.dtype.kind in "iu":

@@ -77,7 +77,8 @@ class OnnxModel:
             raise WeightsError(f"{self.path} gave {type(result).__name__} as {name}, expected an array")
         if self._has_batch and result.shape[:1] != (batch,):
             raise WeightsError(
-                f"{self.path} gave {name} of shape {result.shape} for a batch of {batch}, expected it first"
+                f"{self.path} gave {name} of shape {result.shape} for a batch of {batch}, expected a first dimension "
+                f"of {batch}"
             )
         if result.size and result.dtype.kind == "f" and not np.isfinite(result).any():
             raise WeightsError(f"{self.path} gave {name} without a finite number, expected finite numbers")
@@ -112,7 +113,7 @@ def open_model(
     )
     content = read_network(path)
     if external_files(path) and path.suffix.lower() != SUFFIX:
-        raise WeightsError(f"{path} points to other files, expected a file name that ends in {SUFFIX}")
+        raise WeightsError(f"{path} stores tensors in other files, expected a file name that ends in {SUFFIX}")
     try:
         session = onnxruntime.InferenceSession(
             b"".join([content, *map(_as_output, outputs)]), options, providers=["CPUExecutionProvider"]

@@ -46,7 +46,7 @@ def annotated_objects(panorama: Panorama) -> list[Annotated]:
 
 
 def seen_objects(panorama: Panorama) -> list[Annotated]:
-    """Return the visible annotated objects of a panorama, with directions instead of points where it has no range.
+    """Return the visible annotated objects of a panorama, with directions instead of points if it has no range.
 
     Raises:
         InputMissing: The panorama has no annotations.
@@ -115,7 +115,7 @@ def _objects_in_image(
 
 
 def _objects_in_list(annotations: Annotations) -> list[Annotated]:
-    """Return the objects of a list, each with the eight corners of its box, without those of unknown position."""
+    """Return the objects of a list that have a known position, each with the eight corners of its box."""
     listed = annotations.objects
     if listed is None:
         return []

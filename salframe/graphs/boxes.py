@@ -76,7 +76,7 @@ def detections_where_known(
     solid_angle_sr: np.ndarray | None = None,
     rays: Sequence[np.ndarray] | None = None,
 ) -> Detections:
-    """Return detections of objects, some of which may lack a position.
+    """Return detections of objects. Some may have no position.
 
     Args:
         labels: N labels.

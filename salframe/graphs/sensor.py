@@ -147,8 +147,8 @@ class SensorModel(Settings):
         """Return the probability of each label of the detector for a detected object with this annotated label.
 
         The probabilities are the counts of the label, or of its group where the label was never detected, smoothed by
-        PSEUDO_COUNT objects. These are labelled correctly at the rate of all labels, with the labels of the detector
-        for the group, and otherwise get any wrong label.
+        PSEUDO_COUNT objects. They are labelled correctly at the rate of all labels, with the labels of the detector for
+        the group. Otherwise they get a random wrong label.
         """
         group = common_label(label)
         group_labels = [annotated for annotated in self.confusion if common_label(annotated) == group]

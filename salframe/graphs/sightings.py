@@ -36,8 +36,8 @@ class ObjectVisibility:
 def sightings(panorama: Panorama, objects: Sequence[Annotated]) -> ObjectVisibility:
     """Return the visibility of annotated objects in a panorama.
 
-    For an object with only a box, the solid angle is that of the box viewed from a random side, and the hidden share
-    is unknown.
+    For an object with only a box, the solid angle is the solid angle of the box from a random side, and the hidden
+    share is unknown.
     """
     instance_id = None if panorama.annotations is None else panorama.annotations.instance_id
     solid_angle_sr, range_m, hidden = (np.full(len(objects), np.nan) for _ in range(3))

@@ -42,8 +42,8 @@ def object_label(label: str) -> str:
 
 
 def common_label(label: str) -> str:
-    """Return the name that detectors share for a label: its `object_label`, or that of which it is a kind, so that a
-    dining table is a table."""
+    """Return the name that detectors share for a label: its `object_label`, or the more general label for a kind (table
+    for dining table)."""
     name = object_label(label)
     return _broader().get(name, name)
 
@@ -65,7 +65,7 @@ def written_labels(detections: Detections) -> dict[str, np.ndarray]:
 
 
 def unknown_labels(description: Mapping[str, np.ndarray], known: Collection[str]) -> tuple[str, ...]:
-    """Return the labels of a description with `written_labels` whose object label is none of the known ones."""
+    """Return the labels of a description with `written_labels` whose object label is not known."""
     return tuple(str(label) for label in description.get(WRITTEN_LABELS, ()) if object_label(str(label)) not in known)
 
 

@@ -14,7 +14,7 @@ from salframe.panoramas.frames import ReferenceFrame
 def in_canonical_order(
     packed: Sequence[Description], frames: Sequence[ReferenceFrame]
 ) -> tuple[list[Description], list[ReferenceFrame]]:
-    """Sort the frames of a map by their places, and those of one place by the content of their descriptions.
+    """Sort the frames of a map by place, and the frames of one place by the content of their descriptions.
 
     Localizers may then break ties by the order of the frames.
 

@@ -40,8 +40,9 @@ def fuse_answers(answers: Sequence[Localization], T_last_view: np.ndarray | None
     """Fuse the answers of the views of a query. Views are treated as independent.
 
     Where all answers that name a place have probabilities, the probability of a place is proportional to their product.
-    Otherwise the answer with the highest score is returned. The pose is that of the surest view in the first place,
-    moved to the last view; where the motion is unknown, it is the pose of the last view, if that is in the first place.
+    Otherwise the answer with the highest score is returned. The pose is the pose of the view that has the highest
+    probability of the first place, moved to the last view; where the motion is unknown, it is the pose of the last
+    view, if that is in the first place.
 
     Args:
         answers: The answers, at least one, in the order of the views.
@@ -97,7 +98,7 @@ def _certainty(answer: Localization) -> float:
 def _multiply(answers: Sequence[Localization]) -> tuple[tuple[RankedPlace, ...], float]:
     """Return the places with the products of their probabilities, best first, and the product for out-of-map.
 
-    The frame of a place is that of the answer with the highest probability of the place.
+    The frame of a place is taken from the answer with the highest probability of the place.
     """
     log_total: dict[str, float] = {}
     best: dict[str, RankedPlace] = {}

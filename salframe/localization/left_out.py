@@ -1,4 +1,4 @@
-"""The rule for reference frames that a method cannot use: they are left out of its map, up to a share of them."""
+"""The rule for reference frames that a method cannot use: the map is built without them if their share is small."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def check_left_out(left_out: Mapping[str, DataError | InputMissing], num_frames:
 
     Args:
         left_out: The error of each frame that cannot be used, by id. It is one of FRAME_ERRORS.
-        num_frames: Number of reference frames, those that cannot be used included.
+        num_frames: Number of reference frames, including frames that cannot be used.
 
     Raises:
         InputMissing: More than MAX_LEFT_OUT_SHARE of the frames, or all of them, are left out, and a frame lacks

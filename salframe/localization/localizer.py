@@ -124,7 +124,7 @@ class Localizer(Role):
         return None
 
     def pack(self, description: Description) -> Description:
-        """Return what a map stores of a description: everything, unless overridden by smaller arrays."""
+        """Return the arrays of a description that a map stores. By default, these are all arrays."""
         return description
 
     def unpack(self, packed: Description) -> Description:
@@ -132,7 +132,7 @@ class Localizer(Role):
         return packed
 
     def write_index(self, folder: Path) -> None:
-        """Write what `index` computed to a new folder, so that the map opens without indexing.
+        """Write the result of `index` to a new folder, so that the map opens without indexing.
 
         Optional, and only together with `open_index`. The default writes nothing: the map is indexed when it is opened.
         """
@@ -150,7 +150,7 @@ class Localizer(Role):
         raise NotImplementedError(f"{self.name} overrides write_index and not open_index, expected both or neither")
 
     def describe_identity(self) -> dict[str, Any]:
-        """Return what `describe` depends on besides the panorama: weights, and settings that are not `match_only`."""
+        """Return the inputs of `describe` other than the panorama: weights, and settings that are not `match_only`."""
         return identity(self.config, describing=True)
 
     def note(self, description: Description) -> str | None:
@@ -162,7 +162,8 @@ class Localizer(Role):
         return ()
 
     def unfit_for_map(self, description: Description) -> str | None:
-        """Return why a frame with this description cannot be a reference frame, and what to do; None where it can."""
+        """Return the reason why a frame with this description cannot be a reference frame, and the remedy; None where
+        it can."""
         return None
 
     def posterior_applies(self, description: Description) -> bool:

@@ -114,7 +114,7 @@ class LocalizationMap:
 
     @classmethod
     def open(cls, directory: str | Path, localizer: Localizer | None = None) -> LocalizationMap:
-        """Open a saved map. It is not indexed again where it has an index for the settings of the localizer.
+        """Open a saved map. If the map has an index for the settings of the localizer, it is not indexed again.
 
         Args:
             directory: The folder of the map.
@@ -218,8 +218,9 @@ class LocalizationMap:
     ) -> Localization:
         """Localize a frame, a panorama, the images of a panorama, or several views with the motion between them.
 
-        Views are joined to one query by localizers that implement `join`. Otherwise, and where the motion is unknown,
-        each view is localized alone, the answers are fused, and a note says so. The pose is that of the last view.
+        Views are joined to one query by localizers that implement `join`. If the localizer cannot join the views, or
+        the motion is unknown, each view is localized alone and the answers are fused. A note states this. The pose is
+        that of the last view.
 
         Args:
             query: The frame or panorama.
@@ -232,8 +233,8 @@ class LocalizationMap:
 
         Raises:
             InputMissing: The localizer needs other parts. The error names a detector that does not need them.
-            DataError: Both a query and images were passed, the query is something else, an image is malformed, or the
-                views are none or have a wrong motion.
+            DataError: Both a query and images were passed, the query has a wrong type, an image is malformed, there are
+                no views, or the views have a wrong motion.
         """
         if views is not None:
             if any(part is not None for part in (query, rgb, range_m, annotations)):
@@ -398,6 +399,6 @@ def _blaming(folder: Path | None, localizer: Localizer) -> Iterator[None]:
         names = [] if folder is None else find_not_finite(folder)
         hint = f" (not finite: {', '.join(names)})" if names else ""
         raise DataError(
-            f"{where} has arrays that {localizer.name} cannot use{hint}, expected the arrays that it wrote: "
-            "build the map again"
+            f"{where} has arrays that {localizer.name} cannot use{hint}, expected the arrays that "
+            "this method wrote: build the map again"
         ) from error

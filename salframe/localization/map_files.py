@@ -1,7 +1,7 @@
 """The folder of a saved map. Only this module reads and writes it.
 
 `map.json` names a sub-folder, which contains the parts of the map, and the SHA-256 of every file in it. The parts are
-`method.json`, tables (`frames`, `scenes`, those of a topology), `floors.npz`, and the index of the localizer.
+`method.json`, tables (`frames`, `scenes`, and the tables of a topology), `floors.npz`, and the index of the localizer.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class MapParts:
         write_columns(self.folder / name, rows)
 
     def read_table(self, name: str, columns: Mapping[str, ArrayKind] | None = None) -> Columns:
-        """Read a part that is a table, or map it into memory where it is large.
+        """Read a part that is a table, or map it into memory if it is large.
 
         Raises DataError on other columns than these (None: any).
         """
@@ -241,7 +241,7 @@ def _check_files(folder: Path, sha256: Mapping[str, str]) -> None:
 
 
 def _remove_other_parts(directory: Path) -> None:
-    """Remove the parts that map.json does not name: those of the previous map and of interrupted builds."""
+    """Remove the parts that map.json does not name, which remain from the previous map and from interrupted builds."""
     try:
         current = _read_manifest(directory).parts
     except DataError:

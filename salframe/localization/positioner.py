@@ -35,8 +35,8 @@ class PoseEstimate:
         covariance: (3, 3) covariance of (x_m, y_m, yaw_rad) for SE(2), (6, 6) for SE(3); None where it is unknown.
         inliers: (M,) bool, whether each matched pair is an inlier.
         runner_up: Ratio of the support of the second best pose to that of this pose, in [0, 1].
-        yaw_rad: Azimuth of the x axis of the query in the reference frame: that of the pose, or an estimate from
-            directions that determine the heading but not the position; None where it is unknown.
+        yaw_rad: Azimuth of the x axis of the query in the reference frame, from the pose, or from directions that
+            determine only the heading; None where it is unknown.
 
     Raises:
         InvalidAnswer: The status is not a PoseStatus.

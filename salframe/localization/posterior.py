@@ -1,4 +1,5 @@
-"""Convert scores of places to probabilities, including that of out-of-map, with parameters fitted on tuning data."""
+"""Convert scores of places to probabilities, including the out-of-map probability, with parameters fitted on tuning
+data."""
 
 from __future__ import annotations
 
@@ -29,7 +30,9 @@ class Head(Settings):
 
     bias: float = Field(description="log-odds where all features are 0")
     top_score: float = Field(description="log-odds per unit of the best score")
-    top_probability: float = Field(description="log-odds per unit of the share of the best place among the places")
+    top_probability: float = Field(
+        description="log-odds per unit of the best place's probability (given a query in the map)"
+    )
     margin: float = Field(
         description="log-odds per unit of the difference between the two best scores; a single score is compared with 0"
     )

@@ -15,8 +15,8 @@ def rank_places(
 ) -> tuple[RankedPlace, ...]:
     """Return the places of scored frames, best first, each with its best frame. Ties are in the order of the frames.
 
-    Where the best frame is a transition and the pose is known, the scene frame nearest to the pose comes first with
-    that score: a doorway is between places, and the pose determines the place of the query.
+    If the best frame is a transition frame and the pose is known, the scene frame nearest to the pose is ranked first,
+    with the same score. A doorway is between places, and the pose determines the place of the query.
 
     Args:
         frames: The K reference frames.

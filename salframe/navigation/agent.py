@@ -52,8 +52,8 @@ class Belief:
 
     Votes are weighted by score, where that is positive: an uncertain answer is outvoted, and a wrong belief is outvoted
     by better answers that contradict it. At a position where the agent has been before, the new answer replaces the old
-    one, because the errors of both are correlated. A place without a pose is used only where it differs from the place
-    before: while it stays the same, odometry is the better estimate of the position within it.
+    one, because the errors of both are correlated. A place without a pose is used only if it differs from the previous
+    place. If the place is the same, odometry is the better estimate of the position in it.
     """
 
     def __init__(self, yaw_rad: float) -> None:

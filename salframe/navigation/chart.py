@@ -52,7 +52,7 @@ class Chart(ABC):
         return position_m
 
     def roomy(self) -> Chart:
-        """Return the chart of what can be walked with a safety margin. Parts of the building may be out of reach in
+        """Return the chart of the walkable area with a safety margin. Parts of the building may be out of reach in
         it."""
         return self
 

@@ -26,7 +26,7 @@ _PACE_M = 0.01
 class World(ABC):
     """A building to navigate in.
 
-    The pose T_world_pano (4, 4) of an agent is that of its panorama: upright, with the x axis ahead.
+    The pose T_world_pano (4, 4) of an agent is the pose of its panorama: upright, with the x axis ahead.
 
     Attributes:
         id: Id of the world.
@@ -98,8 +98,8 @@ class FloorWorld(World):
         dataset: The dataset that renders panoramas.
         floor: The masks that the chart is built from.
         frames: The reference frames taken on the floor, from which the chart is built too.
-        actual: The masks that stop the agent: those of the building that `observe` shows, which may have changed since
-            it was mapped.
+        actual: The masks that stop the agent. They are the masks of the building that `observe` shows, which may have
+            changed since it was mapped.
     """
 
     def __init__(

@@ -95,13 +95,13 @@ def _slope_cosine(points: np.ndarray) -> np.ndarray:
 def units_note(frames: Sequence[Frame], camera_z_m: Sequence[float] | np.ndarray = ()) -> str | None:
     """Return a one-line warning where the ranges seem to be in a wrong unit; None where they do not.
 
-    A few of the frames are loaded. The warning is returned where the median height of the camera above the floor is
-    not plausible, unless the poses confirm it. Panoramas without range or without a floor, and those that cannot be
-    read, are ignored.
+    A few of the frames are loaded. The warning is returned if the median height of the camera above the floor is not
+    plausible and the poses do not confirm it. Panoramas without range or without a floor, and unreadable panoramas, are
+    ignored.
 
     Args:
         frames: Reference frames, queries or panoramas.
-        camera_z_m: World z of other cameras in this building, such as those of the map of a query. Like the poses of
+        camera_z_m: World z of other cameras in this building, such as the cameras of the map. Like the poses of
             reference frames, they confirm a height that is equal to the z of a camera (MIN_CONFIRMED_M and more).
     """
     heights = {}

@@ -127,8 +127,8 @@ def find_floor(floors: Sequence[FloorMasks], xyz_m: Sequence[float] | np.ndarray
 def floor_numbers(floors: Sequence[FloorMasks], xyz_m: np.ndarray) -> np.ndarray:
     """Return the index of the floor that each camera is on, (N,) int; -1 where it is on none.
 
-    It is on the highest floor below it whose masks cover its position, and at most MAX_CAMERA_M above that floor.
-    Where no floor is below it, it may be on a floor less than SAME_FLOOR_M above it.
+    A position is on the highest floor below it whose masks cover it, at most MAX_CAMERA_M above that floor. Where no
+    floor is below it, it may be on a floor less than SAME_FLOOR_M above it.
 
     Args:
         floors: Floors, sorted by height.
@@ -151,14 +151,17 @@ def floor_pixels(floor: FloorMasks, xy_m: np.ndarray) -> np.ndarray:
 
 
 def check_heights(floors: Sequence[FloorMasks]) -> None:
-    """Check that floors that touch have different heights. Raises DataError."""
+    """Check that floors whose masks overlap or adjoin have different heights. Raises DataError."""
     for floor, other in combinations(floors, 2):
         if floor.z_m == other.z_m and touch(floor, other):
-            raise DataError(f"two floors are at z = {floor.z_m:g} m, expected a different z_m for floors that touch")
+            raise DataError(
+                f"two floors with overlapping or adjacent masks are at z = {floor.z_m:g} m, expected a different z_m "
+                "for each"
+            )
 
 
 class Regions:
-    """The place at each position of some floors: that of the nearest region, also on walls and sills.
+    """The place at each position of some floors: the place of the nearest region, also on walls and sills.
 
     Attributes:
         places: Names of the places.
@@ -200,11 +203,11 @@ def join_floors(floors: Sequence[FloorMasks], more: Sequence[FloorMasks]) -> tup
 
     Where both sets have a floor at the same height (within SAME_FLOOR_M), the masks of `more` are laid over the others,
     shifted by half a pixel at most. A region of `more` replaces the region of the same place. Pixels of `more` that are
-    free, blocked or in a region replace those below. Masks of one height that are far apart stay separate.
+    free, blocked or in a region replace the pixels of `floors`. Masks of one height that are far apart stay separate.
 
     Raises:
         DataError: The resolutions differ, the joined masks have more than MAX_PIXELS, or `more` covers most of a region
-            of another place, as it does where the two sets are not in the same world frame.
+            of another place, so the two sets are not in the same world frame.
     """
     joined, added = list(floors), []
     for floor in more:

@@ -263,8 +263,8 @@ class Folder:
     def load(self, frame: FrameEntry) -> Panorama:
         """Read the panorama of a frame.
 
-        A picture that is tilted by its XMP is levelled, unless the pose of the frame is tilted: such a pose describes
-        the picture as it is stored.
+        A picture that is tilted by its XMP is levelled if the pose of the frame is level. A tilted pose describes the
+        picture as it is stored.
         """
         pose = self._pose(frame.pose)
         rgb, range_image, instances, valid = (
@@ -300,7 +300,8 @@ class Folder:
     def _floor_heights(self) -> list[float]:
         """Return the height of each floor in metres.
 
-        A single floor without `z_m` is at 0 where the cameras can stand on it there, else USUAL_M below the lowest one.
+        The default of a single floor is 0 if all cameras are 0 to MAX_CAMERA_M above 0, else USUAL_M below the
+        lowest camera.
 
         Raises:
             DataError: A floor has no `z_m`, and there are several floors, or the cameras stand on more than one storey.

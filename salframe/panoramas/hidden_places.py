@@ -50,7 +50,7 @@ def add_hidden_places(
 def _without(
     references: Sequence[ReferenceFrame], place: str, floors: Sequence[FloorMasks]
 ) -> tuple[ReferenceFrame, ...]:
-    """Return the reference frames that are neither in a place nor at a doorway to it."""
+    """Return the reference frames without the frames of a place and of the doorways to it."""
     floors = sorted(floors, key=lambda floor: floor.z_m)
     floor_m = [_floor_of(place, floor) for floor in floors]
     remaining = []

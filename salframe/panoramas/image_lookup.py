@@ -26,10 +26,10 @@ class FrameImage(NamedTuple):
 def find_frame_image(path: Path) -> FrameImage | None:
     """Return the frame whose image is at a path; None where no manifest.json names it.
 
-    The manifests are those in the folders above the image, with and without following links. Where none of them names
-    the image, they are those in the subfolders of the nearest folders, which may name images outside of their folder;
-    malformed ones are ignored. An image is compared by its path, in any Unicode normalization, and then by its file, so
-    that links to the file are found too.
+    The manifests in the folders above the image are searched, with and without following links. If none of them names
+    the image, the manifests in the subfolders of the nearest folders are searched, because they may name images outside
+    of their folder; malformed ones are ignored. An image is compared by its path, in any Unicode normalization, and
+    then by its file, so that links to the file are found too.
 
     Raises:
         DataError: A manifest above the image is malformed, or several frames have this file under other names.

@@ -23,8 +23,8 @@ def read_motion(path: Path, num_views: int) -> np.ndarray:
         num_views: Number of views V.
 
     Raises:
-        DataError: The file cannot be read, a column is missing, a value is no finite number, the number of rows is not
-            that of the views, or the times do not increase.
+        DataError: The file cannot be read, a column is missing, a value is not a finite number, the number of rows
+            differs from the number of views, or the times do not increase.
     """
     values = read_csv_numbers(path, COLUMNS)
     if len(values) != num_views:

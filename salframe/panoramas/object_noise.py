@@ -27,7 +27,7 @@ class ObjectNoise(Settings):
     range_share: float = Field(
         0.0,
         ge=0,
-        description="relative standard deviation of the range of an object; one random factor for each object",
+        description="standard deviation of the random factor on the range of an object, one factor per object",
     )
 
 

@@ -30,7 +30,8 @@ def load_panorama(
     """Read the image files of a panorama.
 
     A picture whose Photo Sphere XMP declares a crop is placed on the full sphere, and `valid` is false elsewhere. One
-    whose XMP declares a tilt is turned upright. The other images are in the same pixel grid and are changed alike.
+    whose XMP declares a tilt is turned upright. The other images have the same pixel grid and are changed in the same
+    way.
 
     Args:
         id: Id of the panorama.

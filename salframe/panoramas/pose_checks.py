@@ -1,4 +1,4 @@
-"""Check the poses of reference frames against what their range images show."""
+"""Compare the poses of reference frames with their range images."""
 
 from __future__ import annotations
 
@@ -57,8 +57,8 @@ MAX_FLOOR_ERROR_M = 0.35
 
 
 class _Explanation(NamedTuple):
-    """A change of the poses or ranges under which the frames may agree better: a scale of the positions, or what the
-    text says. Of those that agree equally well, the one of the least surprise is reported."""
+    """A change of the poses or ranges under which the frames may agree better: a scale of the positions, or the change
+    in the text. If several changes agree equally well, the most common error is reported."""
 
     agreement: Agreement
     text: str
@@ -96,12 +96,12 @@ def pose_notes(
     """Return one-line warnings where poses contradict the panoramas; empty where they do not.
 
     The up directions of all frames are checked. The ranges of up to NUM_FRAMES frames are compared in pairs. Frames
-    without range, and those that cannot be read, take part in the first check only. docs/explanation/guarantees.md
-    lists what these checks detect.
+    without range and unreadable frames take part in the first check only. docs/explanation/guarantees.md lists what
+    these checks detect.
 
     Args:
         frames: The reference frames.
-        floors: The floor masks, whose heights are compared with those of the cameras.
+        floors: The floor masks. Their heights are compared with the heights of the cameras.
         compares_ranges: Whether to compare the range images; False checks the up directions only.
 
     Raises:
@@ -135,7 +135,7 @@ def _tilt_error(frames: Sequence[ReferenceFrame], tilts: np.ndarray) -> str:
     worst = int(np.argmax(tilts > REFUSED_TILT_DEG))
     text = (
         f"{(tilts > REFUSED_TILT_DEG).sum()} of {len(frames)} reference frames are not upright by their poses "
-        f"({frames[worst].id}: the up axis of the panorama is {tilts[worst]:.0f} deg from that of the world)"
+        f"({frames[worst].id}: the up axis of the panorama is {tilts[worst]:.0f} deg from the up axis of the world)"
     )
     if np.median(tilts) > 180 - MAX_TILT_DEG:
         return f"{text}, likely the camera hangs upside down: turn the images and the poses by 180 deg about x"
@@ -301,7 +301,7 @@ def _scaled(poses: Iterable[np.ndarray], scale: float) -> list[np.ndarray]:
 
 
 def _finer_scale(sample: _Sample, scale: float) -> float:
-    """Return a unit (UNIT_SCALES) or else the middle of the best scales near one of the grid SCALES."""
+    """Return a scale of UNIT_SCALES if one fits, else the middle of the best scales near a scale of the grid SCALES."""
     scales = scale * np.geomspace(0.93, 1 / 0.93, 31)
     ratios = np.array([sample.agreement(_scaled(sample.poses, value), CLOSE).ratio for value in scales])
     best = scales[ratios >= ratios.max() - 0.005]
@@ -353,5 +353,5 @@ def _height_notes(sample: _Sample, floors: Sequence[FloorMasks]) -> list[str]:
     expected_z_m = min(floor_z_m, key=lambda floor: abs(floor - visible_z_m))
     return [
         f"the ranges of {frames[middle].id} show the floor at z = {visible_z_m:.2f} m, expected the z_m of the floor "
-        f"masks, {expected_z_m:.2f} m: check z_m, the unit of the poses and that of the ranges"
+        f"masks, {expected_z_m:.2f} m: check z_m, the unit of the poses and the unit of the ranges"
     ]

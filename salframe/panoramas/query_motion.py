@@ -53,7 +53,9 @@ def measured_motion(T_last_view: np.ndarray, errors: OdometryErrors, seed: tuple
         noisy[:3, 3] = scale * step[:3, 3] + shift_m
         measured.insert(0, measured[0] @ invert_pose(noisy))
     if errors.shuffled and len(measured) > 2:
-        measured[:-1] = [measured[number] for number in np.roll(rng.permutation(len(measured) - 1), 1)]
+        order = rng.permutation(len(measured) - 1)
+        shuffled = dict(zip(order.tolist(), np.roll(order, 1).tolist(), strict=True))
+        measured[:-1] = [measured[shuffled[number]] for number in range(len(order))]
     return np.stack(measured)
 
 

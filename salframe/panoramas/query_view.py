@@ -43,8 +43,8 @@ class QueryView(ComponentConfig):
         None,
         match_only=True,
         gt=0,
-        description="focal length of the rectilinear view along their heading that queries show, relative to half its "
-        "width: 1, 2, 3 are 90, 53, 37 deg wide and, at 4:3, 74, 41, 28 deg high; null: whole panoramas",
+        description="focal length, relative to half the image width: queries show one 4:3 perspective view along their "
+        "heading; 1, 2, 3 are 90, 53, 37 deg wide and 74, 41, 28 deg high; null: whole panoramas",
     )
     query_noise: AnnotationNoise = added(
         AnnotationNoise(), match_only=True, description="errors in the annotations of queries, not of reference frames"

@@ -1,4 +1,4 @@
-"""Find values of range images that mean no reading although nobody declared them, such as 65535."""
+"""Find undeclared values of range images that mean no reading, such as 65535."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def missing_values(steps: np.ndarray, weights: np.ndarray | None = None) -> dict
 
 
 def _stands_out(values: np.ndarray, shares: np.ndarray, number: int) -> bool:
-    """Return whether a value fills many more pixels than those next to it, and is not the limit of a sensor.
+    """Return whether a value fills many more pixels than the next values, and is not the maximum range of a sensor.
 
     Args:
         values: (V,) values that occur, in ascending order.
@@ -103,7 +103,7 @@ def _jump_share(steps: np.ndarray, value: int) -> float:
 def missing_note(frames: Sequence[Frame]) -> str | None:
     """Return a one-line warning where a value of the range images seems to mean no reading; None where none does.
 
-    A few of the frames are loaded. Panoramas without range, and those that cannot be read, are ignored.
+    A few of the frames are loaded. Panoramas without range and unreadable panoramas are ignored.
     """
     panoramas = [panorama for _, panorama in load_samples(frames, NUM_FRAMES) if panorama.range_m is not None]
     shares: dict[int, list[float]] = {}
@@ -134,7 +134,7 @@ def missing_line(shares: Mapping[int, float], source: str, encoding: RangeEncodi
     fills = " and ".join(
         f"{value if encoding else f'{value * MILLIMETRE:g} m'} fills {shares[value]:.1%}" for value in values
     )
-    likely = f"{fills} of the pixels of the {source} without joining the surfaces around, and likely means no reading"
+    likely = f"{fills} of the pixels of the {source}, differs from the surfaces around it, and likely means no reading"
     if encoding is None:
         return f"{likely}: set the range of these pixels to NaN"
     missing = sorted({*encoding.missing, *values})

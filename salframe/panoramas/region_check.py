@@ -49,7 +49,7 @@ class Stranger:
 
 @dataclass(frozen=True)
 class RegionComparison:
-    """The frames that could be compared with the floor masks, and those that stand outside the region of their place.
+    """The frames that could be compared with the floor masks, and the frames outside the region of their place.
 
     A frame is compared if it stands on a region, or if its place has a region.
     """
@@ -122,7 +122,7 @@ def _regions_near(floor: FloorMasks, frame: ReferenceFrame) -> tuple[str | None,
 
 
 def _likely_cause(frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks], strangers: Sequence[Stranger]) -> str:
-    """Return what is likely wrong: the first change of the masks that makes frames and regions agree."""
+    """Return the likely cause: the first change of the masks under which frames and regions agree."""
     sample = frames[:: 1 + len(frames) // MAX_FRAMES]
     for cause, changed in _changes(frames, floors, strangers):
         comparison = compare_regions(sample, changed)
@@ -155,12 +155,12 @@ def _changes(
     )
     for scale in SCALES:
         yield (
-            f"resolution_m may be wrong, {scale:g} times as large would fit",
+            f"resolution_m may be wrong, a value {scale:g} times as large fits",
             [replace(floor, resolution_m=floor.resolution_m * scale) for floor in floors],
         )
     for x_m, y_m in sorted(((x, y) for x in SHIFTS_M for y in SHIFTS_M), key=lambda shift: float(np.hypot(*shift))):
         yield (
-            f"masks may be shifted, origin_m moved by ({x_m:g}, {y_m:g}) m would fit",
+            f"masks may be shifted: move origin_m by ({x_m:g}, {y_m:g}) m",
             [_moved(floor, x_m, y_m) for floor in floors],
         )
 

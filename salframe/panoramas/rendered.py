@@ -77,9 +77,9 @@ class RenderedDataset(FolderDataset, Generic[Frame]):
 
     A subclass lists its frames (FrameSpec or a subclass) and renders one frame at a time. It may list objects and
     floors. It declares `provides`, because the folder does not exist before `prepare`. Its configuration and version
-    determine every pixel; otherwise it overrides `fingerprint`. Datasets that differ in some frames share the images
-    and the cache entries of the others, where `depends_on` returns what the pixels of a frame depend on. An engine that
-    renders in other processes creates one dataset per process from the configuration.
+    determine every pixel; otherwise it overrides `fingerprint`. If `depends_on` returns the settings that the pixels of
+    a frame depend on, datasets share the images and cache entries of their common frames. An engine that renders in
+    other processes creates one dataset per process from the configuration.
     """
 
     @property

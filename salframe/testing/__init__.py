@@ -60,8 +60,8 @@ they are in lower layers, which must not import this one."""
 def check_component(component: type[Component], config: ComponentConfig | None = None) -> Conformance:
     """Check a component class against the rules of its role.
 
-    The suite generates furnished rooms as input. The rules of a role that a plugin defines are those that its
-    `conformance` names. In a test: `assert not check_component(MyDetector).failed`.
+    The suite generates furnished rooms as input. If a plugin defines a role, the attribute `conformance` of the role
+    names its rules. In a test: `assert not check_component(MyDetector).failed`.
 
     Args:
         component: The component class.

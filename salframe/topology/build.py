@@ -79,7 +79,7 @@ def _split_by_floor(
         number = find_floor(floors, frame.T_world_pano[:3, 3])
         if number is None:
             x, y, z = frame.T_world_pano[:3, 3]
-            notes.append(f"frame {frame.id} at ({x:.2f}, {y:.2f}, {z:.2f}) m is left out: it is on no floor's masks")
+            notes.append(f"frame {frame.id} at ({x:.2f}, {y:.2f}, {z:.2f}) m is left out: no floor mask covers it")
         else:
             frames_by_floor[number].append(frame)
     return frames_by_floor

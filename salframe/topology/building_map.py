@@ -29,7 +29,7 @@ class BuildingMap:
 
     Attributes:
         localization: The localization map, None for data without reference frames.
-        topology: The topological map, None for data without floors and where it was disabled.
+        topology: The topological map; None if the data have no floors or the topology was disabled.
     """
 
     localization: LocalizationMap | None
@@ -63,20 +63,19 @@ def build_map(
 ) -> BuildingMap:
     """Build the map of a dataset and save it to the folder `output`, in one step.
 
-    The map localizes queries with a method, and has a topology where the dataset has floors. Floors that do not allow a
-    topology, such as two floors at one height, do not prevent localization: `tell` is called with the reason, and the
-    map has no topology. A dataset without reference frames gives the topology alone. The new map replaces the map in
-    `output`.
+    The map localizes queries with a method, and has a topology where the dataset has floors. If the floors do not allow
+    a topology, such as two floors at one height, the map has no topology, and `tell` is called with the reason. A
+    dataset without reference frames gives the topology alone. The new map replaces the map in `output`.
 
     Args:
         data: name of a dataset or preset, a YAML file, or a folder with a manifest.json.
         output: folder to write the map to.
-        method: name of a preset or localizer (default: that of `salframe build`).
+        method: name of a preset or localizer (default: the default of `salframe build`).
         topology: whether to build the topology of the floors.
         choose: place one scene node where each region has the largest clearance, instead of one at each reference
             frame.
         data_dir: folder with the files of the dataset.
-        overrides: settings, "key.path=value" each; those of data and engine start with "data." and "engine.".
+        overrides: settings, "key.path=value" each; settings of data and engine start with "data." and "engine.".
         engine: name of the component that renders and describes.
         progress: called with the name of the step, the number of items done and their total number.
         tell: called with messages for the user, one line each.

@@ -23,7 +23,7 @@ class FloorGrid:
     Attributes:
         floor: The masks.
         walkable: (rows, columns) bool, free floor without obstacles.
-        clearance_m: (rows, columns) float64, distance from the pixel's centre to what blocks.
+        clearance_m: (rows, columns) float64, distance from the pixel's centre to the nearest blocked pixel.
         clear: (rows, columns) bool, walkable pixels whose clearance is at least the radius (exact along the axes of the
             pixels).
     """

@@ -64,8 +64,8 @@ def add_to_map(
     """Add the places of a dataset to the map in the folder `directory`, with the method and settings of the map.
 
     A place that the map already has is replaced: all its frames are removed. Panoramas of the map are not described
-    again. The floors of the dataset are laid over those of the map (`join_floors`), and a topology is computed again
-    from floors and frames. Dataset and map must share one world frame. The map changes in one atomic step.
+    again. The floors of the dataset and of the map are joined (`join_floors`), and the topology is computed again from
+    floors and frames. Dataset and map must share one world frame. The map changes in one atomic step.
 
     Args:
         directory: folder of the map.
@@ -135,7 +135,7 @@ def merge_maps(directory: str | Path, others: Iterable[str | Path]) -> MapChange
     """Add the places of other maps, which do not change, to the map in the folder `directory`.
 
     All maps must have the same method, the same settings of its description, and one world frame. Settings that affect
-    matching only are those of the first map. Masks of the same floor are joined (`join_floors`), and floors at other
+    matching only are taken from the first map. Masks of the same floor are joined (`join_floors`), and floors at other
     heights are added. The topology is computed again from all floors and frames; a map without topology gets none. The
     map changes in one atomic step.
 

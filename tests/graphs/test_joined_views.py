@@ -7,7 +7,7 @@ from salframe_graphs.places.merging import Place
 from salframe_graphs.places.place_index import index_places
 from salframe_graphs.places.rates import Likelihood, shipped_rates
 from salframe_graphs.sectors import BINS, Sectors, shown_bins
-from salframe_graphs.views import join_objects, join_outlines, join_sectors
+from salframe_graphs.views import ViewObjects, join_objects, join_outlines, join_sectors
 
 from salframe.framework.components.presets import configure, settings
 from salframe.framework.components.registry import registry
@@ -44,7 +44,7 @@ def test_sightings_of_one_object_are_merged_and_the_nearest_gives_the_yaw():
         graph(["bed", "lamp"], [[-2, 1, 0], [1, 5, 0]], MOTIONS[0], scores=0.9, yaw_rad=0.3),
         graph(["bed", "chair"], [[-2, 1.1, 0], [3, 0, 0]], MOTIONS[1], scores=0.5, yaw_rad=1.0),
     ]
-    joined = join_objects(graphs, MOTIONS, OdometryNoise())
+    joined = join_objects(graphs, MOTIONS, OdometryNoise(), ViewObjects())
     row = {label: number for number, label in enumerate(joined.labels)}
     assert sorted(row) == ["bed", "chair", "lamp"]
     np.testing.assert_allclose(joined.centroid_m[row["lamp"]], [1, 5, 0], atol=1e-12)
@@ -58,9 +58,11 @@ def test_sightings_of_one_object_are_merged_and_the_nearest_gives_the_yaw():
 
 def test_drift_decides_what_is_one_object():
     graphs = [graph(["bed"], [[2, 0, 0]], MOTIONS[0]), graph(["bed"], [[3.2, 0, 0]], MOTIONS[1])]
-    assert len(join_objects(graphs, MOTIONS, OdometryNoise())) == 2
-    assert len(join_objects(graphs, MOTIONS, OdometryNoise(drift_share=0.3))) == 1
-    assert len(join_objects(graphs, MOTIONS, OdometryNoise(heading_drift_deg=10))) == 1
+    assert len(join_objects(graphs, MOTIONS, OdometryNoise(), ViewObjects())) == 2
+    assert len(join_objects(graphs, MOTIONS, OdometryNoise(drift_share=0.3), ViewObjects())) == 1
+    assert len(join_objects(graphs, MOTIONS, OdometryNoise(heading_drift_deg=10), ViewObjects())) == 1
+    assert len(join_objects(graphs, MOTIONS, OdometryNoise(), ViewObjects(position_error_m=0.5))) == 1
+    assert len(join_objects(graphs, MOTIONS, OdometryNoise(), ViewObjects(range_error_share=0.25))) == 1
 
 
 def test_the_joined_outline_is_the_nearest_point_in_each_bin():
@@ -86,15 +88,26 @@ def test_shown_bins_are_those_of_the_field_of_view():
 
 
 def test_joined_sectors_are_the_union_around_the_position_of_each_view():
-    ahead = np.zeros((1, BINS), bool)
-    ahead[0, [0, 71]] = True  # 5 degrees to each side
-    view = Sectors(ahead, np.zeros((1, 2)))
+    ahead = np.zeros(BINS, bool)
+    ahead[[0, 71]] = True  # 5 degrees to each side
+    view = Sectors.of_view(ahead, None)
     joined = join_sectors([view, view], MOTIONS)
     # The first view looks along +y from (-2, 0), the last along +x from the origin.
     shown = joined.show(np.array([-2 + 3j, 0 + 3j, 5 + 0.1j, -5 + 0.1j]))
     np.testing.assert_array_equal(shown, [True, False, True, False])
     assert joined.share == pytest.approx(4 / BINS)
-    assert join_sectors([view, None], MOTIONS) is None
+    assert join_sectors([view, Sectors.of_view(None, None)], MOTIONS).share == 1
+
+
+def test_objects_behind_walls_should_not_be_seen():
+    """A view from a corridor along +x: the walls at its sides are 1 m away, and nothing is known of its ends."""
+    outline_m = np.full(BINS, np.nan, np.float32)
+    outline_m[9:27] = outline_m[45:63] = 1.0
+    points = np.array([1.29j, 1.31j, -1.29j, -1.31j, 40 + 0.1j, -40 + 0.1j])
+    expected = [True, False, True, False, True, True]
+    np.testing.assert_array_equal(Sectors.of_view(None, outline_m).show(points), expected)
+    half = np.arange(BINS) < BINS // 2  # the left half
+    np.testing.assert_array_equal(Sectors.of_view(half, outline_m).show(points), np.array(expected) & (points.imag > 0))
 
 
 def test_only_objects_in_shown_sectors_count_as_missed():
@@ -111,11 +124,11 @@ def test_only_objects_in_shown_sectors_count_as_missed():
     )
     index = index_places([place], [np.zeros((1, 3))], rates, likelihood)
     query = GraphNodes.of(graph(["bed"], [[2, 0, 0]], np.eye(4)), index.vocabulary)
-    front = np.zeros((1, BINS), bool)
-    front[0, [*range(9), *range(63, 72)]] = True
+    front = np.zeros(BINS, bool)
+    front[[*range(9), *range(63, 72)]] = True
     pose = Poses(np.zeros(1, int), np.zeros((1, 2)), np.zeros(1))
     whole = PlaceLikelihood(query, index, rates, likelihood)
-    partial = PlaceLikelihood(query, index, rates, likelihood, Sectors(front, np.zeros((1, 2))))
+    partial = PlaceLikelihood(query, index, rates, likelihood, Sectors.of_view(front, None))
     logit = whole.detection_logit(np.array([1]), np.array([2.0]))[0]
     gain = partial.score(pose)[0] - whole.score(pose)[0]
     np.testing.assert_allclose(gain, np.log1p(np.exp(logit)), rtol=1e-5)  # the sofa behind the camera

@@ -156,7 +156,7 @@ def test_an_outline_is_remembered_where_there_is_range():
         for outline in (True, False)
     )
     plain = without.describe(ranged)
-    assert set(with_outline.describe(ranged)) - set(plain) == {"outline_m"}
+    assert set(with_outline.describe(ranged)) - set(plain) == {"outline_m", "reach_m", "shown_from_m"}
     assert set(with_outline.describe(seen)) == set(plain)
     packed = with_outline.pack(with_outline.describe(ranged))
     assert {name: packed[name].nbytes for name in set(packed) - set(without.pack(plain))} == {"outline_mm": 144}

@@ -8,7 +8,7 @@ from fake_plugin import Reader
 
 from salframe.framework.errors import DataError
 from salframe.localization.answers import Localization, LocalizationStatus, ranked_places
-from salframe.localization.fusing import fuse_answers
+from salframe.localization.fusing import choose_surest, fuse_answers
 from salframe.localization.map import LocalizationMap
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.opening import find_dataset, reference_frames
@@ -93,3 +93,16 @@ def test_a_localizer_without_join_says_so(fakes):
     assert built.localize(views=[View(panorama)]).places == alone.places
     with pytest.raises(DataError, match="both views and another query"):
         built.localize(panorama, views=[View(panorama)])
+
+
+def test_the_surest_answer_is_moved_to_the_last_view():
+    first = answer({"a": 0.9}, pose_2d(1, 2, 0.5))
+    last = answer({"b": 0.6}, pose_2d(0, 0, 0))
+    T_last_view = np.array([pose_2d(-2, 0, np.pi / 2), np.eye(4)])
+    surest = choose_surest([first, last], T_last_view)
+    assert surest.places[0].place == "a"
+    np.testing.assert_allclose(surest.T_world_query @ T_last_view[0], first.T_world_query, atol=1e-12)
+    assert choose_surest([first, last], None).status == LocalizationStatus.NO_POSE
+    np.testing.assert_array_equal(choose_surest([last, first], None).T_world_query, first.T_world_query)
+    nothing = Localization((), None, LocalizationStatus.NO_OBJECTS)
+    assert choose_surest([nothing, nothing], None).status == LocalizationStatus.NO_OBJECTS

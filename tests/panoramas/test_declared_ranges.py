@@ -121,7 +121,11 @@ def test_a_floor_without_height_lies_below_the_cameras(tmp_path, cameras_m, floo
         ([None, None], (1.5, 1.5, 4.5), "2 of 2 floors have no z_m, expected the height of each floor"),
         ([0.0, None], (1.5, 1.5, 4.5), "1 of 2 floors have no z_m"),
         ([None], (1.5, 1.5, 4.5), "the floor has no z_m, and the cameras are at z = 1.50 to 4.50 m, more than one st"),
-        ([3.0, 3.0], (1.5, 1.5, 4.5), "two floors are at z = 3 m, expected a different z_m for floors that touch"),
+        (
+            [3.0, 3.0],
+            (1.5, 1.5, 4.5),
+            "two floors with overlapping or adjacent masks are at z = 3 m, expected a different z_m for each",
+        ),
     ],
 )
 def test_heights_are_required_where_storeys_differ(tmp_path, heights_m, cameras_m, message):

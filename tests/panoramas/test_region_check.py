@@ -78,9 +78,9 @@ def test_right_masks_are_silent():
         ([mirrored(masks(), 0)], "masks may be mirrored: row 0 must be at the largest y"),
         ([mirrored(masks(), 1)], "masks may be mirrored: column 0 must be at the smallest x"),
         ([moved(masks(), 0, -6)], "origin_m may be the lower left corner, expected the upper left corner"),
-        ([replace(masks(), resolution_m=0.2)], "resolution_m may be wrong, 0.5 times as large would fit"),
-        ([moved(masks(), 0, 1)], r"masks may be shifted, origin_m moved by \(0, -0.5\) m would fit"),
-        ([moved(masks(), 2.5, 0)], r"masks may be shifted, origin_m moved by \(-1.5, 0\) m would fit"),
+        ([replace(masks(), resolution_m=0.2)], "resolution_m may be wrong, a value 0.5 times as large fits"),
+        ([moved(masks(), 0, 1)], r"masks may be shifted: move origin_m by \(0, -0.5\) m"),
+        ([moved(masks(), 2.5, 0)], r"masks may be shifted: move origin_m by \(-1.5, 0\) m"),
         ([replace(masks(), regions={1: "a", 2: "b", 3: "c"})], r"swapped \(a is hall, b is kitchen, c is study\)"),
     ],
 )
@@ -99,7 +99,10 @@ def test_wrong_heights_of_two_storeys_are_refused(heights_m):
 
 
 def test_two_floors_of_one_height_are_refused():
-    with pytest.raises(DataError, match="two floors are at z = 0 m, expected a different z_m for floors that touch"):
+    with pytest.raises(
+        DataError,
+        match="two floors with overlapping or adjacent masks are at z = 0 m, expected a different z_m for each",
+    ):
         check_regions(frames(), [masks(), masks("upper-")])
 
 

@@ -96,7 +96,7 @@ def test_a_scene_point_in_a_wall_moves_to_clear_floor_of_its_room_or_is_left_out
 def test_frames_that_belong_nowhere_are_told():
     frames = [frame("a", -2.0, 0.0), frame("far", 40.0, 0.0), frame("t", -2.0, 1.0, "door", FrameKind.TRANSITION)]
     notes = build_topology([two_rooms()], frames).notes
-    assert "frame far at (40.00, 0.00, 1.50) m is left out: it is on no floor's masks" in notes
+    assert "frame far at (40.00, 0.00, 1.50) m is left out: no floor mask covers it" in notes
     assert "frame t at (-2.00, 1.00) m belongs to no node: no transition node within 0.5 m" in notes
 
 
@@ -168,7 +168,10 @@ def test_two_buildings_at_one_height_are_one_map_of_two_parts():
     ("floors", "message"),
     [
         ([], "a topological map needs floor masks, received none"),
-        ([two_rooms(), two_rooms(0.6)], "two floors are at z = 0 m, expected a different z_m for floors that touch"),
+        (
+            [two_rooms(), two_rooms(0.6)],
+            "two floors with overlapping or adjacent masks are at z = 0 m, expected a different z_m for each",
+        ),
         ([two_rooms(), two_rooms(z_m=3.0)], "two nodes of the map would have the name 'west'"),
         ([replace(two_rooms(), region=np.zeros_like(two_rooms().region))], "has no free floor in any region"),
     ],

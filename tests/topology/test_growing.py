@@ -300,7 +300,8 @@ def test_a_map_that_holds_something_else_is_one_line(rooms):
         shutil.rmtree(parts.folder / "scenes")
         parts.write_table("scenes", [{"hall": np.array(number)} for number in range(5)])
     with pytest.raises(
-        DataError, match="has arrays that reader cannot use, expected the arrays that it wrote: build the map again"
+        DataError,
+        match="has arrays that reader cannot use, expected the arrays that this method wrote: build the map again",
     ):
         remove_from_map(map, ["room-1"])
 

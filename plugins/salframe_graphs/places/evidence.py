@@ -26,7 +26,7 @@ class EvidenceWeights(Settings):
     detected_labels: float = Field(
         description="weight of the share of the query's labels, by rarity, that the place has"
     )
-    labels_shared: float = Field(description="weight of the Jaccard index of both multisets of labels, by rarity")
+    labels_shared: float = Field(description="weight of the Jaccard index, by rarity, of the labels of query and place")
 
 
 def label_evidence(label: np.ndarray, index: PlaceIndex, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -101,8 +101,8 @@ class PlaceLikelihood:
     The score of place r and pose T is the sum over query objects i of
     log(1 + sum_j o_j p(i | j, T) / (c p(i | clutter))) and over the place's objects j of log(1 - P_j), where P_j is the
     probability that j is detected from T, o_j = P_j / (1 - P_j), and c is the rate of clutter. Query objects that
-    compete for the same object of the place share its odds. The second sum is over objects in sectors that the query
-    shows.
+    compete for the same object of the place share its odds. The second sum is over objects that the query should show:
+    in its sectors, and not behind walls.
 
     Attributes:
         log_ratio: (n, M) float32, log ratio of label, height and size of query objects i and map objects j.

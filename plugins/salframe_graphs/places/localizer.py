@@ -99,7 +99,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
     """
 
     name = "saliency-places"
-    version = "5"
+    version = "6"
     uses_floors = True
 
     class Config(GraphLocalizerConfig, PanoramaMatchingConfig):
@@ -145,11 +145,13 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
 
     def describe(self, panorama: Panorama) -> Description:
         description = {**super().describe(panorama)}
-        if panorama.valid is not None and not (bins := shown_bins(panorama.valid)).all():
-            description |= sectors_to_arrays(Sectors(bins[None], np.zeros((1, 2))))
-        if not self.config.outline or panorama.range_m is None:
-            return description
-        return {**description, OUTLINE: free_outline(panorama.range_m)}
+        if self.config.outline and panorama.range_m is not None:
+            description[OUTLINE] = free_outline(panorama.range_m)
+        shown = None if panorama.valid is None else shown_bins(panorama.valid)
+        is_partial = shown is not None and not shown.all()
+        if is_partial or OUTLINE in description:
+            description |= sectors_to_arrays(Sectors.of_view(shown, description.get(OUTLINE)))
+        return description
 
     def join(
         self, descriptions: Sequence[Description], T_last_view: np.ndarray, odometry: OdometryNoise
@@ -157,7 +159,8 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         joined = super().join(descriptions, T_last_view, odometry)
         if joined is None:
             return None
-        sectors = join_sectors([sectors_from_arrays(description) for description in descriptions], T_last_view)
+        parts = [sectors_from_arrays(description) or Sectors.of_view(None, None) for description in descriptions]
+        sectors = join_sectors(parts, T_last_view)
         outlines_m = [description.get(OUTLINE) for description in descriptions]
         outline = {} if all(o is None for o in outlines_m) else {OUTLINE: join_outlines(outlines_m, T_last_view)}
         return {**joined, **sectors_to_arrays(sectors), **outline}

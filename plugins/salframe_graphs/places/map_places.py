@@ -141,7 +141,8 @@ class MapPlaces:
     def names_at(self, poses: Poses) -> np.ndarray:
         """Return the number (C,) of the name of the place that contains each pose.
 
-        It is the place of the region at the pose where that is known and on the map, else the matched place.
+        If there is a region at the pose and its place is in the map, this is the place of the region, else the matched
+        place.
         """
         matched = self.shown.name[poses.place]
         if self.regions is None:

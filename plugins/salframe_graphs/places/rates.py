@@ -51,7 +51,7 @@ class Likelihood(Settings):
     height_span_m: float = Field(2.5, gt=0, description="range of heights (m) over which clutter is uniform")
     size_span_log: float = Field(2.5, gt=0, description="range of ln(size) over which clutter is uniform")
     unplaced_share: float = Field(
-        0.33, gt=0, le=1, description="factor of an object's odds where a place is scored without a pose"
+        0.33, gt=0, le=1, description="factor on the odds of an object in the likelihood without a pose"
     )
 
 

@@ -1,4 +1,4 @@
-"""The settings of a method that its label does not show: those that differ from the preset of the same name."""
+"""The changed settings of a method: settings that differ from the preset with the name of its label."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MAX_CHANGES = 4
 def find_changes(
     role: str, label: str, method: str, variant_settings: Mapping[str, Any], config: ComponentConfig, choice: Choice
 ) -> tuple[str, ...]:
-    """Return the settings of a method that differ from those that its label stands for, "key=value" each.
+    """Return the settings of a method that differ from the settings that its label implies, "key=value" each.
 
     A label that begins with the name of a preset or component stands for its settings. The label of a YAML file of
     another name stands for the defaults of its component; its `kind` is listed too. Settings of a variant are not

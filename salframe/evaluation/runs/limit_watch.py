@@ -1,4 +1,4 @@
-"""Script that kills a process and its children where they exceed a limit: a busy process cannot watch itself.
+"""Script that kills a process and its children if they exceed a limit. A busy process cannot watch itself.
 
 Arguments: id of the process, which started this one; maximum resident memory of the process and its children in
 megabytes (1e6 bytes), or `inf`; the file that holds the end of the current piece of work, in seconds since the epoch;

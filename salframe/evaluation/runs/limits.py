@@ -114,7 +114,7 @@ class Death:
 
     @classmethod
     def of(cls, folder: Path, limits: Limits, error: WorkerDied) -> Death:
-        """Return the death that an engine reports, with what the process left in its folder."""
+        """Return the death that an engine reports, with the record that the process left in its folder."""
         piece = read_json(folder / AT_WORK) if (folder / AT_WORK).exists() else None
         log = (folder / LOG).read_text(encoding="utf-8", errors="replace") if (folder / LOG).exists() else ""
         if log:

@@ -110,7 +110,8 @@ class _Request(Settings):
 class Run:
     """A run folder.
 
-    `content` is that of its request.yaml: task, seed, data, and by label the settings of methods and their changes.
+    `content` is the content of request.yaml: task, seed, data, and dictionaries from the label of a method to its
+    settings and its changes.
     """
 
     directory: Path
@@ -259,7 +260,7 @@ class Run:
             )
 
     def environment(self) -> Mapping[str, Any]:
-        """Return what `bind` wrote: the date, the fingerprint of the data, versions and the machine.
+        """Return the content that `bind` wrote: the date, the fingerprint of the data, versions and the machine.
 
         Raises DataError where env.json is not as `bind` writes it.
         """

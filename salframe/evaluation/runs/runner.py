@@ -93,7 +93,7 @@ def _resume(
         run.reuse(label, digest({**key, **map_format}))
     run.set_notes([*resolved.notes, *data_notes(dataset)])
     if request.limits and not engine.isolates:
-        raise ConfigError(f"the engine {engine.name!r} has no worker processes, which limits of time and memory need")
+        raise ConfigError(f"the engine {engine.name!r} has no worker processes, which --timeout and --memory need")
     with _watch(task, run, task.total(survey), progress):
         work = _Work(task, run, survey, engine, request.limits)
         for label, config in resolved.methods.items():
@@ -256,7 +256,7 @@ def _record(task: AnyTask, run: Run, label: str, survey: Survey[Any]) -> Record[
         reason = f"unfinished: {answered} of {len(rows)} {task.counts} done"
         outcome = Outcome(MethodStatus.UNFINISHED, reason, parts)
     elif rows and all(row is not None and row.status == PieceStatus.INPUT_MISSING for row in rows):
-        reason = f"none of the {len(rows)} {task.counts} has what it needs, the first: {rows[0] and rows[0].error}"
+        reason = f"all {len(rows)} {task.counts} lack a required input, the first: {rows[0] and rows[0].error}"
         outcome = Outcome(MethodStatus.UNAVAILABLE, reason, outcome.input)
     return Record(label, outcome, rows, run.folder(label), run.changes(label))
 

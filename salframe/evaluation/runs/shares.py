@@ -70,7 +70,7 @@ def _append(source: Path, target: Path) -> None:
 
 
 def join_outcomes(outcomes: Sequence[Outcome]) -> Outcome:
-    """Return the outcome of a method from those of its shares: the worst status, and all reasons."""
+    """Return the outcome of a method from the outcomes of its parts: the worst status, and all reasons."""
     status = max((outcome.status for outcome in outcomes), key=list(MethodStatus).index)
     reasons = dict.fromkeys(outcome.reason for outcome in outcomes if outcome.reason)
     parts = max((outcome.input for outcome in outcomes), key=len)

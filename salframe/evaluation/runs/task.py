@@ -39,7 +39,7 @@ class Worker(ABC, Generic[Piece]):
     """Runs a method on pieces of a task, in a worker process."""
 
     def prepare(self, piece: Piece) -> None:
-        """Prepare what a piece shares with others, such as a map. Does nothing by default.
+        """Prepare an object that several pieces share, such as a map. Does nothing by default.
 
         The limits of a piece do not apply here. An exception ends the work of the method.
         """

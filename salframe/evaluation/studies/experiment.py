@@ -209,7 +209,7 @@ def _run_again(study: Study, request: Request, *, progress: Progress | None) -> 
 
 
 def _with_data(study: Study, request: Request) -> Request:
-    """Return the request with its data folder if the study's data set is in one, otherwise without.
+    """Return the request, without its data folder if the study's data set needs none.
 
     Raises InputMissing where the study needs a data folder and the request has none.
     """

@@ -180,7 +180,7 @@ def _describe(
     name, dataset, localizer = prepare(data, method, root, [*overrides, HIDE], None, progress, tell)
     if "posterior" not in type(localizer.config).model_fields:
         raise ConfigError(
-            f"{name} is a {localizer.name!r}, which has no setting `posterior`: its answers cannot carry probabilities"
+            f"{name} is a {localizer.name!r}, which has no setting `posterior`: its answers cannot have probabilities"
         )
     check_needs(localizer, dataset)
     frames: dict[str, ReferenceFrame | QueryFrame] = {}
@@ -207,7 +207,7 @@ def _takes_root(data: str) -> bool:
 
 
 def _try(tunings: Sequence[Tuning], tries: Sequence[str], tell: Tell) -> dict[str, Any]:
-    """Return the best of the settings to try. Each setting is tried with the best values of those before it."""
+    """Return the best of the settings to try. Each setting is tried with the best values of the settings before it."""
     best: dict[str, Any] = {}
     min_loss = _fit(tunings, best)[2] if tries else 0.0
     for text in tries:

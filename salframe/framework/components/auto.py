@@ -1,4 +1,4 @@
-"""The value `auto` of a slot: the component is chosen by the data and by what can run on this machine."""
+"""The value `auto` of a slot: the data, and the components that can run on this machine, determine the component."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def why_unfit(component: type[Component], provides: frozenset[str] | None) -> st
 
 
 def needs_of(config: ComponentConfig) -> frozenset[str]:
-    """Return the parts of panoramas that a configured component needs: its `needs` and those of its slots."""
+    """Return the parts of panoramas that a configured component needs: its `needs`, and the `needs` of its slots."""
     needs = getattr(config.component, "needs", None)
     parts = needs if isinstance(needs, frozenset) else frozenset()
     return parts.union(*(needs_of(inner) for _, inner in components_in(config)))

@@ -45,7 +45,7 @@ class UserFile(_Path):
 
     @classmethod
     def _checked(cls, path: str | Path) -> UserFile:
-        """Return the path. Raises ValueError where the file system cannot have it, such as one that is too long."""
+        """Return the path. Raises ValueError if the path is invalid on this file system, for example too long."""
         checked = cls(path)
         try:
             checked.exists()
@@ -144,7 +144,7 @@ def _value(value: Any, describing: bool) -> Any:
 def content_sha256(path: Path) -> str | None:
     """Return the sha256 (hex) of a file, or of the names and contents of all files in a folder.
 
-    The hash of an ONNX file that points to other files includes theirs. Returns None if there is no file or folder of
+    The hash of an ONNX file with external data includes the other files. Returns None if there is no file or folder of
     this name.
 
     Raises:

@@ -65,7 +65,7 @@ def slot(
 def slots(role: str, default: tuple[str, ...], description: str) -> Any:
     """Return the type of a config field that holds an ordered list of at least one component of a role.
 
-    Example: `of: slots("detector", ("segments", "onnx"), "the detectors to unite")`.
+    Example: `of: slots("detector", ("segments", "onnx"), "detectors to combine")`.
 
     The field accepts a list. Each entry is a value that a `slot` accepts; a mapping must have a `kind`.
     """

@@ -47,7 +47,7 @@ class Engine(Role):
         """
 
     def try_all(self, function: Callable[[Any], Any], items: Sequence[Any]) -> Iterator[Any]:
-        """Yield the results of `map`, and retry each item whose worker died once, after all others.
+        """Yield the results of `map`. If the worker of an item died, retry the item once, after all other items.
 
         The results of the retried items come last.
         """

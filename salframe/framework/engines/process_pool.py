@@ -25,8 +25,8 @@ LOKY_ENV = {"LOKY_MAX_MEMORY_LEAK_SIZE": "1e18"}
 class ProcessPool(ProcessPoolExecutor):
     """A pool of worker processes. An exception in its `with` block ends them at once.
 
-    Unlike those of multiprocessing, the workers do not import the main module of the caller, so a plain script, a
-    notebook or a shell can start them. If a worker dies, the pending results raise BrokenProcessPool.
+    The workers do not import the main module of the caller, unlike workers of multiprocessing. A script, a notebook or
+    a shell can therefore start them. If a worker dies, the pending results raise BrokenProcessPool.
 
     Args:
         workers: Number of worker processes.

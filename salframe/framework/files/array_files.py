@@ -96,7 +96,7 @@ def pack_arrays(arrays: Mapping[str, np.ndarray]) -> bytes:
 
 
 def map_array(path: Path) -> np.ndarray:
-    """Return the array of a .npy file: read where the file is smaller than MAX_READ_BYTES, else as a memory map.
+    """Return the array of a .npy file: in memory if the file is smaller than MAX_READ_BYTES, else as a memory map.
 
     Another program that changes the file later does not change an array that was read. A memory map does change, and
     the process ends if the file is truncated: its user compares the file with a `FileStamp` before each use.

@@ -47,9 +47,8 @@ class CacheState:
 class Cache:
     """Cache of named arrays, addressed by the content of their key, with the time that their computation took.
 
-    A damaged entry, detected by its checksum, counts as missing, and so does the entry of another key, since each entry
-    holds its own key. If the entries exceed the maximum size, the least
-    recently used are removed.
+    Each entry holds its key and a checksum. An entry with a wrong checksum or another key counts as missing. If the
+    entries exceed the maximum size, the least recently used are removed.
 
     Args:
         directory: The folder. None for the folder of panorama descriptions in the cache of salframe.

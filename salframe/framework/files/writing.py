@@ -26,7 +26,7 @@ PNG = b"\x89PNG\r\n\x1a\n"
 def naming(path: Path) -> Iterator[None]:
     """Add `path` to an OSError of the block that names no file, as on a full disk.
 
-    An error without a number, which numpy raises where it can write only a part, becomes one of a full disk.
+    numpy raises an error without a number if it can write only a part. Such an error becomes a full-disk error.
     """
     try:
         yield

@@ -88,7 +88,7 @@ class Answering(Worker[Query]):
         return {**answer_row(answer, describe_ms, query_ms), "status": answer.status, "error": None}
 
     def _index(self, fold: Fold) -> LocalizationMap:
-        """Index the reference frames of a fold; `warning` reports those that cannot be used and are left out.
+        """Index the reference frames of a fold; `warning` reports frames that cannot be used and are left out.
 
         Raises InputMissing or DataError where these are too many.
         """
@@ -168,8 +168,8 @@ class _Descriptions:
 def answer_row(answer: Localization | None, describe_ms: float | None = None, query_ms: float | None = None) -> Row:
     """Return the row of an answer.
 
-    `pose` holds the 16 numbers of T_world_query row by row, `heading` is heading_rad, and `probabilities` are those of
-    `places`, in their order.
+    `pose` holds the 16 numbers of T_world_query row by row, `heading` is heading_rad, and `probabilities` has one
+    probability for each of `places`.
     """
     places = answer.places[:TOP_PLACES] if answer else ()
     pose = answer.T_world_query if answer else None

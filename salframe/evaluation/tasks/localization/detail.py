@@ -176,7 +176,7 @@ class _Method:
     def _references(self, row: AnswerRow | None, truth: Truth, correct: bool) -> Iterator[tuple[str, ReferenceFrame]]:
         """Yield the map frame of the answer and, where the answer is wrong, a frame of the true place.
 
-        The latter is the frame that is ranked first, otherwise the nearest one.
+        The reference frame is the frame that is ranked first, otherwise the nearest frame.
         """
         places = row.places if row is not None else ()
         if places and places[0].frame in self._frames:

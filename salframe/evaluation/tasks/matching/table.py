@@ -57,7 +57,7 @@ USUAL = tuple(COLUMNS)
 
 
 def tables_by_kind(rows: Sequence[MatchingRow], leading: Mapping[str, Sequence[str]] | None = None) -> list[Table]:
-    """Return a table of the methods that match points, and one of those that match objects."""
+    """Return a table of the methods that match points, and a table of the methods that match objects."""
     tables = []
     for kind, names in USUAL_BY_KIND.items():
         selected = [row for row in rows if row.kind == kind]

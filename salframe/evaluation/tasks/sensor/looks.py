@@ -74,7 +74,7 @@ def looks_of(records: Sequence[Record[LookRow]]) -> list[SensorSample | None]:
 
 
 def failures_of(records: Sequence[Record[LookRow]]) -> list[str]:
-    """Return notes on the panoramas that were left out, and on those on which the detector failed."""
+    """Return notes on panoramas that were left out, and on panoramas on which the detector failed."""
     failed = [row for record in records for row in record.rows if row is not None and row.status != PieceStatus.OK]
     unread, blind = ([row for row in failed if (row.truth is None) == lacking] for lacking in (True, False))
     words = {"were left out": unread, "count as missed, where the detector failed": blind}
