@@ -40,12 +40,13 @@ APART_M = 1000.0
 class MatterportAnnotations(NavigableDataset):
     """Real buildings: viewpoints of Matterport3D, objects from REVERIE's boxes, one fold per query.
 
-Every included viewpoint that sees an object is a scene (a reference frame). Ranges come from object positions that
+    Every included viewpoint that sees an object is a scene (a reference frame). Ranges come from object positions that
     are triangulated from all bearings of an object. A query is a viewpoint whose region has another scene. The query's
     own scene is left out of its fold's map, and the query is turned by a random yaw. The settings `leave_out`,
-    `query_triangulates`, `one_map`, `map_share` and `hide_query_place` control the other content of the map. The views
-    of a driven query are the scenes of a random walk that ends at the query (`Walks`), each turned by a random yaw.
-    They are left out of the map, too.
+    `query_triangulates`, `one_map`, `map_share` and `hide_query_place` control the other content of the map.
+
+    The views of a driven query are the scenes of a random walk that ends at the query (`Walks`), each turned by a
+    random yaw. The map contains none of them.
     """
 
     name = "matterport-annotations"
@@ -226,17 +227,16 @@ Every included viewpoint that sees an object is a scene (a reference frame). Ran
         if self.config.one_map:
             return self._folds_of_one_map(queries)
         query_scenes = (scene for scenes in queries.values() for scene in scenes)
-        return [Fold(scene.id, tuple(self._map_without(scene)), (self._query(scene),)) for scene in query_scenes]
+        return [Fold(scene.id, tuple(self._map_of(scene)), (self._query(scene),)) for scene in query_scenes]
 
     def _folds_of_shared_maps(self, queries: Mapping[str, Sequence[ViewpointScene]]) -> list[Fold]:
-        """Return one fold for each building, or one for all of them, with a map that all its queries share."""
+        """Return one fold for each building with queries, or one for all buildings, whose queries share a map."""
         folds = [
-            Fold(scan, tuple(self._map_without(scenes[0])), tuple(map(self._query, scenes)))
+            Fold(scan, tuple(self._map_without(scan, self._outside_shared_map(scan))), tuple(map(self._query, scenes)))
             for scan, scenes in queries.items()
-            if scenes
         ]
         if not self.config.one_map:
-            return folds
+            return [fold for fold in folds if fold.queries]
         references = tuple(frame for fold in folds for frame in fold.references)
         return [Fold("one-map", references, tuple(query for fold in folds for query in fold.queries))]
 
@@ -249,7 +249,7 @@ Every included viewpoint that sees an object is a scene (a reference frame). Ran
                 frame
                 for scan in self._scans
                 for frame in (
-                    self._map_without(fold_queries[scan]) if scan in fold_queries else self._building_references(scan)
+                    self._map_of(fold_queries[scan]) if scan in fold_queries else self._building_references(scan)
                 )
             ]
             folds.append(Fold(f"one-map-{number}", tuple(frames), tuple(map(self._query, fold_queries.values()))))
@@ -257,30 +257,30 @@ Every included viewpoint that sees an object is a scene (a reference frame). Ran
 
     def _queries(self, scan: str) -> list[ViewpointScene]:
         """Return the scenes of a building that are queries."""
-        scenes, shared = self._building(scan), self._outside_shared_map(scan)
-        queries = []
+        scenes, queries = self._building(scan), []
+        outside = self._outside_shared_map(scan)
         for scene in scenes:
-            if len(scene.labels) < self.config.min_visible or (shared is not None and scene.id not in shared):
+            if len(scene.labels) < self.config.min_visible or scene.id not in outside:
                 continue
             left_out = self._left_out(scene)
             if any(other.place == scene.place and other.id not in left_out for other in scenes):
                 queries.append(scene)
         return queries
 
-    def _outside_shared_map(self, scan: str) -> frozenset[str] | None:
-        """Return the ids of the scenes of a building that are not in its map, if all queries share a map."""
-        if self.config.map_share is None:
-            return None
+    def _outside_shared_map(self, scan: str) -> frozenset[str]:
+        """Return the ids of the scenes of a building that are not in the map that all its queries share; all ids where
+        each query has its own map."""
         ids = [scene.id for scene in self._building(scan)]
+        if self.config.map_share is None:
+            return frozenset(ids)
         size = min(max(round(self.config.map_share * len(ids)), 1), len(ids) - 1)
         return frozenset(generator(self.config.seed, "map", scan).permutation(ids)[size:].tolist())
 
     def _left_out(self, query: ViewpointScene) -> frozenset[str]:
         """Return the ids of the scenes that are left out of the map of a query, with those of its views."""
         scan = scan_of(query)
-        shared = self._outside_shared_map(scan)
-        if shared is not None:
-            return shared
+        if self.config.map_share is not None:
+            return self._outside_shared_map(scan)
         views = {scene.id for scene in self._walk(query)}
         return views | nearest_of_place(self._building(scan), query, self.config.leave_out)
 
@@ -296,37 +296,48 @@ Every included viewpoint that sees an object is a scene (a reference frame). Ran
         }
 
     def _query(self, scene: ViewpointScene) -> QueryFrame:
-        """Return the query of a scene, with its earlier views."""
+        """Return the query of a scene, with its earlier views if it is driven."""
         walk = self._walk(scene)
         ids = [*(f"{query_id(scene)}/{view.id.partition('/')[2]}" for view in walk[:-1]), query_id(scene)]
-        T_world_view = np.stack([self._query_pose(view, id) for view, id in zip(walk, ids, strict=True)])
         *earlier, query = (
-            QueryFrame(id, _load(with_keys_of(scene, view), id, pose_yaw(pose)))
-            for view, id, pose in zip(walk, ids, T_world_view, strict=True)
+            QueryFrame(id, _load(with_keys_of(scene, view), id, self._yaw_rad(id)))
+            for view, id in zip(walk, ids, strict=True)
         )
-        if not earlier:
+        if not self._is_driven:
             return query
+        T_world_view = np.stack([self._query_pose(view, id) for view, id in zip(walk, ids, strict=True)])
         return replace(query, earlier=tuple(earlier), T_last_view=invert_pose(T_world_view[-1]) @ T_world_view)
+
+    @property
+    def _is_driven(self) -> bool:
+        return self.config.query_motion == "driven" and self.config.query_views > 1
 
     def _walk(self, query: ViewpointScene) -> list[ViewpointScene]:
         """Return the scenes of the views of a query, the query's own scene last."""
-        if self.config.query_motion != "driven" or self.config.query_views == 1:
+        if not self._is_driven:
             return [query]
         scan = scan_of(query)
         if scan not in self._walks:
             self._walks[scan] = Walks(self._root, scan, self.config.seed)
-        shared = self._outside_shared_map(scan)
-        scenes = [scene for scene in self._building(scan) if shared is None or scene.id in shared]
+        outside = self._outside_shared_map(scan)
+        scenes = [scene for scene in self._building(scan) if scene.id in outside]
         return self._walks[scan].walk(query, scenes, self.config.query_views)
 
     def _query_pose(self, scene: ViewpointScene, id: str) -> np.ndarray:
-        """Return the pose (4, 4) in the world of the panorama `id` of a query at a scene. Its yaw is random."""
+        """Return the pose (4, 4) in the world of the panorama `id` of a query at a scene."""
         x_m, y_m, z_m = self._world_pose(scan_of(scene), scene)[:3, 3]
-        return pose_2d(x_m, y_m, float(generator(self.config.seed, "yaw", id).uniform(-np.pi, np.pi)), z_m)
+        return pose_2d(x_m, y_m, self._yaw_rad(id), z_m)
 
-    def _map_without(self, query: ViewpointScene) -> list[ReferenceFrame]:
+    def _yaw_rad(self, id: str) -> float:
+        """Return the yaw in the world of the panorama `id` of a query."""
+        return float(generator(self.config.seed, "yaw", id).uniform(-np.pi, np.pi))
+
+    def _map_of(self, query: ViewpointScene) -> list[ReferenceFrame]:
         """Return the reference frames of a query's building, without the scenes that are left out for the query."""
-        scan, left_out = scan_of(query), self._left_out(query)
+        return self._map_without(scan_of(query), self._left_out(query))
+
+    def _map_without(self, scan: str, left_out: Collection[str]) -> list[ReferenceFrame]:
+        """Return the reference frames of a building without some scenes."""
         frames = [frame for frame in self._building_references(scan) if frame.id not in left_out]
         if self.config.query_triangulates:
             return frames
