@@ -281,7 +281,7 @@ class MatterportAnnotations(NavigableDataset):
         scan = scan_of(query)
         if self.config.map_share is not None:
             return self._outside_shared_map(scan)
-        views = {scene.id for scene in self._walk(query)}
+        views = frozenset(scene.id for scene in self._walk(query))
         return views | nearest_of_place(self._building(scan), query, self.config.leave_out)
 
     @cached_property

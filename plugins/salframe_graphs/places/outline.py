@@ -11,6 +11,8 @@ from salframe.panoramas.geometry import equirectangular_rays, wrap_angle
 from salframe_graphs.places.likelihood import Poses
 from salframe_graphs.sectors import BINS, MIDDLES_RAD, azimuth_bins
 
+OUTLINE = "outline_m"
+"""Key of the outline in a description."""
 LOWEST_M, HIGHEST_M = 0.35, 0.8
 """Range of heights above the camera of the points of an outline: above most furniture and below lintels."""
 ERROR_LOG, STRAY, PEAK, MAX_SQUARED = 0.1, 0.15, 3.0, 50.0
