@@ -20,7 +20,7 @@ MAX_CACHED = 2000
 
 
 @dataclass(frozen=True, eq=False)
-class _Window:
+class _WindowObjects:
     """The N objects of a window, in the columns of PlaceIndex."""
 
     label: np.ndarray
@@ -53,7 +53,7 @@ class Windows:
             windows = [self._window(place) for place in places.tolist()]
             columns: dict[str, Any] = {
                 name: np.concatenate([getattr(window, name) for window in windows])
-                for name in _Window.__dataclass_fields__
+                for name in _WindowObjects.__dataclass_fields__
             }
             count = np.array([len(window.label) for window in windows])
             self._taken = places.tobytes(), replace(self._index.take(places), count=count, **columns)
@@ -77,7 +77,7 @@ class Windows:
 
         return KDTree(self._objects_m)
 
-    def _compute(self, place: int) -> _Window:
+    def _compute(self, place: int) -> _WindowObjects:
         """Return the window of a place. Objects that several places have are merged."""
         index = self._index
         cameras_m = self._frames_m[self._shown.frame[slice(*self._shown.start[place : place + 2])]]
@@ -98,4 +98,4 @@ class Windows:
         logit = np.full(len(label), -np.inf)
         np.maximum.at(logit, merged.owner, index.detection_logit[rows])
         xy_m, z_m = merged.centroid_m[:, :2], merged.centroid_m[:, 2] - self._camera_z_m[place]
-        return _Window(label, xy_m, z_m, merged.variance_m2, merged.log_size, logit)
+        return _WindowObjects(label, xy_m, z_m, merged.variance_m2, merged.log_size, logit)
