@@ -64,6 +64,8 @@ from .localization.positioner import PoseEstimate as PoseEstimate
 from .localization.positioner import PoseStatus as PoseStatus
 from .localization.positioner import Positioner as Positioner
 from .localization.ranking import rank_places as rank_places
+from .panoramas.camera import Camera as Camera
+from .panoramas.camera_file import read_camera as read_camera
 from .panoramas.dataset import Dataset as Dataset
 from .panoramas.floors import FloorMasks as FloorMasks
 from .panoramas.frames import Fold as Fold
@@ -84,6 +86,7 @@ from .panoramas.panorama import ObjectBoxes as ObjectBoxes
 from .panoramas.panorama import Panorama as Panorama
 from .panoramas.range_model import RangeModel as RangeModel
 from .panoramas.shot import read_panorama as read_panorama
+from .panoramas.shot import read_photograph as read_photograph
 from .panoramas.view import View as View
 from .testing import Conformance as Conformance
 from .testing import RuleResult as RuleResult

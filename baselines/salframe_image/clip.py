@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from pydantic import Field
@@ -58,6 +58,7 @@ class ClipRooms(Localizer):
     name = "clip-rooms"
     version = "1"
     needs = frozenset({"rgb"})
+    column_step: ClassVar[int | None] = None  # views of a rotated panorama show other parts of it
     requires = ("tokenizers",)
     extra = "salframe[clip]"
     weights = (CLIP_VIT_B32,)

@@ -40,7 +40,7 @@ class ImageFeatures(Localizer):
     name = "image"
     version = "1"
     needs = frozenset({"rgb"})
-    turn_tolerance_m: ClassVar[float] = 0.2  # the heading is interpolated between two views
+    column_step: ClassVar[int | None] = None  # views of a rotated panorama show other parts of it
 
     class Config(ComponentConfig):
         network: slot("image-network", "efficientnet-lite0")  # type: ignore[valid-type]

@@ -39,6 +39,18 @@ class ObjectSetLocalizer(WeightedLabels):
     def needs(self) -> frozenset[str]:
         return self._detector.needs
 
+    @property
+    def column_step(self) -> int | None:  # type: ignore[override]
+        """Step of the detector."""
+        step: int = self._detector.column_step
+        return step
+
+    @property
+    def turn_tolerance_m(self) -> float:  # type: ignore[override]
+        """Tolerance of the detector, in metres."""
+        tolerance_m: float = self._detector.turn_tolerance_m
+        return tolerance_m
+
     def describe(self, panorama: Panorama) -> Description:
         detections = self._detector.detect(panorama)
         names = np.array(with_object_labels(detections).labels, dtype=np.str_)

@@ -42,6 +42,18 @@ class SalientObjects(Localizer):
     def needs(self) -> frozenset[str]:
         return self._detector.needs
 
+    @property
+    def column_step(self) -> int | None:  # type: ignore[override]
+        """Step of the detector."""
+        step: int = self._detector.column_step
+        return step
+
+    @property
+    def turn_tolerance_m(self) -> float:  # type: ignore[override]
+        """Tolerance of the detector, in metres."""
+        tolerance_m: float = self._detector.turn_tolerance_m
+        return tolerance_m
+
     def detect(self, panorama: Panorama) -> Detections:
         """Return the objects of a panorama, with the labels of the detector."""
         return self._detector.detect(panorama)

@@ -52,6 +52,18 @@ class GraphLocalizer(Localizer):
         needs: frozenset[str] = self._detector.needs
         return needs
 
+    @property
+    def column_step(self) -> int | None:  # type: ignore[override]
+        """Step of the detector."""
+        step: int = self._detector.column_step
+        return step
+
+    @property
+    def turn_tolerance_m(self) -> float:  # type: ignore[override]
+        """Tolerance of the detector, in metres."""
+        tolerance_m: float = self._detector.turn_tolerance_m
+        return tolerance_m
+
     def graph(self, detections: Detections) -> SaliencyGraph:
         """Return the 360-degree saliency graph of the detections of a panorama, with their object labels.
 

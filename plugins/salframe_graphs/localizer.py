@@ -31,6 +31,11 @@ class SaliencyGraphLocalizer(GraphLocalizer):
         super().__init__(config)
         self._matching = PanoramaMatching(self.config)
 
+    @property
+    def column_step(self) -> int | None:  # type: ignore[override]
+        """Step of the detector; None if the pose does not turn with the panorama."""
+        return super().column_step if self._matching.is_equivariant else None
+
     def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> None:
         self._matching.index([graph_from_arrays(description) for description in descriptions], frames)
 

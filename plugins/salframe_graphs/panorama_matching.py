@@ -75,6 +75,11 @@ class PanoramaMatching:
         self.positioner: Positioner | None = None if positioner is None else registry().build("positioner", positioner)
 
     @property
+    def is_equivariant(self) -> bool:
+        """Whether the pose turns with the panorama of the query. That of a reference frame does not."""
+        return self.positioner is not None and self.positioner.is_equivariant
+
+    @property
     def estimates_scale(self) -> bool:
         """Whether the matcher assumes that the query's ranges have an unknown scale error."""
         return self._matcher.estimates_scale

@@ -208,6 +208,11 @@ class LeastSquaresPositioner(Positioner):
             1e3, gt=1, description="condition number of the matrix B above which the nodes are considered collinear"
         )
 
+    @property
+    def is_equivariant(self) -> bool:
+        # Unsigned turns and their arithmetic mean depend on the x axis of the query.
+        return (self.config.angle, self.config.mean) == ("atan2", "circular")
+
     def solve(self, query_m: np.ndarray, reference_m: np.ndarray, weights: np.ndarray | None = None) -> PoseEstimate:
         v, u = np.asarray(query_m, float)[:, :2], np.asarray(reference_m, float)[:, :2]
         count = len(u)

@@ -25,7 +25,7 @@ _OVERSAMPLING = 1.5
 
 
 @dataclass(frozen=True, eq=False)
-class Camera:
+class RigCamera:
     """A pinhole camera in the world.
 
     Attributes:
@@ -40,14 +40,14 @@ class Camera:
     cy_px: float
     T_world_camera: np.ndarray
 
-    def scaled(self, factor: float) -> Camera:
+    def scaled(self, factor: float) -> RigCamera:
         """Return the camera of the picture resized by `factor`."""
         cx_px, cy_px = ((c + 0.5) * factor - 0.5 for c in (self.cx_px, self.cy_px))
-        return Camera(self.fx_px * factor, self.fy_px * factor, cx_px, cy_px, self.T_world_camera)
+        return RigCamera(self.fx_px * factor, self.fy_px * factor, cx_px, cy_px, self.T_world_camera)
 
 
 def stitch_range(
-    z_depth_m: Sequence[np.ndarray], cameras: Sequence[Camera], T_world_pano: np.ndarray, height: int
+    z_depth_m: Sequence[np.ndarray], cameras: Sequence[RigCamera], T_world_pano: np.ndarray, height: int
 ) -> np.ndarray:
     """Stitch depth images to range_m (H, 2H) float32 along the rays of the panorama, NaN where no camera has a reading.
 
@@ -80,7 +80,7 @@ def stitch_range(
 
 
 def stitch_color(
-    pictures: Sequence[np.ndarray], cameras: Sequence[Camera], T_world_pano: np.ndarray, range_m: np.ndarray
+    pictures: Sequence[np.ndarray], cameras: Sequence[RigCamera], T_world_pano: np.ndarray, range_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Stitch pictures to a panorama's colour.
 
@@ -114,7 +114,7 @@ def stitch_color(
     return np.round(rgb).astype(np.uint8), valid
 
 
-def _in_camera(camera: Camera, T_world_pano: np.ndarray, height: int) -> tuple[np.ndarray, np.ndarray]:
+def _in_camera(camera: RigCamera, T_world_pano: np.ndarray, height: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the panorama's rays (H, 2H, 3) float32 and its origin (3,) in metres, in camera axes."""
     T_camera_pano = invert_pose(camera.T_world_camera) @ T_world_pano
     return equirectangular_rays(height) @ T_camera_pano[:3, :3].T.astype(np.float32), T_camera_pano[:3, 3].astype(
@@ -123,7 +123,7 @@ def _in_camera(camera: Camera, T_world_pano: np.ndarray, height: int) -> tuple[n
 
 
 def _project(
-    camera: Camera, direction: np.ndarray, offset_m: np.ndarray, range_m: np.ndarray
+    camera: RigCamera, direction: np.ndarray, offset_m: np.ndarray, range_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Project the points at range_m along the rays: column and row (H, 2H) float32, -1e4 behind the camera."""
     # Dividing by the range makes the offset vanish at infinity. An unknown range is treated as infinite.

@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from salframe.cli.options import DataDir, Json, RangeMissing, RangeUnit, Set, range_options
+from salframe.cli.options import CameraFile, DataDir, Fov, Json, RangeMissing, RangeUnit, Set, range_options
 from salframe.cli.output import print_json
 
 if TYPE_CHECKING:
     from salframe.localization.answers import Localization
-    from salframe.panoramas.panorama import Panorama
 
 
 def localize(
     map: Annotated[Path, typer.Argument(help="Map folder written by `salframe build`")],
     frame: Annotated[
-        list[str] | None, typer.Argument(help="Image in a folder with a manifest.json, or frame id with --data")
+        list[str] | None, typer.Argument(help="Image of a manifest.json, frame id with --data, or a photograph")
     ] = None,
     views: Annotated[
         bool, typer.Option("--views", help="Localize all FRAMEs, or images without a manifest, as one query")
@@ -30,18 +28,23 @@ def localize(
     ] = None,
     data: Annotated[str | None, typer.Option(help="Dataset that contains the frame")] = None,
     rgb: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Equirectangular colour image, instead of FRAME")
+        Path | None, typer.Option(metavar="FILE", help="Equirectangular image or photograph, instead of FRAME")
     ] = None,
-    range_image: Annotated[Path | None, typer.Option("--range", metavar="FILE", help="Range image, 16-bit PNG")] = None,
+    range_image: Annotated[
+        list[Path] | None,
+        typer.Option("--range", metavar="FILE", help="Range image, 16-bit PNG; with --views, one for each view"),
+    ] = None,
     range_unit: RangeUnit = None,
     range_missing: RangeMissing = None,
     range_kind: Annotated[
-        Literal["ray", "cube"] | None,
-        typer.Option(help="Range along the ray, or z-depth of stitched cube faces (default: ray)"),
+        Literal["ray", "z", "cube"] | None,
+        typer.Option(help="What a range image holds (default: ray for panoramas, z for photographs)"),
     ] = None,
-    z_depth: Annotated[bool, typer.Option("--z-depth", help="Short for --range-kind cube")] = False,
+    fov: Fov = None,
+    camera: CameraFile = None,
     instances: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Object ids, 16-bit PNG, 0 for no object")
+        list[Path] | None,
+        typer.Option(metavar="FILE", help="Object ids, 16-bit PNG, 0 for no object; with --views, one for each view"),
     ] = None,
     labels: Annotated[
         Path | None, typer.Option(metavar="FILE", help='Labels of the object ids, JSON such as {"1": "bed"}')
@@ -53,61 +56,36 @@ def localize(
     """Localize a panorama in a saved map.
 
     The query is a frame of a dataset, images without a manifest, or several views in the order in which they were
-    taken. Prints the places, best first, and the pose. The pose of several views is the pose of the last view. Without
-    --motion, the views are localized one by one, and their answers are fused.
+    taken. Images are panoramas, or photographs of a camera with --fov or --camera. Prints the places, best first, and
+    the pose. The pose of several views is the pose of the last view. With --camera it is the pose of the robot's base.
+    Without --motion, the views are localized one by one, and their answers are fused.
     """
-    from salframe.cli.output import Bars, tell, warn
-    from salframe.framework.errors import ConfigError
+    from salframe.cli.output import warn
+    from salframe.cli.queries import QueryOptions
     from salframe.localization.map import open_map
-    from salframe.panoramas.motion_file import read_motion
-    from salframe.panoramas.opening import open_frame
-    from salframe.panoramas.shot import read_panorama
-    from salframe.panoramas.view import View
 
-    loose = any(file is not None for file in (rgb, range_image, instances, labels))
-    frames = frame or []
-    if loose == bool(frames):
-        received = "both a frame and images" if loose else "neither a frame nor images"
-        raise ConfigError(f"received {received}, expected either FRAME or image files such as --rgb FILE")
-    if views and loose:
-        raise ConfigError("received --views with image options, expected the views as arguments: --views a.jpg b.jpg")
-    if not views and (len(frames) > 1 or motion is not None):
-        received = f"{len(frames)} frames" if len(frames) > 1 else "--motion"
-        raise ConfigError(f"received {received} without --views, expected --views for several views of one query")
-    encoding = range_options(range_image, range_unit, range_missing, "cube" if z_depth else range_kind)
+    query = QueryOptions(
+        frames=frame or (),
+        is_sequence=views,
+        motion=motion,
+        data=data,
+        data_dir=data_dir,
+        overrides=overrides or (),
+        rgb=rgb,
+        ranges=range_image or (),
+        instances=instances or (),
+        labels=labels,
+        encoding=range_options(bool(range_image), range_unit, range_missing, range_kind),
+        camera=camera,
+        fov_deg=fov,
+    )
     saved_map = open_map(map)
-    if views:
-        T_last_view = None if motion is None else read_motion(motion, len(frames))
-        panoramas = [_read_view(name, data, data_dir, overrides or ()) for name in frames]
-    elif frames:
-        with Bars() as bars:
-            panoramas = [open_frame(frames[0], data, data_dir, overrides or (), bars.update).load()]
-    else:
-        panoramas = [read_panorama(rgb, range_image, instances, labels, **encoding)]
-    for panorama in panoramas:
-        for note in panorama.notes:
-            tell(f"{panorama.id} {note}")
-    if views:
-        motions = [None] * len(panoramas) if T_last_view is None else list(T_last_view)
-        answer = saved_map.localize(views=[View(*view) for view in zip(panoramas, motions, strict=True)], warn=warn)
-    else:
-        answer = saved_map.localize(panoramas[0], warn=warn)
+    answer = saved_map.localize(views=query.read(), warn=warn)
     tell_choices(map)
     if as_json:
         print_json(answer_json(answer))
     else:
         print_answer(answer)
-
-
-def _read_view(name: str, data: str | None, data_dir: Path | None, overrides: Sequence[str]) -> Panorama:
-    """Return the panorama of a view: a frame of a dataset, or a loose equirectangular image."""
-    from salframe.panoramas.image_lookup import find_frame_image
-    from salframe.panoramas.opening import open_frame
-    from salframe.panoramas.shot import read_panorama
-
-    if data is None and find_frame_image(Path(name)) is None:
-        return read_panorama(name)
-    return open_frame(name, data, data_dir, overrides).load()
 
 
 def tell_choices(map: Path) -> None:

@@ -26,6 +26,8 @@ DATA, ENGINE, PLANNER, MAP_METHOD = (default_of(key) for key in ("data", "engine
 RUNS = Path("runs")
 
 MAX_SEED, MAX_WORKERS = 2**63 - 1, 1024
+MIN_FOV_DEG, MAX_FOV_DEG = 5.0, 170.0
+"""The limits of salframe.panoramas.camera, whose import would slow down `--help`."""
 MAX_ANGLE_DEG, MAX_LIMIT = 3600.0, 1e9
 
 
@@ -128,6 +130,19 @@ RangeMissing = Annotated[
     ),
 ]
 
+Fov = Annotated[
+    float | None,
+    typer.Option(
+        parser=number_parser("--fov", float, MIN_FOV_DEG, MAX_FOV_DEG),
+        metavar="DEG",
+        help="Horizontal field of view, if the images are photographs",
+    ),
+]
+CameraFile = Annotated[
+    Path | None,
+    typer.Option("--camera", metavar="FILE", help="Camera of the photographs: JSON with width, height, fx, fy, cx, cy"),
+]
+
 
 def split_names(names: str) -> tuple[str, ...]:
     """Return the names in a comma-separated list."""
@@ -135,7 +150,7 @@ def split_names(names: str) -> tuple[str, ...]:
 
 
 def range_options(
-    range_image: Path | None, unit_m: float | None, missing: Sequence[int] | None, kind: str | None
+    has_range: bool, unit_m: float | None, missing: Sequence[int] | None, kind: str | None
 ) -> dict[str, Any]:
     """Return the options of a range image that the user set, as arguments of functions that read it.
 
@@ -144,7 +159,7 @@ def range_options(
     """
     values = {"range_unit_m": unit_m, "range_missing": tuple(missing) if missing else None, "range_kind": kind}
     chosen = {name: value for name, value in values.items() if value is not None}
-    if chosen and range_image is None:
+    if chosen and not has_range:
         from salframe.framework.errors import ConfigError
 
         option = next(iter(chosen)).removesuffix("_m").replace("_", "-")

@@ -7,14 +7,14 @@ from typing import Annotated, Literal
 
 import typer
 
-from salframe.cli.options import Json, RangeMissing, RangeUnit, number_parser, range_options
+from salframe.cli.options import CameraFile, Fov, Json, RangeMissing, RangeUnit, number_parser, range_options
 from salframe.cli.output import print_json, tell
 
 
 def show_objects(
     images: Annotated[
         list[Path],
-        typer.Argument(metavar="IMAGE", help="Equirectangular panoramas, or photographs with --fov; JPEG or PNG"),
+        typer.Argument(metavar="IMAGE", help="Equirectangular panoramas, or photographs with --fov or --camera"),
     ],
     detector: Annotated[str | None, typer.Option(help="Detector; see `salframe plugins` (default: auto)")] = None,
     overrides: Annotated[
@@ -32,14 +32,8 @@ def show_objects(
         Literal["ray", "z", "cube"] | None,
         typer.Option(help="What the range image holds (default: ray for panoramas, z for photographs)"),
     ] = None,
-    fov: Annotated[
-        float | None,
-        typer.Option(
-            parser=number_parser("--fov", float, 1.0, 179.0),
-            metavar="DEG",
-            help="Horizontal field of view, if the images are photographs",
-        ),
-    ] = None,
+    fov: Fov = None,
+    camera: CameraFile = None,
     pitch: Annotated[
         float | None,
         typer.Option(
@@ -60,9 +54,13 @@ def show_objects(
     axis of a photograph (z), or the z-depth of the stitched cube faces of a panorama (cube). An image that is listed in
     a manifest.json has the range of its frame. The exit status is 1 if an image cannot be shown.
     """
-    from salframe.cli.output import Bars
+    from salframe.cli.output import Bars, warn
     from salframe.drawing.show_objects import show_objects
+    from salframe.panoramas.camera_file import read_camera
 
+    calibration = None if camera is None else read_camera(camera)
+    for warning in () if calibration is None else calibration.notes:
+        warn(f"{camera}: {warning}")
     with Bars() as bars:
         result = show_objects(
             images,
@@ -70,9 +68,10 @@ def show_objects(
             detector=detector,
             overrides=overrides or (),
             range_image=range_image,
-            **range_options(range_image, range_unit, range_missing, range_kind),
+            **range_options(range_image is not None, range_unit, range_missing, range_kind),
             fov_deg=fov,
             pitch_deg=pitch,
+            camera=calibration,
             progress=bars.update if len(images) > 1 else None,
         )
     if as_json:

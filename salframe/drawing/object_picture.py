@@ -14,8 +14,8 @@ from salframe.drawing.outlines import outline_objects
 from salframe.drawing.plan import Plan
 from salframe.graphs.detections import Detections
 from salframe.graphs.graph import SaliencyGraph
+from salframe.panoramas.camera import Camera
 from salframe.panoramas.geometry import rays_to_pixels
-from salframe.panoramas.photograph import Pinhole
 
 MIN_WIDTH, MAX_WIDTH = 1280, 2560
 """Minimum and maximum width of the picture in pixels. Smaller images are enlarged and larger ones reduced by an integer
@@ -52,7 +52,7 @@ def draw_objects(
     *,
     saliency: np.ndarray | None = None,
     graph: SaliencyGraph | None = None,
-    camera: Pinhole | None = None,
+    camera: Camera | None = None,
     title: str = "",
 ) -> np.ndarray:
     """Draw detections on an image, the graph from above, and a table.
@@ -97,7 +97,7 @@ def choose_colours(labels: Iterable[str]) -> dict[str, Colour]:
     return {label: COLOURS[index] for label, index in chosen.items()}
 
 
-def find_lines(height: int, detections: Detections, camera: Pinhole | None = None) -> list[list[np.ndarray]]:
+def find_lines(height: int, detections: Detections, camera: Camera | None = None) -> list[list[np.ndarray]]:
     """Return the outlines of objects in an image.
 
     Args:
@@ -155,7 +155,7 @@ def _by_area(lines: list[list[np.ndarray]]) -> np.ndarray:
     return np.argsort([-area for area in areas], kind="stable")
 
 
-def _project(rays: np.ndarray, height: int, camera: Pinhole | None) -> Iterator[np.ndarray]:
+def _project(rays: np.ndarray, height: int, camera: Camera | None) -> Iterator[np.ndarray]:
     """Yield the projections of a closed line of rays (K, 3) to the image, polygons (K', 2) with pixel centres at +0.5.
 
     The border of a panorama may cut a line into several polygons. Rays behind the camera of a photograph and unknown
@@ -164,10 +164,10 @@ def _project(rays: np.ndarray, height: int, camera: Pinhole | None) -> Iterator[
     if not np.isfinite(rays).all():
         return
     if camera is not None:
-        local = rays @ camera.rotation
-        local = local[local[:, 2] > 0.05]
-        if len(local):
-            yield camera.focal_px * local[:, :2] / local[:, 2:] + camera.centre_px
+        pixels = camera.project(rays)
+        pixels = pixels[np.isfinite(pixels).all(1)]
+        if len(pixels):
+            yield pixels + 0.5
         return
     column, row = rays_to_pixels(rays, height)
     column = np.unwrap(column, period=2 * height)

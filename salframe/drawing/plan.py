@@ -10,7 +10,7 @@ from salframe.drawing.canvas import INK, PAPER, Colour, coat, disk, fill, stroke
 from salframe.drawing.lettering import Lettering
 from salframe.graphs.detections import Detections
 from salframe.graphs.graph import SaliencyGraph, box_footprints
-from salframe.panoramas.photograph import Pinhole
+from salframe.panoramas.camera import Camera
 
 GROUND, VIEW, RING, EDGE = (247, 248, 250), (233, 236, 242), (206, 211, 219), (118, 128, 146)
 BEARING_LENGTH = 0.82
@@ -39,7 +39,7 @@ class Plan:
         graph: SaliencyGraph | None,
         colours: Mapping[str, Colour],
         side: int,
-        camera: Pinhole | None = None,
+        camera: Camera | None = None,
     ) -> None:
         self._side, self._colours, self._points = side, colours, max(11, round(side / 50))
         self._middle = np.array([side / 2, side * (0.5 if camera is None else 0.92)])
@@ -141,9 +141,10 @@ class Plan:
             self._write("-90°", np.array([self._side - 1.4 * inset, middle]))
             self._write("180°", np.array([middle, self._side - inset]))
 
-    def _shade_view(self, camera: Pinhole) -> None:
+    def _shade_view(self, camera: Camera) -> None:
         """Shade the field of view of the photograph."""
-        sides = camera.rays()[camera.height_px // 2, [0, -1], :2]
+        row = camera.rays()[camera.height // 2, :, :2]
+        sides = row[np.isfinite(row).all(1)][[0, -1]]
         far = 2 * self._side / self._scale * sides / np.linalg.norm(sides, axis=1, keepdims=True)
         fill(self._image, np.stack([self._middle, *self.pixel(far)]), VIEW)
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -36,14 +36,13 @@ from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
 from salframe.graphs.graph import GraphConfig, SaliencyGraph, build_graph
 from salframe.graphs.saliency import SaliencyModel
+from salframe.panoramas.camera import Camera
 from salframe.panoramas.camera_height import units_note
 from salframe.panoramas.opening import Progress
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.range_encoding import MILLIMETRE, RangeEncoding, RangeKind
-from salframe.panoramas.range_missing import missing_line, missing_note, missing_values
-
-if TYPE_CHECKING:
-    from salframe.panoramas.shot import Shot
+from salframe.panoramas.range_missing import missing_note
+from salframe.panoramas.shot import Shot, missing_depth_note, open_panorama, open_photograph
 
 SUFFIX, MARK = ".objects.png", ("Software", "salframe show-objects")
 """Suffix of the names of pictures, and the PNG text that marks a file as such a picture."""
@@ -135,12 +134,14 @@ def show_objects(
     range_kind: RangeKind | str | None = None,
     fov_deg: float | None = None,
     pitch_deg: float | None = None,
+    camera: Camera | None = None,
     progress: Progress | None = None,
 ) -> ObjectViews:
     """Detect objects in images and write a picture of each to the folder `output`, as NAME.objects.png.
 
-    Without `fov_deg` the images are equirectangular panoramas (width = 2 x height); an image that is listed in a
-    manifest.json is opened with the other parts of its frame. An image that cannot be shown does not affect the others.
+    Without `fov_deg` and `camera` the images are equirectangular panoramas (width = 2 x height); an image that is
+    listed in a manifest.json is opened with the other parts of its frame. An image that cannot be shown does not affect
+    the others.
 
     Args:
         images: Paths of the images.
@@ -154,6 +155,7 @@ def show_objects(
             photographs; "cube": z-depth of the stitched cube faces of a panorama.
         fov_deg: Horizontal field of view of photographs, in degrees; None for panoramas.
         pitch_deg: Angle by which the camera of the photographs looks up, in degrees.
+        camera: Camera of photographs, instead of `fov_deg` and `pitch_deg`.
         progress: Called with the name of the step, the number of images done and their total number.
 
     Raises:
@@ -161,8 +163,9 @@ def show_objects(
     """
     paths, output = [Path(image) for image in images], Path(output)
     range_image = None if range_image is None else Path(range_image)
-    _check(paths, output, range_image, fov_deg, pitch_deg)
-    default_kind = RangeKind.RAY if fov_deg is None else RangeKind.Z
+    _check(paths, output, range_image, fov_deg, pitch_deg, camera)
+    are_photographs = fov_deg is not None or camera is not None
+    default_kind = RangeKind.Z if are_photographs else RangeKind.RAY
     encoding = RangeEncoding(range_unit_m, tuple(range_missing), range_kind or default_kind)
     content = _nest(detector, overrides)
     stages: dict[frozenset[str], _Stages] = {}  # by the inputs of an image, on which `auto` depends
@@ -174,7 +177,12 @@ def show_objects(
         try:
             picture = output / (image.stem + SUFFIX)
             _check_picture(picture)
-            shot = _open(image, range_image, encoding, fov_deg, pitch_deg)
+            if are_photographs:
+                shot = open_photograph(
+                    image, range_image, camera=camera, fov_deg=fov_deg, pitch_deg=pitch_deg or 0.0, encoding=encoding
+                )
+            else:
+                shot = open_panorama(image, range_image, encoding)
             provides = shot.panorama.provides
             if provides not in stages:
                 choice = Choice(image.name, partial(frozenset, provides))
@@ -193,7 +201,12 @@ def show_objects(
 
 
 def _check(
-    images: Sequence[Path], output: Path, range_image: Path | None, fov_deg: float | None, pitch_deg: float | None
+    images: Sequence[Path],
+    output: Path,
+    range_image: Path | None,
+    fov_deg: float | None,
+    pitch_deg: float | None,
+    camera: Camera | None,
 ) -> None:
     """Check the arguments.
 
@@ -206,6 +219,8 @@ def _check(
         raise ConfigError(f"received {len(images)} images with --range, expected one image")
     if pitch_deg is not None and fov_deg is None:
         raise ConfigError("received --pitch without --fov, expected the field of view of the photographs too")
+    if camera is not None and fov_deg is not None:
+        raise ConfigError("received both --camera and --fov, expected only one of them")
     if output.exists() and not output.is_dir():
         raise ConfigError(f"{output} is a file, expected a folder for the pictures")
     stem, count = Counter(image.stem for image in images).most_common(1)[0]
@@ -223,25 +238,10 @@ def _nest(detector: str | None, overrides: Sequence[str]) -> dict[str, Any]:
     return content
 
 
-def _open(
-    image: Path, range_image: Path | None, encoding: RangeEncoding, fov_deg: float | None, pitch_deg: float | None
-) -> Shot:
-    from salframe.panoramas.shot import open_panorama, open_photograph
-
-    if fov_deg is None:
-        return open_panorama(image, range_image, encoding)
-    return open_photograph(image, np.radians(fov_deg), np.radians(pitch_deg or 0.0), range_image, encoding)
-
-
 def _range_notes(image: Path, shot: Shot, encoding: RangeEncoding) -> list[str]:
     """Return warnings on the unit of the range and on values without a reading."""
     panorama = replace(shot.panorama, id=image.name)
-    if shot.depth_steps is None:
-        missing = missing_note([panorama])
-    else:
-        readings = np.where(np.isin(shot.depth_steps, encoding.missing), 0, shot.depth_steps)
-        shares = missing_values(readings)
-        missing = missing_line(shares, f"depth image of {image.name}", encoding) if shares else None
+    missing = missing_note([panorama]) if shot.depth_steps is None else missing_depth_note(shot, encoding)
     return [note for note in (units_note([panorama]), missing) if note]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
 from itertools import repeat
@@ -13,7 +13,7 @@ import numpy as np
 
 from salframe.framework.arrays import check_array
 from salframe.framework.errors import InvalidAnswer
-from salframe.panoramas.geometry import is_rigid, pose_yaw
+from salframe.panoramas.geometry import is_rigid, pose_yaw, translation
 
 RIGID_TOLERANCE = 1e-3
 """Tolerance of the check that a pose is a rigid motion."""
@@ -168,6 +168,26 @@ class Localization:
             f"not accepted, because the query is probably out-of-map: {self.out_of_map_probability:.1%}, "
             f"expected at most {MAX_OUT_OF_MAP_PROBABILITY:.0%}"
         )
+
+    def moved(self, position_m: np.ndarray) -> Localization:
+        """Return the answer with the pose of the frame in which the query has a position, and the axes of the query.
+
+        Args:
+            position_m: (3,) position of the query in that frame, such as that of a camera on a robot.
+        """
+        if self.T_world_query is None or not np.any(position_m):
+            return self
+        T_world_query = np.asarray(self.T_world_query)
+        covariance = self.covariance
+        if covariance is not None:  # to first order, a rotation by d moves the origin of the frame by (x, y, z) x d
+            x, y, z = T_world_query[:3, :3] @ position_m
+            jacobian = np.eye(len(covariance))
+            if len(covariance) == 3:
+                jacobian[:2, 2] = y, -x
+            else:
+                jacobian[:3, 3:] = [[0, -z, y], [z, 0, -x], [-y, x, 0]]
+            covariance = jacobian @ covariance @ jacobian.T
+        return replace(self, T_world_query=T_world_query @ translation(-position_m), covariance=covariance)
 
     def _check_probabilities(self) -> None:
         """Raise InvalidAnswer unless all probabilities are None, or each is in [0, 1] and they sum to 1."""

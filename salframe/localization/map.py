@@ -220,7 +220,7 @@ class LocalizationMap:
 
         Views are joined to one query by localizers that implement `join`. If the localizer cannot join the views, or
         the motion is unknown, each view is localized alone and the answers are fused. A note states this. The pose is
-        that of the last view.
+        that of the last view. If the last view has a `position_m`, it is the pose of its base.
 
         Args:
             query: The frame or panorama.
@@ -239,8 +239,8 @@ class LocalizationMap:
         if views is not None:
             if any(part is not None for part in (query, rgb, range_m, annotations)):
                 raise DataError("received both views and another query, expected only one of them")
-            T_last_view = motions(views)
-            return self._localize_views([view.panorama for view in views], T_last_view, warn)
+            answer = self._localize_views([view.panorama for view in views], motions(views), warn)
+            return answer.moved(views[-1].position_m)
         if isinstance(query, QueryFrame) and query.earlier:
             return self._localize_views([view.load() for view in query.views], query.T_last_view, warn)
         frame = query_frame(self.localizer, query, rgb, range_m, annotations)

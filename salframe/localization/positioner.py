@@ -64,6 +64,12 @@ class Positioner(Role):
 
     role = "positioner"
 
+    @property
+    def is_equivariant(self) -> bool:
+        """Whether the pose of turned query points is the pose of the points, turned. A localizer with a positioner for
+        which this is False has the `column_step` None."""
+        return True
+
     @abstractmethod
     def solve(self, query_m: np.ndarray, reference_m: np.ndarray, weights: np.ndarray | None = None) -> PoseEstimate:
         """Estimate the pose of the query in the reference frame from matched points.

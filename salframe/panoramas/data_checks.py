@@ -9,6 +9,7 @@ import numpy as np
 from salframe.panoramas.camera_height import NUM_FRAMES, camera_height, units_note
 from salframe.panoramas.cube_depth import is_cube_depth
 from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.frames import Fold
 from salframe.panoramas.opening import reference_frames
 from salframe.panoramas.panorama import Panorama, unlabelled_note
 from salframe.panoramas.place_heights import storeys_note
@@ -33,10 +34,22 @@ def data_notes(dataset: Dataset) -> list[str]:
     """
     folds, frames, floors = dataset.folds(), reference_frames(dataset), dataset.floors()
     units = units_note(frames)
-    notes = units, missing_note(frames), storeys_note(frames), check_regions(frames, floors)
+    notes = units, missing_note(frames), storeys_note(frames), check_regions(frames, floors), motion_note(folds)
     references = folds[0].references if folds else ()
     # Ranges in a wrong unit contradict the poses in any case.
     return [*(note for note in notes if note), *pose_notes(references, floors, compares_ranges=units is None)]
+
+
+def motion_note(folds: Sequence[Fold]) -> str | None:
+    """Return a one-line note where the motion between the views of queries is unknown; None where it is known."""
+    queries = {query.id: query for fold in folds for query in fold.queries if query.earlier}
+    unknown = [id for id, query in queries.items() if query.T_last_view is None]
+    if not unknown:
+        return None
+    return (
+        f"the motion between the views of {unknown[0]} is unknown ({len(unknown)} of {len(queries)} queries with "
+        "several views), expected odometry at the times of all views: these views are localized one by one and fused"
+    )
 
 
 def picture_note(frames: Sequence[Frame]) -> str | None:

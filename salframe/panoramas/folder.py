@@ -17,7 +17,7 @@ from salframe.panoramas.hidden_places import add_hidden_places, hide_query_place
 from salframe.panoramas.query_view import QueryView
 
 if TYPE_CHECKING:
-    from salframe.panoramas.folder_format import Folder
+    from salframe.panoramas.folder_reader import Folder
 
 
 class FolderDataset(Dataset):
@@ -41,7 +41,7 @@ class FolderDataset(Dataset):
 
     @cached_property
     def _folder(self) -> Folder:
-        from salframe.panoramas.folder_format import Folder
+        from salframe.panoramas.folder_reader import Folder
 
         return Folder(self.root)
 

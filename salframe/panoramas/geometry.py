@@ -122,6 +122,13 @@ def poses_2d(xy_m: np.ndarray, yaw_rad: np.ndarray) -> np.ndarray:
     return poses
 
 
+def translation(position_m: np.ndarray) -> np.ndarray:
+    """Return the translation by a position (3,), (4, 4) float64."""
+    matrix = np.eye(4)
+    matrix[:3, 3] = position_m
+    return matrix
+
+
 def as_complex(xy: np.ndarray) -> np.ndarray:
     """Return the first two coordinates of points (..., D) as complex numbers x + iy, (...).
 

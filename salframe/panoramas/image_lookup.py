@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 from salframe.framework.errors import DataError
 from salframe.panoramas.dataset import MANIFEST
-from salframe.panoramas.folder_format import IMAGE_KEYS, Folder, FrameEntry
+from salframe.panoramas.folder_format import IMAGE_KEYS, FrameEntry
+from salframe.panoramas.folder_reader import Folder
 
 _NUM_NEIGHBOURS = 2
 """Number of folders above an image whose subfolders may have a manifest that names it, as ../images/a.png."""

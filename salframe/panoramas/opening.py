@@ -99,10 +99,15 @@ def reference_frames(dataset: Dataset) -> list[ReferenceFrame]:
 
 
 def find_frame(dataset: Dataset, name: str) -> ReferenceFrame | QueryFrame:
-    """Return the query or reference frame with an id. Raises UnknownName, which suggests the closest id."""
+    """Return the query, the earlier view of a query, or the reference frame with an id.
+
+    Raises:
+        UnknownName: There is no such frame. The error suggests the closest id.
+    """
     frames: dict[str, ReferenceFrame | QueryFrame] = {}
     for fold in dataset.folds():
         frames.update((frame.id, frame) for frame in fold.references)
+        frames.update((view.id, view) for query in fold.queries for view in query.earlier)
         frames.update((query.id, query) for query in fold.queries)
     if name not in frames:
         raise UnknownName(unknown("frame", name, list(frames)))

@@ -74,22 +74,18 @@ class RangeEncoding:
             raise DataError(f"the range image is {width} x {height}, expected width = 2 x height (equirectangular)")
         return range_of_cube_depth(depth_m).astype(np.float32)
 
-    def photograph_depth(self, steps: np.ndarray, rays: np.ndarray) -> np.ndarray:
-        """Return the z-depth of a photograph in metres, (h, w) float32, NaN where unknown.
+    def photograph_depth(self, steps: np.ndarray) -> np.ndarray:
+        """Return the depth of a photograph in metres, of the kind of this encoding, (h, w) float32, NaN where unknown.
 
         Args:
             steps: (h, w) integer values of the file.
-            rays: (h, w, 3) rays through the pixels, with component 1 along the optical axis.
 
         Raises:
             DataError: The kind is CUBE.
         """
         if self.kind == RangeKind.CUBE:
             raise DataError("range_kind is 'cube' for a photograph, expected 'z' (along the optical axis) or 'ray'")
-        depth_m = self._metres(steps)
-        if self.kind == RangeKind.Z:
-            return depth_m
-        return (depth_m / np.linalg.norm(rays, axis=-1)).astype(np.float32)
+        return self._metres(steps)
 
     def panorama_steps(self, range_m: np.ndarray) -> np.ndarray:
         """Return the values of the file for a range along the ray, (H, 2H) uint16: the inverse of `panorama_range`.

@@ -11,15 +11,14 @@ import numpy as np
 from salframe.framework.errors import DataError
 from salframe.framework.files.reading import read_json
 from salframe.panoramas import images
+from salframe.panoramas.camera import Camera
 from salframe.panoramas.image_lookup import find_frame_image
 from salframe.panoramas.panorama import Panorama, labels_by_id
 from salframe.panoramas.panorama_files import load_panorama
 from salframe.panoramas.photo_sphere import declares_panorama
-from salframe.panoramas.photograph import Pinhole
+from salframe.panoramas.photograph import photograph_panorama
 from salframe.panoramas.range_encoding import MILLIMETRE, RangeEncoding, RangeKind
-
-MIN_ROWS, MAX_ROWS = 256, 1024
-"""Limits of the height of the panorama of a photograph, which has the resolution of the centre of the photograph."""
+from salframe.panoramas.range_missing import missing_line, missing_values
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +34,7 @@ class Shot:
 
     rgb: np.ndarray
     panorama: Panorama
-    camera: Pinhole | None = None
+    camera: Camera | None = None
     depth_steps: np.ndarray | None = None
 
 
@@ -48,7 +47,6 @@ def read_panorama(
     range_unit_m: float = MILLIMETRE,
     range_missing: Sequence[int] = (),
     range_kind: RangeKind | str = RangeKind.RAY,
-    z_depth: bool = False,
 ) -> Panorama:
     """Read a panorama from image files of equal size, with width = 2 x height. At least one image is required.
 
@@ -63,30 +61,22 @@ def read_panorama(
         range_missing: Values of the range image that mean no reading, besides 0.
         range_kind: "ray": range along the ray; "cube": depth along the axis of the cube face that the ray passes
             through, as in panoramas stitched from cube maps.
-        z_depth: Short for `range_kind="cube"`.
 
     Raises:
         DataError: A file is missing or malformed, an argument is not the path of a file, or the encoding of the range
             is invalid.
     """
-    for name, file in (("rgb", rgb), ("range_image", range_image), ("instances", instances), ("labels", labels)):
-        if file is not None and not isinstance(file, str | Path):
-            raise DataError(
-                f"{name} is {type(file).__name__}, expected the path of a file; for arrays, use salframe.Panorama"
-            )
+    _check_files(rgb=rgb, range_image=range_image, instances=instances, labels=labels)
     files = [Path(path) for path in (rgb, range_image, instances) if path is not None]
     if not files:
         raise DataError("received no image, expected an rgb, range or instance image")
-    if (instances is None) != (labels is None):
-        received = "labels without an instance image" if instances is None else "an instance image without labels"
-        raise DataError(f"received {received}, expected both or neither")
     return load_panorama(
         files[0].name,
         rgb=None if rgb is None else Path(rgb),
         range_image=None if range_image is None else Path(range_image),
         instances=None if instances is None else Path(instances),
         labels=None if labels is None else labels_by_id(read_json(Path(labels)), str(labels)),
-        encoding=RangeEncoding(range_unit_m, tuple(range_missing), RangeKind.CUBE if z_depth else range_kind),
+        encoding=RangeEncoding(range_unit_m, tuple(range_missing), range_kind),
     )
 
 
@@ -112,50 +102,130 @@ def open_panorama(image: Path, range_image: Path | None = None, encoding: RangeE
     return Shot(panorama.rgb, panorama)
 
 
-def open_photograph(
-    image: Path,
-    hfov_rad: float,
-    pitch_rad: float = 0.0,
-    depth_image: Path | None = None,
-    encoding: RangeEncoding | None = None,
-) -> Shot:
-    """Read a photograph as a partial panorama.
+def read_photograph(
+    rgb: str | Path,
+    depth_image: str | Path | None = None,
+    instances: str | Path | None = None,
+    labels: str | Path | None = None,
+    *,
+    camera: Camera | None = None,
+    fov_deg: float | None = None,
+    range_unit_m: float = MILLIMETRE,
+    range_missing: Sequence[int] = (),
+    range_kind: RangeKind | str = RangeKind.Z,
+) -> Panorama:
+    """Read a photograph as a partial panorama, without distortion and with the axes of the camera's base.
+
+    The id of the panorama is the name of the photograph.
 
     Args:
-        image: The photograph.
-        hfov_rad: Horizontal field of view.
-        pitch_rad: Elevation of the optical axis.
-        depth_image: 16-bit depth image of the same size.
-        encoding: Encoding of the depth image; None: z-depth in millimetres.
+        rgb: JPEG or PNG file.
+        depth_image: 16-bit file of the same size, 0 where the depth is unknown.
+        instances: 16-bit file of the same size with the id of the object at each pixel, 0 where there is none.
+        labels: JSON file with the label of each id, such as {"1": "bed"}.
+        camera: The camera; `salframe.read_camera` reads it from a file.
+        fov_deg: Horizontal field of view of a level camera without distortion, in degrees, instead of `camera`.
+        range_unit_m: Metres per step of the depth image.
+        range_missing: Values of the depth image that mean no reading, besides 0.
+        range_kind: "z": depth along the optical axis; "ray": range along the ray.
 
     Raises:
-        DataError: A file is missing or malformed, the images differ in size, or the encoding does not apply to a
-            photograph.
+        DataError: A file is missing or malformed, the images differ in size from each other or from the camera, or the
+            encoding of the depth is invalid.
     """
-    import cv2
+    encoding = RangeEncoding(range_unit_m, tuple(range_missing), range_kind)
+    return open_photograph(
+        rgb, depth_image, instances, labels, camera=camera, fov_deg=fov_deg, encoding=encoding
+    ).panorama
 
+
+def open_photograph(
+    rgb: str | Path,
+    depth_image: str | Path | None = None,
+    instances: str | Path | None = None,
+    labels: str | Path | None = None,
+    *,
+    camera: Camera | None = None,
+    fov_deg: float | None = None,
+    pitch_deg: float = 0.0,
+    encoding: RangeEncoding | None = None,
+) -> Shot:
+    """Read a photograph with its panorama. Arguments and errors are as in `read_photograph`, besides these:
+
+    Args:
+        pitch_deg: Elevation of the optical axis with `fov_deg`, in degrees.
+        encoding: Encoding of the depth image; None: z-depth in millimetres.
+    """
+    if camera is not None and fov_deg is not None:
+        raise DataError("received both camera and fov_deg for a photograph, expected one of them")
+    _check_files(rgb=rgb, depth_image=depth_image, instances=instances, labels=labels)
+    image = Path(rgb)
     file = images.read_color_file(image)
     if declares_panorama(file, image):
-        raise DataError(f"{image} is an equirectangular panorama by its XMP, expected a photograph: leave out --fov")
-    rgb = file.pixels
-    steps = None if depth_image is None else images.read_ids(depth_image)
-    height, width = rgb.shape[:2]
-    if steps is not None and steps.shape != (height, width):
-        raise DataError(f"{depth_image} is {steps.shape[1]} x {steps.shape[0]}, expected {width} x {height}")
-    camera = Pinhole.of_field_of_view(width, height, hfov_rad, pitch_rad)
-    encoding = encoding or RangeEncoding(kind=RangeKind.Z)
-    depth_m = None if steps is None else encoding.photograph_depth(steps, camera.rays())
-    rows = int(np.clip(round(np.pi * camera.focal_px), MIN_ROWS, MAX_ROWS))
-    small_camera = camera
-    if (factor := int(np.pi * camera.focal_px / rows)) > 1:  # average an image of higher resolution to avoid aliasing
-        size = width // factor, height // factor
-        small_rgb = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
-        depth_m = None if depth_m is None else cv2.resize(depth_m, size, interpolation=cv2.INTER_NEAREST)
-        small_camera = Pinhole.of_field_of_view(*size, hfov_rad, pitch_rad)
+        raise DataError(
+            f"{image} is an equirectangular panorama by its XMP, expected a photograph: leave out --fov and --camera"
+        )
+    if (named := find_frame_image(image)) is not None:
+        raise DataError(
+            f"{image} is a panorama, the frame {named.frame.id} of {named.folder.root}, expected a photograph: leave "
+            "out --fov and --camera"
+        )
+    height, width = file.pixels.shape[:2]
+    if camera is None:
+        if fov_deg is None:
+            raise DataError("received neither camera nor fov_deg for a photograph, expected one of them")
+        camera = Camera.of_field_of_view(width, height, fov_deg, pitch_deg)
     else:
-        small_rgb = rgb
-    panorama = small_camera.panorama(image.name, small_rgb, depth_m, rows)
-    return Shot(rgb, replace(panorama, notes=(file.note,) if file.note else ()), camera, steps)
+        if (file.width_px, file.height_px) != (camera.width, camera.height):
+            raise DataError(
+                f"{image} is {file.width_px} x {file.height_px}, expected {camera.width} x {camera.height} like its "
+                "camera: use images of this size, or the calibration of the other size"
+            )
+        camera = camera if width == camera.width else camera.scaled(width, height)  # large images are reduced
+    steps, instance_id = (
+        None if path is None else _read_ids(Path(path), file.pixels) for path in (depth_image, instances)
+    )
+    encoding = encoding or RangeEncoding(kind=RangeKind.Z)
+    panorama = photograph_panorama(
+        camera,
+        image.name,
+        file.pixels,
+        None if steps is None else encoding.photograph_depth(steps),
+        kind=encoding.kind,
+        instance_id=instance_id,
+        labels=None if labels is None else labels_by_id(read_json(Path(labels)), str(labels)),
+    )
+    return Shot(file.pixels, replace(panorama, notes=(file.note,) if file.note else ()), camera, steps)
+
+
+def _read_ids(path: Path, rgb: np.ndarray) -> np.ndarray:
+    """Return a 16-bit image of the size of a photograph, (h, w) int32. Raises DataError."""
+    ids = images.read_ids(path)
+    if ids.shape != rgb.shape[:2]:
+        size, expected = (" x ".join(map(str, image.shape[1::-1])) for image in (ids, rgb))
+        raise DataError(f"{path} is {size}, expected {expected} like its photograph")
+    return ids
+
+
+def missing_depth_note(shot: Shot, encoding: RangeEncoding) -> str | None:
+    """Return a one-line warning where a value of a photograph's depth image seems to mean no reading; else None."""
+    if shot.depth_steps is None:
+        return None
+    shares = missing_values(np.where(np.isin(shot.depth_steps, encoding.missing), 0, shot.depth_steps))
+    return missing_line(shares, f"depth image of {shot.panorama.id}", encoding) if shares else None
+
+
+def _check_files(**files: object) -> None:
+    """Check that arguments are paths of files, and that an instance image comes with its labels. Raises DataError."""
+    for name, file in files.items():
+        if file is not None and not isinstance(file, str | Path):
+            raise DataError(
+                f"{name} is {type(file).__name__}, expected the path of a file; for arrays, use salframe.Panorama"
+            )
+    if (files["instances"] is None) != (files["labels"] is None):
+        no_image = files["instances"] is None
+        received = "labels without an instance image" if no_image else "an instance image without labels"
+        raise DataError(f"received {received}, expected both or neither")
 
 
 def _in_manifest(image: Path) -> Panorama | None:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from pydantic import Field
 
+from salframe.framework.arrays import check_array
 from salframe.framework.errors import DataError
 from salframe.framework.validation import Settings
-from salframe.panoramas.geometry import is_rigid
+from salframe.panoramas.geometry import is_rigid, translation
 from salframe.panoramas.panorama import Panorama
 
 RIGID_TOLERANCE = 1e-3
@@ -36,17 +37,23 @@ class View:
         panorama: The panorama. A narrow camera shows a part of the sphere, `Panorama.valid`.
         T_last_view: (4, 4) rigid motion that maps coordinates of this view to those of the last view; the identity for
             the last view. None where the motion is unknown.
+        position_m: (3,) float64 position of the panorama's centre in the base frame of the robot in metres; the axes of
+            both frames are equal. Coordinates of a view, and the pose of the answer, are those of the base. The default
+            is the origin: they are those of the panorama.
 
     Raises:
-        DataError: The panorama is no Panorama, or the motion is not rigid.
+        DataError: The panorama is no Panorama, the motion is not rigid, or the position is not finite.
     """
 
     panorama: Panorama
     T_last_view: np.ndarray | None = None
+    position_m: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
         if not isinstance(self.panorama, Panorama):
             raise DataError(f"View.panorama is {type(self.panorama).__name__}, expected a Panorama")
+        if not np.isfinite(check_array(self, "position_m", np.float64, 3)).all():
+            raise DataError(f"View.position_m is {self.position_m.tolist()}, expected finite metres")
         if self.T_last_view is None:
             return
         if not is_rigid(self.T_last_view, RIGID_TOLERANCE):
@@ -59,9 +66,9 @@ class View:
 
 
 def motions(views: Sequence[View]) -> np.ndarray | None:
-    """Return the motions T_last_view of views, (V, 4, 4) float64; None where one of them is unknown.
+    """Return the motions that map coordinates of panoramas to those of the last panorama, (V, 4, 4) float64.
 
-    The motion of the last view may be left out, because it is the identity.
+    None where a motion is unknown. That of the last view may be left out, because it is the identity.
 
     Raises:
         DataError: There are no views, one of them is no View, or the motion of the last view is not the identity.
@@ -77,7 +84,12 @@ def motions(views: Sequence[View]) -> np.ndarray | None:
             f"the last view has the translation {last[:3, 3].tolist()} m and the rotation {last[:3, :3].tolist()}, "
             "expected the identity: T_last_view maps to the coordinates of the last view"
         )
-    motions = [view.T_last_view for view in views[:-1] if view.T_last_view is not None]
+    T_panorama_last = translation(-views[-1].position_m)
+    motions = [
+        T_panorama_last @ view.T_last_view @ translation(view.position_m)
+        for view in views[:-1]
+        if view.T_last_view is not None
+    ]
     return np.stack([*motions, np.eye(4)]) if len(motions) == len(views) - 1 else None
 
 

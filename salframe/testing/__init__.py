@@ -11,9 +11,8 @@ from pkgutil import resolve_name
 from typing import Any
 
 from salframe.framework.component import Component, ComponentConfig
-from salframe.framework.components.auto import Choice
 from salframe.framework.components.registry import registry
-from salframe.framework.validation import validate
+from salframe.testing.configurations import on_rooms
 from salframe.testing.datasets import DatasetRules
 from salframe.testing.declaration import check_config, check_declaration
 from salframe.testing.detectors import DetectorRules
@@ -23,7 +22,6 @@ from salframe.testing.identities import check_files
 from salframe.testing.localizers import LocalizerRules
 from salframe.testing.planners import PlannerRules
 from salframe.testing.range_models import RangeModelRules
-from salframe.testing.rooms import PARTS
 from salframe.testing.rules import Conformance, Rule, RuleResult, Rules, RuleStatus, check_all, check_rule, skipped
 from salframe.testing.scene_indexes import SceneIndexRules
 from salframe.testing.scorers import ScorerRules
@@ -90,12 +88,6 @@ def check_component(component: type[Component], config: ComponentConfig | None =
         checked = [check_rule(*files), *check_all(rules)]
     name = f"{getattr(component, 'role', '?')} {getattr(component, 'name', component.__qualname__)}"
     return Conformance(name, (*declared, *checked))
-
-
-def on_rooms(config: ComponentConfig) -> ComponentConfig:
-    """Return the configuration with `auto` slots resolved for the suite's rooms, which provide every part."""
-    choice = Choice("the suite's rooms", lambda: PARTS)
-    return validate(type(config), config.model_dump(mode="json"), config.kind, choice)
 
 
 def _rules_of(component: type[Component], make: Callable[[], Any]) -> list[Rule]:

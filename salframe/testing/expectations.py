@@ -52,7 +52,7 @@ def ask(checked: str, function: Callable[..., Any], *arguments: Any) -> Any:
         ConformanceError: The function raised, changed its arguments or gave two different answers.
     """
     for value in arguments:
-        _lock(value)
+        lock(value)
     before = copy.deepcopy(arguments)
     answer = attempt(checked, function, *arguments)
     expect(same(arguments, before), checked, "a changed input", "an unchanged input")
@@ -85,16 +85,16 @@ def same(a: Any, b: Any, tolerance: float = 0.0) -> bool:
     return bool(a == b) or bool(a != a and b != b)
 
 
-def _lock(value: Any) -> None:
+def lock(value: Any) -> None:
     """Make every array in a value read-only."""
     if isinstance(value, np.ndarray):
         value.flags.writeable = False
     elif dataclasses.is_dataclass(value):
         for field in dataclasses.fields(value):
-            _lock(getattr(value, field.name))
+            lock(getattr(value, field.name))
     elif isinstance(value, Mapping):
         for part in value.values():
-            _lock(part)
+            lock(part)
     elif isinstance(value, tuple | list):
         for part in value:
-            _lock(part)
+            lock(part)

@@ -12,11 +12,12 @@ from functools import partial
 from pathlib import Path, PurePath
 from typing import Any
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
 from salframe.framework.component import Component, ComponentConfig, holds_components
 from salframe.framework.components.identity import UserFile, identity, matters_to_matching_only
 from salframe.framework.files.hashes import digest
+from salframe.testing.configurations import alternatives, with_setting
 from salframe.testing.expectations import attempt, expect, same
 
 
@@ -96,7 +97,7 @@ def _user_files(model: BaseModel) -> Iterator[_FileSetting]:
     def inside(name: str, wrap: Callable[[UserFile], Any]) -> Callable[[UserFile], Any]:
         def put(file: UserFile) -> Any:
             value = wrap(file)
-            return None if value is None else _with(model, name, value)
+            return None if value is None else with_setting(model, name, value)
 
         return put
 
@@ -112,11 +113,11 @@ def _user_files(model: BaseModel) -> Iterator[_FileSetting]:
                     put = inside(name, partial(_put_at, value, number, inner.put))
                     yield _FileSetting(f"{name}[{number}].{inner.key}", match_only or inner.match_only, put)
             continue
-        for kind in _alternatives(field.annotation):
+        for kind in alternatives(field.annotation):
             parts = typing.get_args(kind) if typing.get_origin(kind) in (tuple, list) else ()
             if _is_user_file(kind):
                 yield _FileSetting(name, match_only, inside(name, lambda file: file))
-            elif any(_is_user_file(kind) for part in parts for kind in _alternatives(part)):
+            elif any(_is_user_file(kind) for part in parts for kind in alternatives(part)):
                 count = 1 if typing.get_origin(kind) is list or Ellipsis in parts else len(parts)
                 yield _FileSetting(name, match_only, inside(name, partial(_repeat, count)))
 
@@ -192,22 +193,15 @@ def another_config(config: ComponentConfig, name: str) -> ComponentConfig | None
     """
     value = getattr(config, name)
     for candidate in _candidates(type(config).model_fields[name].annotation, value):
-        other = None if candidate == value else _with(config, name, candidate)
+        other = None if candidate == value else with_setting(config, name, candidate)
         if other is not None and getattr(other, name) != value:
             return other
     return None
 
 
-def _with(config: Any, name: str, value: Any) -> Any:
-    try:
-        return type(config).model_validate({**dict(config), name: value})
-    except ValidationError:
-        return None
-
-
 def _candidates(annotation: Any, value: Any) -> Iterator[Any]:
     """Yield candidate values for a setting of this type. Its bounds may reject some of them."""
-    for kind in _alternatives(annotation):
+    for kind in alternatives(annotation):
         if kind is bool:
             yield not value
         elif kind in (int, float):
@@ -217,13 +211,3 @@ def _candidates(annotation: Any, value: Any) -> Iterator[Any]:
             yield None
         elif typing.get_origin(kind) is typing.Literal:
             yield from typing.get_args(kind)
-
-
-def _alternatives(annotation: Any) -> list[Any]:
-    """Return the types in a union, or the type itself."""
-    origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
-    if origin is typing.Annotated:
-        return _alternatives(arguments[0])
-    if origin in (typing.Union, types.UnionType):
-        return [kind for argument in arguments for kind in _alternatives(argument)]
-    return [annotation]

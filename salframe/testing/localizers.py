@@ -7,9 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
+from salframe.framework.component import ComponentConfig
 from salframe.framework.files.hashes import digest
 from salframe.localization.answers import Localization, LocalizationStatus
 from salframe.localization.describing import complete_panorama, required_parts
@@ -19,14 +21,15 @@ from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.geometry import pose_2d, pose_errors
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.turning import turned
+from salframe.testing.configurations import differences, on_rooms, random_config
 from salframe.testing.detectors import check_needs, turns
 from salframe.testing.expectations import DoesNotApply, ask, attempt, expect, same
 from salframe.testing.identities import check_identities
 from salframe.testing.rooms import HEIGHT_PX, PARTS, blind, halved, map_frames, query_frames, random_frames
 from salframe.testing.rules import Rules
 
-SEEDS = (1, 2)
-"""Seeds of the random rooms."""
+SEEDS = (0, 1, 2)
+"""Seeds of the random rooms. The settings of the localizer are those under test for seed 0, and random for others."""
 _MOVED = 1e-3
 """Tolerance of numbers in a moved world, whose coordinates are rounded elsewhere."""
 _ROUNDING = 1e-6
@@ -52,20 +55,7 @@ class LocalizerRules(Rules[Localizer]):
     @cached_property
     def _random_maps(self) -> list[_RandomMap]:
         """Maps of random rooms, one for each of SEEDS."""
-        maps = []
-        for seed in SEEDS:
-            frames, queries = random_frames(seed)
-            descriptions = [_describe(self._localizer, frame.load()) for frame in frames]
-            built = self._index(descriptions, frames)
-            described = [_describe(self._localizer, query.load()) for query in queries]
-            maps.append(_RandomMap(seed, frames, descriptions, [(query, built.answer(query)) for query in described]))
-        return maps
-
-    def _index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> LocalizationMap:
-        built: LocalizationMap = attempt(
-            "index of random rooms", LocalizationMap.from_descriptions, self.make(), descriptions, frames
-        )
-        return built
+        return [_random_map(self._localizer.config, seed) for seed in SEEDS]
 
     @cached_property
     def _answers(self) -> list[tuple[Panorama, Localization]]:
@@ -89,11 +79,15 @@ class LocalizerRules(Rules[Localizer]):
         )
 
     def poses_rotate_with_the_panorama(self) -> None:
-        if self._localizer.column_step is None:
+        cases = [(self._map, "", self._answers)]
+        cases += [(random.built, f" in {random}", random.panoramas()) for random in self._random_maps]
+        cases = [case for case in cases if case[0].localizer.column_step is not None]
+        if not cases:
             raise DoesNotApply("its column_step is None")
-        steps = 3 * turns(self._localizer.column_step)
-        for (query, answer), columns in zip(self._answers, steps, strict=False):
-            _check_turn(self._map, query, answer, columns)
+        for built, where, answers in cases:
+            steps = 3 * turns(cast(int, built.localizer.column_step))
+            for (query, answer), columns in zip(answers, steps, strict=False):
+                _check_turn(built, query, answer, columns, where)
 
     def the_order_and_names_of_frames_do_not_matter(self) -> None:
         for random in self._random_maps:
@@ -101,9 +95,8 @@ class LocalizerRules(Rules[Localizer]):
             order = rng.permutation(len(random.frames)).tolist()
             names = {frame.id: f"frame {n}" for frame, n in zip(random.frames, rng.permutation(99), strict=False)}
             renamed = [replace(random.frames[i], id=names[random.frames[i].id]) for i in order]
-            changed = self._index([random.descriptions[i] for i in order], renamed)
-            for query, before in random.answers:
-                _expect_same(f"match of {random} with permuted and renamed frames", before, changed.answer(query))
+            changed = random.index([random.descriptions[i] for i in order], renamed)
+            random.check("permuted and renamed frames", changed)
 
     def poses_move_with_the_world(self) -> None:
         for random in self._random_maps:
@@ -111,17 +104,27 @@ class LocalizerRules(Rules[Localizer]):
             x_m, y_m, yaw_rad = rng.uniform([-50, -50, -np.pi], [50, 50, np.pi]).tolist()
             world = pose_2d(x_m, y_m, yaw_rad)
             moved = [replace(frame, T_world_pano=world @ frame.T_world_pano) for frame in random.frames]
-            changed = self._index(random.descriptions, moved)
-            for query, before in random.answers:
-                _expect_same(f"match of {random} in a moved world", before, changed.answer(query), world)
+            random.check("a moved world", random.index(random.descriptions, moved), world)
 
     def a_grown_map_gives_the_same_answers(self) -> None:
         for random in self._random_maps:
             frames = random.frames
-            grown = self._index(random.descriptions[:4], frames[:4])
+            grown = random.index(random.descriptions[:4], frames[:4])
             attempt("extend", grown.extend, frames[4:])
-            for query, before in random.answers:
-                _expect_same(f"match of {random} after extend", before, grown.answer(query))
+            random.check("a map that was extended", grown)
+
+    def workers_give_the_same_answers(self) -> None:
+        """Check answers of two instances, each built from the JSON of the settings as in a worker process of a run.
+
+        They share the queries, in reversed order and each query twice: no answer may depend on those before. Processes
+        are not started, because this takes seconds and a component of a test may not be importable there.
+        """
+        for random in self._random_maps:
+            for first in range(2):
+                worker = random.index(random.descriptions, random.frames)
+                for number in reversed(range(first, len(random.queries), 2)):
+                    random.check_query("another worker", worker, number)
+                    random.check_query("another worker, asked twice", worker, number)
 
     def sparse_input_raises_no_error(self) -> None:
         inputs = {"of a blank panorama": blind(PARTS), "of half a panorama": halved(self._answers[0][0])}
@@ -135,15 +138,11 @@ class LocalizerRules(Rules[Localizer]):
             _answer(self._map, what, frame.load(), self._frames)
 
     def a_saved_map_gives_the_same_answers(self) -> None:
-        with tempfile.TemporaryDirectory() as directory:
-            attempt("save", self._map.save, Path(directory) / "map")
-            opened = attempt("open", LocalizationMap.open, Path(directory) / "map", self.make())
-            for query, answer in self._answers:
-                checked = f"match of the {query.id} after save and open"
-                again = attempt(checked, lambda query: opened.answer(_describe(opened.localizer, query)), query)
-                for field in ("status", "places", "T_world_query", "covariance", "out_of_map_probability"):
-                    before, after = getattr(answer, field), getattr(again, field)
-                    expect(same(before, after, _ROUNDING), checked, f"{field} {after}", f"{before} as before save")
+        for random in self._random_maps:
+            with tempfile.TemporaryDirectory() as directory:
+                attempt("save", random.built.save, Path(directory) / "map")
+                opened = attempt("open", LocalizationMap.open, Path(directory) / "map", random.make())
+                random.check("a map that was saved and opened", opened)
 
     def small_maps_give_answers(self) -> None:
         """Check maps that leave nothing to learn a vocabulary from, or to divide a score by."""
@@ -161,25 +160,98 @@ class LocalizerRules(Rules[Localizer]):
 
 @dataclass(frozen=True)
 class _RandomMap:
-    """A map of random rooms: seed, frames with their descriptions, and described queries with their answers."""
+    """A map of random rooms, with queries.
+
+    Attributes:
+        seed: Seed of the rooms.
+        config: Settings of the localizer.
+        drawn: The settings that were drawn, "key=value" separated by commas.
+        frames: Reference frames.
+        descriptions: Their descriptions.
+        built: The map.
+        queries: Panoramas, their descriptions and answers.
+    """
 
     seed: int
+    config: ComponentConfig
+    drawn: str
     frames: list[ReferenceFrame]
     descriptions: list[Description]
-    answers: list[tuple[Description, Localization]]
+    built: LocalizationMap
+    queries: list[tuple[Panorama, Description, Localization]]
 
     def __str__(self) -> str:
-        return f"the random rooms of seed {self.seed}"
+        return f"the random rooms of seed {self.seed}" + (
+            f" with the random settings {self.drawn}" if self.drawn else ""
+        )
+
+    def make(self) -> Localizer:
+        """Return a new localizer with these settings."""
+        return _make(self.config)
+
+    def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> LocalizationMap:
+        """Return a map of described frames by a new localizer."""
+        return _index(self.make(), descriptions, frames)
+
+    def panoramas(self) -> list[tuple[Panorama, Localization]]:
+        """Return the queries with their answers."""
+        return [(panorama, answer) for panorama, _, answer in self.queries]
+
+    def check(self, changed: str, other: LocalizationMap, world: np.ndarray | None = None) -> None:
+        """Check that another map gives the same answers; with `world`, that the poses move with the world."""
+        for number in range(len(self.queries)):
+            self.check_query(changed, other, number, world)
+
+    def check_query(self, changed: str, other: LocalizationMap, number: int, world: np.ndarray | None = None) -> None:
+        """Check as `check` the answer to one query."""
+        _, description, before = self.queries[number]
+        checked = f"match of query {number} in {self}, with {changed}"
+        _expect_same(checked, before, attempt(checked, other.answer, description), world)
+
+
+def _random_map(config: ComponentConfig, seed: int) -> _RandomMap:
+    """Return a map of the random rooms of a seed; the settings are random too unless the seed is 0."""
+    used_config = random_config(config, seed) if seed else config
+    frames, query_frames = random_frames(seed)
+    localizer, drawn = _make(used_config), differences(config, used_config)
+    what = f"of random rooms with the random settings {drawn}" if drawn else "of random rooms"
+    descriptions = [_describe(localizer, frame.load()) for frame in frames]
+    built = _index(localizer, descriptions, frames)
+    queries = []
+    for panorama in (query.load() for query in query_frames):
+        description = attempt(f"describe {what}", _describe, localizer, panorama)
+        queries.append((panorama, description, attempt(f"match {what}", built.answer, description)))
+    return _RandomMap(seed, used_config, drawn, frames, descriptions, built, queries)
+
+
+def _make(config: ComponentConfig) -> Localizer:
+    """Return a new localizer, built from the JSON of its settings as in a worker process of a run."""
+    localizer: Localizer = attempt("creation of the component", config.component, on_rooms(config))
+    return localizer
+
+
+def _index(
+    localizer: Localizer, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]
+) -> LocalizationMap:
+    built: LocalizationMap = attempt(
+        "index of random rooms", LocalizationMap.from_descriptions, localizer, descriptions, frames
+    )
+    return built
 
 
 def _expect_same(checked: str, before: Localization, after: Localization, world: np.ndarray | None = None) -> None:
     """Check that an answer did not change; with `world`, that its pose moved with the world."""
     expect(after.status == before.status, checked, f"the status '{after.status}'", f"'{before.status}' as before")
+    tolerance = _ROUNDING if world is None else _MOVED
+    fields = ("out_of_map_probability", *(("covariance",) if world is None else ()))
+    for field in fields:
+        values_of = getattr(before, field), getattr(after, field)
+        expect(same(*values_of, tolerance), checked, f"{field} {values_of[1]}", f"{values_of[0]} as before")
     values = [
         {ranked.place: (ranked.score, ranked.probability) for ranked in answer.places} for answer in (before, after)
     ]
     is_same = values[0].keys() == values[1].keys() and all(
-        same(values[0][place], values[1][place], _ROUNDING if world is None else _MOVED) for place in values[0]
+        same(values[0][place], values[1][place], tolerance) for place in values[0]
     )
     expect(is_same, checked, f"the places {values[1]}", f"{values[0]} as before")
     first = [[ranked.place for ranked in answer.places[:1]] for answer in (before, after)]
@@ -187,7 +259,6 @@ def _expect_same(checked: str, before: Localization, after: Localization, world:
     if before.T_world_query is not None and after.T_world_query is not None:
         expected = before.T_world_query if world is None else world @ before.T_world_query
         shift_m, turn_rad = pose_errors(after.T_world_query, expected)
-        tolerance = _ROUNDING if world is None else _MOVED
         expect(
             max(shift_m, turn_rad) <= tolerance,
             checked,
@@ -246,10 +317,12 @@ def _answer(
     return answer
 
 
-def _check_turn(reference_map: LocalizationMap, panorama: Panorama, before: Localization, columns: int) -> None:
+def _check_turn(
+    reference_map: LocalizationMap, panorama: Panorama, before: Localization, columns: int, where: str
+) -> None:
     """Check that the rotated panorama gives the same place, and a pose that differs by the rotation only."""
     localizer = reference_map.localizer
-    checked, tolerance = f"match of the {panorama.id} rolled by {columns} columns", localizer.turn_tolerance_m
+    checked, tolerance = f"match of the {panorama.id} rolled by {columns} columns{where}", localizer.turn_tolerance_m
     after = attempt(checked, lambda: reference_map.answer(_describe(localizer, turned(panorama, columns))))
     hint = f"or a column_step that is a larger multiple of {localizer.column_step}"
     expect(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Set
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from salframe.graphs.graph import GraphConfig, SaliencyGraph, build_graph
 from salframe.panoramas.frames import QueryFrame, ReferenceFrame, Truth
 from salframe.panoramas.geometry import equirectangular_rays, invert_pose, pose_2d, transform_points
 from salframe.panoramas.panorama import PARTS, Annotations, Panorama
+from salframe.testing.expectations import lock
 
 EYE_M = 1.5
 """Height of the camera above the floor."""
@@ -131,6 +132,18 @@ def look(room: FurnishedRoom, id: str, T_world_pano: np.ndarray, parts: Set[str]
     )
 
 
+def _loader(room: FurnishedRoom, id: str, T_world_pano: np.ndarray, parts: Set[str]) -> Callable[[], Panorama]:
+    """Return a function that renders a panorama as `look`, with read-only arrays, once per process."""
+    return partial(_rendered, room, id, tuple(T_world_pano.ravel().tolist()), frozenset(parts))
+
+
+@lru_cache(maxsize=64)
+def _rendered(room: FurnishedRoom, id: str, pose: tuple[float, ...], parts: frozenset[str]) -> Panorama:
+    panorama = look(room, id, np.reshape(pose, (4, 4)), parts)
+    lock(panorama)
+    return panorama
+
+
 def _paint(room: FurnishedRoom, points_m: np.ndarray, instance_id: np.ndarray) -> np.ndarray:
     """Return a (H, 2H, 3) uint8 texture: one colour per surface, in patches of 8 cm with random lightness."""
     seeds = [zlib.crc32(name.encode()) for name in (room.name, *(f"{room.name} {box.label}" for box in room.boxes))]
@@ -175,14 +188,14 @@ def _changed(panorama: Panorama, change: Callable[[np.ndarray], np.ndarray]) -> 
 def map_frames(parts: Set[str] = PARTS) -> list[ReferenceFrame]:
     """Return a reference frame in the middle of each room."""
     return [
-        ReferenceFrame(f"{room.name}-map", room.name, pose, load=partial(look, room, f"{room.name}-map", pose, parts))
+        ReferenceFrame(f"{room.name}-map", room.name, pose, load=_loader(room, f"{room.name}-map", pose, parts))
         for room, pose in ((room, stand(room)) for room in ROOMS)
     ]
 
 
 def query_frames(parts: Set[str] = PARTS) -> list[QueryFrame]:
     """Return a query in each room, near the reference frame and with another heading."""
-    return [QueryFrame(id, partial(look, room, id, pose, parts)) for id, room, pose in _queries()]
+    return [QueryFrame(id, _loader(room, id, pose, parts)) for id, room, pose in _queries()]
 
 
 def query_truths() -> dict[str, Truth]:
@@ -243,7 +256,7 @@ def random_frames(seed: int) -> tuple[list[ReferenceFrame], list[QueryFrame]]:
     for room in random_rooms(seed):
         for number, (x_share, y_share) in enumerate(((0.42, 0.5), (0.58, 0.46))):
             name, pose = f"{room.name}-{number}", stand(room, x_share, y_share, float(rng.uniform(-np.pi, np.pi)))
-            references.append(ReferenceFrame(name, room.name, pose, load=partial(look, room, name, pose)))
+            references.append(ReferenceFrame(name, room.name, pose, load=_loader(room, name, pose, PARTS)))
         name, pose = f"{room.name}-query", stand(room, 0.5, 0.54, float(rng.uniform(-np.pi, np.pi)))
-        queries.append(QueryFrame(name, partial(look, room, name, pose)))
+        queries.append(QueryFrame(name, _loader(room, name, pose, PARTS)))
     return references, queries

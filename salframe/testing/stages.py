@@ -213,8 +213,8 @@ def _check_matches(
 
 
 class PositionerRules(Rules[Positioner]):
-    """The pose is exact for points without noise, and for directions if the positioner supports them. Too few or
-    coincident points give a status instead of a pose."""
+    """The pose is exact for points without noise, and for directions if the positioner supports them. It turns with the
+    query. Too few or coincident points give a status instead of a pose."""
 
     def points_without_noise_give_the_exact_pose(self) -> None:
         for weights in (None, np.linspace(0.5, 1.5, len(REFERENCE_M))):
@@ -225,6 +225,22 @@ class PositionerRules(Rules[Positioner]):
     def another_instance_gives_the_same_answer(self) -> None:
         first, second = (attempt("solve", self.make().solve, QUERY_M, REFERENCE_M) for _ in range(2))
         expect(same(first, second), "solve by another instance", "another pose", "the same pose")
+
+    def the_pose_turns_with_the_query(self) -> None:
+        if not self.make().is_equivariant:
+            raise DoesNotApply("its is_equivariant is False")
+        noisy_m = QUERY_M + np.random.default_rng(1).normal(0, 0.05, QUERY_M.shape)
+        turn = pose_2d(0, 0, 2.0)
+        before, after = (
+            attempt("solve", self.make().solve, points_m, REFERENCE_M)
+            for points_m in (noisy_m, transform_points(turn, noisy_m))
+        )
+        checked = "solve of 8 turned points with noise"
+        expect(after.status is before.status, checked, f"the status '{after.status}'", f"'{before.status}' as before")
+        if before.T_reference_query is not None:
+            shift_m, turn_rad = pose_errors(after.T_reference_query @ turn, before.T_reference_query)
+            received = f"a pose that is {shift_m:.2g} m and {turn_rad:.2g} rad off the turn"
+            expect(max(shift_m, turn_rad) < 1e-6, checked, received, "the turned pose, or is_equivariant = False")
 
     def directions_without_noise_give_the_exact_pose(self) -> None:
         bearing = QUERY_M / np.linalg.norm(QUERY_M, axis=1, keepdims=True)

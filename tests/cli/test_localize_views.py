@@ -39,7 +39,7 @@ def test_views_without_motion_are_fused(tiny):
         (("a", "b"), "received 2 frames without --views"),
         (("a", "--motion", "motion.csv"), "received --motion without --views"),
         (("--views",), "received neither a frame nor images"),
-        (("--views", "--rgb", "a.jpg"), "received --views with image options"),
+        (("--views", "--rgb", "a.jpg"), "received --views with --rgb"),
     ],
 )
 def test_views_are_refused_with_other_options(words, message):

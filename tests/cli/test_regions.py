@@ -10,7 +10,8 @@ from command_line import run
 from tiny_folder import write_tiny_folder
 
 from salframe.panoramas.floors import FloorMasks
-from salframe.panoramas.folder_format import Folder, write_floor, write_manifest
+from salframe.panoramas.folder_format import write_floor, write_manifest
+from salframe.panoramas.folder_reader import Folder
 
 BEGIN = "3 of 3 reference frames stand outside the region of their place in the floor masks: "
 CAUSE = "names in `regions` may be swapped"

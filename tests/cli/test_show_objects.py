@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import cv2
 import numpy as np
 import pytest
@@ -152,7 +154,7 @@ def test_only_pictures_of_ours_are_overwritten(pictures):
         (("hall.jpg", "--pitch", "10"), 2, "received --pitch without --fov"),
         (("hall.jpg", "-o", "desk.png"), 2, "desk.png is a file, expected a folder"),
         (("hall.jpg", "other/hall.png"), 2, "2 images would have the same picture hall.objects.png"),
-        (("hall.jpg", "--fov", "180"), 2, "received --fov '180', expected a number from 1.0 to 179.0"),
+        (("hall.jpg", "--fov", "180"), 2, "received --fov '180', expected a number from 5.0 to 170.0"),
         (("hall.jpg", "--range", "hall.jpg"), 1, "hall.jpg has 3 channel(s) of 8 bits, expected one of 16 bits"),
         (("hall.jpg", "--range", "desk.depth.png"), 1, "the range image is 640 x 480"),
         (("hall.jpg", "--detector", "range-balls"), 1, "range-balls needs range (--range FILE), which"),
@@ -183,3 +185,17 @@ def test_depth_of_a_photograph_is_read_as_declared(pictures):
     assert "fills" not in declared.err
     error = run(*shown, "--range-kind", "cube", *DETECTOR).err
     assert "range_kind is 'cube' for a photograph, expected 'z' (along the optical axis) or 'ray'" in error
+
+
+def test_a_photograph_of_a_calibrated_camera(pictures):
+    calibration = {"width": 640, "height": 480, "fx": 300, "fy": 300, "cx": 319.5, "cy": 239.5}
+    content = {**calibration, "distortion_model": "plumb_bob", "distortion": [-0.05, 0, 0, 0, 0]}
+    (pictures / "camera.json").write_text(json.dumps(content))
+    shown = run("show-objects", "desk.png", "--camera", "camera.json", "--range", "desk.depth.png", *DETECTOR)
+    assert (shown.code, shown.err) == (0, "")
+    both = run("show-objects", "desk.png", "--camera", "camera.json", "--fov", "90", *DETECTOR)
+    assert both.err == "error: received both --camera and --fov, expected only one of them\n"
+    (pictures / "camera.json").write_text(json.dumps({**content, "width": 642}))
+    larger = run("show-objects", "desk.png", "--camera", "camera.json", *DETECTOR)
+    assert larger.code == 1
+    assert "desk.png is 640 x 480, expected 642 x 480 like its camera" in larger.err

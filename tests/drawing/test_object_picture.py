@@ -1,5 +1,7 @@
 """Pictures of objects: positions of outlines and names compared with closed forms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from ball_plugin import BALLS, angular_radius, balls
@@ -16,14 +18,14 @@ from salframe.drawing.object_picture import (
 from salframe.drawing.plan import Plan
 from salframe.graphs.detections import Detections
 from salframe.graphs.graph import GraphConfig, build_graph
+from salframe.panoramas.camera import Camera
 from salframe.panoramas.geometry import equirectangular_rays
-from salframe.panoramas.photograph import Pinhole
 
 HEIGHT = 640
 GREY = np.full((HEIGHT, 2 * HEIGHT, 3), 128, np.uint8)
 
 
-def outlined(rgb: np.ndarray, detections: Detections, camera: Pinhole | None = None) -> np.ndarray:
+def outlined(rgb: np.ndarray, detections: Detections, camera: Camera | None = None) -> np.ndarray:
     lines = find_lines(len(rgb), detections, camera)
     return draw_outlines(rgb, detections, lines, choose_colours(detections.labels))
 
@@ -53,15 +55,17 @@ def test_a_panorama_has_outlines_around_the_objects(label, centre_m, radius_m, s
         assert not ((columns > 200) & (columns < 2 * HEIGHT - 200)).any()
 
 
+UPWARDS = Camera.of_field_of_view(1300, 900, 80, pitch_deg=25)
+BARREL = replace(UPWARDS, distortion_model="plumb_bob", distortion=(-0.2, 0.05, 0.001, 0.002, 0))
+
+
 @pytest.mark.parametrize("with_range", [True, False])
-def test_a_photograph_is_drawn_in_its_own_pixels(with_range):
-    camera, detections = (
-        Pinhole.of_field_of_view(1300, 900, np.radians(80), pitch_rad=np.radians(25)),
-        balls(with_range),
-    )
+@pytest.mark.parametrize("camera", [UPWARDS, BARREL], ids=["pinhole", "barrel"])
+def test_a_photograph_is_drawn_in_its_own_pixels(camera, with_range):
+    detections = balls(with_range)
     drawn = outlined(np.full((900, 1300, 3), 128, np.uint8), detections, camera)
     assert drawn.shape == (900, 1300, 3)
-    rays = camera.rays() / np.linalg.norm(camera.rays(), axis=-1, keepdims=True)
+    rays = camera.rays()
     label, centre_m, radius_m, _ = BALLS[1]
     off = off_outline(is_colour(drawn, detections, label), rays, centre_m, radius_m)
     assert len(off) > 100

@@ -10,7 +10,7 @@ from salframe.localization.answers import Localization, LocalizationStatus, Node
 from salframe.localization.positioner import PoseEstimate, PoseStatus
 from salframe.localization.ranking import rank_places
 from salframe.panoramas.frames import FrameKind, ReferenceFrame
-from salframe.panoramas.geometry import pose_2d
+from salframe.panoramas.geometry import invert_pose, pose_2d, pose_yaw, translation
 
 
 def test_a_status_may_be_written_as_text():
@@ -157,3 +157,34 @@ def test_an_answer_is_accepted_where_it_names_a_place_that_is_more_probable_than
         assert f"{out_of_map:.1%}, expected at most 50%" in answer.summary
     else:
         assert answer.summary == status
+
+
+def test_a_moved_answer_has_the_pose_of_the_other_frame():
+    """A camera 1 m ahead of a base and 0.5 m left of it, at (2, 3), heading along +y: the base is at (2.5, 2)."""
+    places = (RankedPlace("f", "p", 1.0),)
+    answer = Localization(places, pose_2d(2, 3, np.pi / 2, 1.4), LocalizationStatus.OK, notes=("note",))
+    moved = answer.moved(np.array([1, 0.5, 1.4]))
+    np.testing.assert_allclose(moved.T_world_query, pose_2d(2.5, 2, np.pi / 2), atol=1e-12)
+    assert (moved.places, moved.heading_rad, moved.notes) == (places, pytest.approx(np.pi / 2), ("note",))
+    without_pose = Localization(places, None, LocalizationStatus.NO_POSE, heading_rad=1.0)
+    assert without_pose.moved(np.ones(3)) is without_pose
+
+
+@pytest.mark.parametrize("size", [3, 6])
+def test_the_covariance_of_a_moved_answer_is_that_of_samples(size):
+    from scipy.spatial.transform import Rotation
+
+    rng = np.random.default_rng(0)
+    spread = 0.01 * rng.standard_normal((size, size))
+    position_m, pose = np.array([0.4, -0.2, 0.9]), pose_2d(2, 3, 0.7, 1.4)
+    answer = Localization((RankedPlace("f", "p", 1.0),), pose, LocalizationStatus.OK, spread @ spread.T)
+    samples = []
+    for errors in rng.standard_normal((20_000, size)) @ spread.T:
+        shift, turn = (errors[:3], errors[3:]) if size == 6 else ([*errors[:2], 0], [0, 0, errors[2]])
+        moved = pose.copy()
+        moved[:3, :3] = Rotation.from_rotvec(turn).as_matrix() @ pose[:3, :3]
+        moved[:3, 3] += shift
+        base = moved @ invert_pose(translation(position_m))
+        samples.append([*base[:3, 3], *turn] if size == 6 else [*base[:2, 3], pose_yaw(base)])
+    expected = np.cov(np.transpose(samples))
+    np.testing.assert_allclose(answer.moved(position_m).covariance, expected, atol=0.05 * np.abs(expected).max())

@@ -10,6 +10,7 @@ from salframe.framework.errors import DataError
 from salframe.localization.answers import Localization, LocalizationStatus, ranked_places
 from salframe.localization.fusing import choose_surest, fuse_answers
 from salframe.localization.map import LocalizationMap
+from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.opening import find_dataset, reference_frames
 from salframe.panoramas.panorama import Panorama
@@ -42,6 +43,20 @@ def test_the_motion_of_the_last_view_is_the_identity():
         motions([])
     with pytest.raises(DataError, match="view 0 is Panorama"):
         motions([PANORAMA])
+
+
+def test_motions_between_bases_become_motions_between_panoramas():
+    """A camera 0.5 m ahead of a base that turns by 90 degrees on the spot: it stands 0.5 m left and 0.5 m behind."""
+    ahead = np.array([0.5, 0, 1.0])
+    first = View(PANORAMA, pose_2d(0, 0, -np.pi / 2), ahead)
+    expected = pose_2d(-0.5, -0.5, -np.pi / 2)
+    np.testing.assert_allclose(motions([first, View(PANORAMA, None, ahead)])[0], expected, atol=1e-12)
+    other_side = View(PANORAMA, None, -ahead)
+    np.testing.assert_allclose(motions([first, other_side])[0], pose_2d(0.5, -0.5, -np.pi / 2, 2), atol=1e-12)
+    with pytest.raises(DataError, match=r"View\.position_m has shape \(2,\), expected \(3\)"):
+        View(PANORAMA, None, np.zeros(2))
+    with pytest.raises(DataError, match=r"View\.position_m is \[nan, 0.0, 0.0\], expected finite metres"):
+        View(PANORAMA, None, [np.nan, 0, 0])
 
 
 def test_the_variance_of_a_moved_position_grows_with_path_and_turns():
@@ -91,6 +106,9 @@ def test_a_localizer_without_join_says_so(fakes):
     unknown = built.localize(views=[View(panorama), View(panorama)])
     assert "because the motion between them is unknown" in unknown.notes[0]
     assert built.localize(views=[View(panorama)]).places == alone.places
+    moved = built.localize(views=[View(panorama, position_m=[0.5, 0, 1])])
+    expected = alone.T_world_query @ np.vstack([np.eye(4)[:3] - [[0, 0, 0, 0.5], [0] * 4, [0, 0, 0, 1]], [0, 0, 0, 1]])
+    np.testing.assert_allclose(moved.T_world_query, expected)
     with pytest.raises(DataError, match="both views and another query"):
         built.localize(panorama, views=[View(panorama)])
 
@@ -106,3 +124,22 @@ def test_the_surest_answer_is_moved_to_the_last_view():
     np.testing.assert_array_equal(choose_surest([last, first], None).T_world_query, first.T_world_query)
     nothing = Localization((), None, LocalizationStatus.NO_OBJECTS)
     assert choose_surest([nothing, nothing], None).status == LocalizationStatus.NO_OBJECTS
+
+
+def test_a_query_with_earlier_views_is_localized_as_its_views(fakes):
+    rooms = find_dataset("rooms")
+    frames = reference_frames(rooms)
+    built = LocalizationMap.build(Reader(Reader.Config(kind="reader")), frames)
+    T_last_view = np.array([pose_2d(-1, 0, 0.5), np.eye(4)])
+    query = QueryFrame("last", frames[0].load, earlier=(QueryFrame("first", frames[1].load),), T_last_view=T_last_view)
+    expected = built.localize(views=[View(frames[1].load(), T_last_view[0]), View(frames[0].load())])
+    answer = built.localize(query)
+    assert answer.places == expected.places
+    assert answer.notes == expected.notes
+    np.testing.assert_array_equal(answer.T_world_query, expected.T_world_query)
+
+
+@pytest.mark.parametrize("motions", [np.array([np.eye(4)]), np.array([2 * np.eye(4), np.eye(4)])])
+def test_wrong_motions_of_a_query_are_refused(motions):
+    with pytest.raises(DataError, match=r"T_last_view has shape|are not rigid"):
+        QueryFrame("last", lambda: PANORAMA, earlier=(QueryFrame("first", lambda: PANORAMA),), T_last_view=motions)

@@ -11,7 +11,8 @@ from tiny_folder import write_tiny_folder
 
 from salframe.framework.errors import ConfigError, DataError
 from salframe.panoramas import images
-from salframe.panoramas.folder_format import Folder, FrameEntry, write_floor, write_panorama
+from salframe.panoramas.folder_format import FrameEntry, write_floor, write_panorama
+from salframe.panoramas.folder_reader import Folder
 from salframe.panoramas.range_encoding import RangeEncoding, RangeKind
 from salframe.testing.rooms import map_frames
 

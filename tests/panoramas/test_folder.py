@@ -19,7 +19,6 @@ from salframe.framework.errors import DataError
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.folder import FolderDataset
 from salframe.panoramas.folder_format import (
-    Folder,
     FrameEntry,
     TruthEntry,
     is_written,
@@ -28,6 +27,7 @@ from salframe.panoramas.folder_format import (
     write_objects,
     write_panorama,
 )
+from salframe.panoramas.folder_reader import Folder
 from salframe.panoramas.frames import FrameKind, QueryFrame
 from salframe.panoramas.geometry import pose_2d
 
@@ -126,7 +126,8 @@ def test_reads_what_was_written(folder: Path, images: dict[str, np.ndarray]) -> 
 def test_queries_carry_no_truth(folder: Path, images: dict[str, np.ndarray]) -> None:
     data = dataset(folder)
     (query,) = data.folds()[0].queries
-    assert {field.name for field in fields(query)} == {"id", "load", "content"}
+    assert {field.name for field in fields(query)} == {"id", "load", "content", "earlier", "T_last_view"}
+    assert (query.earlier, query.T_last_view) == ((), None)
     assert query.content == ""
     assert type(query) is QueryFrame
     assert "room" not in (folder / "manifest.json").read_text().partition('"q"')[2].partition("}")[0]

@@ -14,7 +14,8 @@ from scipy.spatial.transform import Rotation
 from salframe.framework.errors import DataError
 from salframe.panoramas import images
 from salframe.panoramas.data_checks import picture_note
-from salframe.panoramas.folder_format import Folder, FrameEntry, write_manifest
+from salframe.panoramas.folder_format import FrameEntry, write_manifest
+from salframe.panoramas.folder_reader import Folder
 from salframe.panoramas.geometry import equirectangular_rays
 from salframe.panoramas.shot import open_panorama, open_photograph, read_panorama
 
@@ -221,7 +222,7 @@ def test_a_panorama_is_no_photograph(tmp_path):
     xmp = packet(ProjectionType="equirectangular", **CROP)
     write(tmp_path / "a.jpg", np.full((100, 256, 3), 90, np.uint8), xmp)
     with pytest.raises(DataError, match="is an equirectangular panorama by its XMP, expected a photograph"):
-        open_photograph(tmp_path / "a.jpg", 1.0)
+        open_photograph(tmp_path / "a.jpg", fov_deg=60)
 
 
 def test_a_folder_levels_its_frames_unless_their_poses_are_tilted(tmp_path):

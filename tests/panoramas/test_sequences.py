@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from salframe.framework.errors import DataError
+from salframe.panoramas.data_checks import data_notes
 from salframe.panoramas.folder import FolderDataset
 from salframe.panoramas.folder_format import FrameEntry, TruthEntry, write_manifest, write_panorama
 from salframe.panoramas.geometry import pose_2d
+from salframe.panoramas.opening import find_frame
 from salframe.panoramas.sequences import MAX_GAP_S, Odometry
 
 HEADER = "t_s,x_m,y_m,z_m,yaw_deg\n"
@@ -83,6 +85,9 @@ def test_the_views_of_a_sequence_are_one_query_in_the_order_of_time(tmp_path):
     assert frame.id == "c"
     assert [view.id for view in frame.views] == ["a", "b", "c"]
     assert [view.load().id for view in frame.views] == ["a", "b", "c"]
+    dataset = FolderDataset(FolderDataset.Config(root=root))
+    assert find_frame(dataset, "b").earlier == ()
+    assert len(find_frame(dataset, "c").earlier) == 2
     np.testing.assert_allclose(frame.T_last_view[1], pose_2d(2, 0, np.radians(-80)), atol=1e-12)
     before = FolderDataset(FolderDataset.Config(root=root)).fingerprint
     (root / "odometry.csv").write_text(HEADER + ROWS.replace("1.5,1,2", "1.5,1,3"))
@@ -94,6 +99,8 @@ def test_missing_odometry_leaves_the_motion_unknown(tmp_path, rows):
     frame = query(write_folder(tmp_path, {"a": 0.0, "b": 4.0}, rows))
     assert [view.id for view in frame.views] == ["a", "b"]
     assert frame.T_last_view is None
+    (note,) = [note for note in data_notes(FolderDataset(FolderDataset.Config(root=tmp_path))) if "motion" in note]
+    assert note.startswith("the motion between the views of b is unknown (1 of 1 queries with several views)")
 
 
 @pytest.mark.parametrize(

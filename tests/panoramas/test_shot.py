@@ -52,9 +52,9 @@ def test_a_photograph_is_laid_on_a_panorama_as_fine_as_itself(tmp_path, width, h
     rgb[:, : width // 2] = 200
     images.write_color(tmp_path / "a.png", rgb)
     images.write_range(tmp_path / "depth.png", np.full((height, width), 2.0))
-    shot = open_photograph(tmp_path / "a.png", np.radians(70), depth_image=tmp_path / "depth.png")
+    shot = open_photograph(tmp_path / "a.png", tmp_path / "depth.png", fov_deg=70)
     assert shot.rgb.shape == (height, width, 3)
-    assert (shot.camera.width_px, shot.camera.height_px) == (width, height)
+    assert (shot.camera.width, shot.camera.height) == (width, height)
     panorama, rays = shot.panorama, equirectangular_rays(rows)
     assert panorama.range_m.shape == (rows, 2 * rows)
     np.testing.assert_allclose(panorama.range_m[panorama.valid], (2 / rays[..., 0])[panorama.valid], rtol=0.02)
@@ -67,7 +67,7 @@ def test_depth_of_another_size_is_refused(tmp_path):
     images.write_color(tmp_path / "a.png", np.zeros((48, 64, 3), np.uint8))
     images.write_range(tmp_path / "depth.png", np.ones((24, 32)))
     with pytest.raises(DataError, match=r"depth\.png is 32 x 24, expected 64 x 48"):
-        open_photograph(tmp_path / "a.png", 1.0, depth_image=tmp_path / "depth.png")
+        open_photograph(tmp_path / "a.png", tmp_path / "depth.png", fov_deg=60)
 
 
 def loose(tmp_path, steps):
@@ -97,7 +97,7 @@ def test_loose_images_are_a_panorama(tmp_path):
 
 def test_depth_of_a_cubes_faces_becomes_range(tmp_path):
     """Walls, floor and ceiling 2 m away, each square to its face: the room is a cube, and points lie on it."""
-    panorama = read_panorama(*loose(tmp_path, np.full((64, 128), 2000))[:2], z_depth=True)
+    panorama = read_panorama(*loose(tmp_path, np.full((64, 128), 2000))[:2], range_kind="cube")
     points = equirectangular_rays(64) * panorama.range_m[..., None]
     np.testing.assert_allclose(np.abs(points).max(axis=2), 2, atol=1e-5)
     assert panorama.range_m.max() == pytest.approx(2 * 3**0.5, rel=0.03)  # the corners, to a pixel of 2.8 deg

@@ -30,7 +30,8 @@ from salframe.localization.map import open_map
 from salframe.localization.map_files import MAP
 from salframe.navigation.episodes import read_episode_requests
 from salframe.panoramas import images
-from salframe.panoramas.folder_format import Folder
+from salframe.panoramas.camera_file import read_camera
+from salframe.panoramas.folder_reader import Folder
 from salframe.panoramas.house_file import read_house
 from salframe.panoramas.shot import read_panorama
 from salframe.topology.building_map import build_map
@@ -107,6 +108,7 @@ READERS = {
         "regions", lambda root: (read_regions(root / "vp2room.json"), read_room_types(root / "vp2room.json"))
     ),
     "house": Reader("house", lambda root: read_house(root / "a.house")),
+    "camera": Reader("camera", lambda root: read_camera(root / "camera.json")),
     "cameras": Reader("cameras", lambda root: read_cameras(root)),
     "frames": Reader("frames", lambda root: read_frames(root / "frames.csv")),
     "rooms": Reader("rooms", lambda root: read_rooms(root)),
@@ -124,6 +126,7 @@ def write_sound(root: Path) -> None:
         "labels",
         "pictures",
         "photograph",
+        "camera",
         "study",
         "preset",
         "episodes",
@@ -140,6 +143,10 @@ def write_sound(root: Path) -> None:
     cv2.imwrite(str(root / "photograph" / "a.jpg"), noise)
     images.write_ids(root / "labels" / "ids.png", noise[..., 0] % 3)
     write_json(root / "labels" / "labels.json", {"1": "bed", "2": "lamp"})
+    pinhole = {"width": 640, "height": 480, "fx": 525.0, "fy": 525.0, "cx": 319.5, "cy": 239.5}
+    distortion = {"distortion_model": "plumb_bob", "distortion": [-0.2, 0.04, 0.001, -0.0005, 0.0]}
+    pose = [[0, 0, 1, 0.2], [-1, 0, 0, 0], [0, -1, 0, 0.4], [0, 0, 0, 1]]
+    write_json(root / "camera" / "camera.json", {**pinhole, **distortion, "T_base_camera": pose})
     write_small_map(root / "topology")
     _write_run(root / "run", root / "folder")
     (root / "study" / "study.yaml").write_text(

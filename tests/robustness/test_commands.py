@@ -16,7 +16,8 @@ from tiny_folder import write_tiny_folder
 from salframe.framework.errors import DataError
 from salframe.framework.files.hashes import file_sha256
 from salframe.framework.files.writing import write_json
-from salframe.panoramas.folder_format import Folder, write_objects
+from salframe.panoramas.folder_format import write_objects
+from salframe.panoramas.folder_reader import Folder
 from salframe.topology.store import open_topology
 
 sys.path.insert(0, str(Path(__file__).parent))

@@ -21,7 +21,7 @@ def test_gravity_is_seen_in_floor_and_walls(pitch_deg, roll_deg):
     tilted = np.array([[1, 0, 0], [0, np.cos(roll), -np.sin(roll)], [0, np.sin(roll), np.cos(roll)]])
     level = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
     rotation = looks @ tilted @ level  # camera axes to upright
-    y, x = np.mgrid[:480, :640] + 0.5
+    y, x = np.mgrid[:480, :640]
     rays = np.stack([(x - CENTRE_PX[0]) / FOCAL_PX, (y - CENTRE_PX[1]) / FOCAL_PX, np.ones_like(x)], -1) @ rotation.T
     with np.errstate(divide="ignore"):
         planes = np.stack([-1.2 / rays[..., 2], 3 / rays[..., 0], 1.5 / rays[..., 1], -2 / rays[..., 1]])

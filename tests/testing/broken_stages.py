@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from salframe_engines import Inline, Processes
 from salframe_graphs.geometric import GeometricMatcher
-from salframe_graphs.positioning import RobustPositioner
+from salframe_graphs.positioning import LeastSquaresPositioner, RobustPositioner
 from salframe_graphs.saliency import VolumetricSaliency
 
 from salframe.framework.errors import WorkerDied
@@ -105,6 +105,13 @@ class Inverse(RobustPositioner):
         return super().solve(reference_m, query_m, weights)
 
 
+class Facing(LeastSquaresPositioner):
+    """Broken."""
+
+    def solve(self, query_m, reference_m, weights=None):
+        return super().solve(query_m, reference_m, np.exp(query_m[:, 0]))
+
+
 class Optimistic(RobustPositioner):
     """Broken."""
 
@@ -187,6 +194,7 @@ BROKEN_STAGES = [
     (Displaced, "rank of .* received other poses, expected the poses of `match`"),
     (Hopeful, "match of a graph without objects: received 1 matches, expected an empty list"),
     (Inverse, "solve of 8 points without noise: received a pose that is off by"),
+    (Facing, "solve of 8 turned points with noise: received a pose that is .* off the turn"),
     (Optimistic, "solve of no point: received a pose"),
     (Poseless, "received the status 'ok' without a pose"),
     (Centring, "received .*read-only"),

@@ -16,6 +16,7 @@ from broken_range_models import BROKEN_RANGE_MODELS, Ranging
 from broken_stages import BROKEN_STAGES
 from conformance import breaks, conforms
 from salframe_annotations.detector import AnnotationDetector
+from salframe_graphs.localizer import SaliencyGraphLocalizer
 from tiny_folder import write_tiny_folder
 
 from salframe.framework.component import Role, match_only
@@ -106,14 +107,31 @@ def test_annotations_turn_exactly_under_heavy_noise():
     assert conforms(AnnotationDetector, AnnotationDetector.Config(noise="uniform-heavy", seed=3))
 
 
+class Declared(SaliencyGraphLocalizer):
+    """Declares that its poses turn with the panorama, whatever its settings."""
+
+    name = "declared"
+    column_step = 1
+
+
+def test_the_step_of_a_method_is_that_of_its_stages():
+    """Where the answer is the pose of the reference frame, it does not turn with the query."""
+    fixed = SaliencyGraphLocalizer.Config(detector="annotations", positioner=None)
+    assert SaliencyGraphLocalizer(fixed).column_step is None
+    assert conforms(SaliencyGraphLocalizer, fixed)
+
+
 @pytest.mark.parametrize("structure", ["rings", slow("node2vec")])
 def test_the_papers_angles_do_not_turn_with_the_panorama(structure):
     """The arccos loses the sign and the arithmetic mean wraps
-    (docs/explanation/method.md#from-matched-nodes-to-a-pose); without them the paper's localizer conforms."""
-    paper = merge(settings("localizer", "paper"), {"matcher": {"structure": structure}})
+    (docs/explanation/method.md#from-matched-nodes-to-a-pose); without them the paper's poses turn."""
+    paper = merge(settings("localizer", "paper"), {"matcher": {"structure": structure}, "detector": "annotations"})
     config = configure("localizer", "paper", paper)
-    breaks(r"rolled by 1 columns: received a pose that moved .* rad off the rotation", config.component, config)
+    assert config.component(config).column_step is None
+    declared = Declared.Config.model_validate({key: value for key, value in paper.items() if key != "kind"})
+    breaks(r"rolled by 1 columns: received a pose that moved .* rad off the rotation", Declared, declared)
     repaired = configure("localizer", "paper", paper, [{"positioner": {"angle": "atan2", "mean": "circular"}}])
+    assert repaired.component(repaired).column_step == 1
     assert conforms(repaired.component, repaired)
 
 

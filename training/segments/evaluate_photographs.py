@@ -27,6 +27,7 @@ from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
 from salframe.panoramas.geometry import rays_to_pixels
 from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.photograph import lay_on_sphere, see_panorama
 from training.segments.calibration import brier, curve, fit, interval, left_out_scores, logit
 from training.segments.measures import (
     ROWS,
@@ -146,8 +147,8 @@ def look(detector: Detector, view: View, panorama: Panorama) -> Seen:
         answers = [class_pixels(detector, panorama, turn_deg) for turn_deg in TURNS_DEG]
     else:
         answers = [class_image(detections)]
-    pixels = np.sum([confusion(view.labels, view.camera.see(answer)) for answer in answers], 0)
-    laid = view.camera.lay_on_sphere(view.labels, ROWS, smooth=False)
+    pixels = np.sum([confusion(view.labels, see_panorama(view.camera, answer)) for answer in answers], 0)
+    laid = lay_on_sphere(view.camera, view.labels, ROWS, smooth=False)
     return Seen(pixels, lay_objects(detections, laid), parts_of(laid))
 
 

@@ -10,12 +10,14 @@ import cv2
 import numpy as np
 
 from salframe.framework.errors import DataError
+from salframe.panoramas.camera import LEVEL, Camera
 from salframe.panoramas.images import read_color, read_range
 from salframe.panoramas.panorama import Panorama
-from salframe.panoramas.photograph import LEVEL, Pinhole
+from salframe.panoramas.photograph import photograph_panorama
 
-FOCAL_PX, CENTRE_PX = 519.0, (325.0, 254.0)
-"""Focal length and centre of the Kinect's colour camera. Depth and labels are aligned with it."""
+FOCAL_PX, CENTRE_PX = 519.0, (324.5, 253.5)
+"""Focal length and principal point of the Kinect's colour camera; the centre of the first pixel is at 0. Depth and
+labels are aligned with it."""
 STEPS_DEG = (45.0, 45.0, 45.0, 15.0, 15.0, 15.0, 15.0, 15.0)
 """Maximum deviation of a surface from horizontal or vertical in each step of the gravity estimate, coarse to fine."""
 
@@ -25,14 +27,14 @@ class View:
     """A photograph with its camera, and class ids (h, w) uint8 as in thirteen.CLASSES, 0 where unlabelled."""
 
     name: str
-    camera: Pinhole
+    camera: Camera
     rgb: np.ndarray
     depth_m: np.ndarray
     labels: np.ndarray
 
     def panorama(self, height: int) -> Panorama:
         """Return the photograph as a partial panorama."""
-        return self.camera.panorama(self.name, self.rgb, self.depth_m, height)
+        return photograph_panorama(self.camera, self.name, self.rgb, self.depth_m, height=height)
 
 
 def read_views(folder: Path) -> Iterator[View]:
@@ -48,8 +50,9 @@ def read_views(folder: Path) -> Iterator[View]:
         labels = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
         depth_m = read_range(folder / "depth" / path.name)
         height, width = labels.shape
-        axes = upright(normals(depth_m, FOCAL_PX, CENTRE_PX))
-        camera = Pinhole(width, height, FOCAL_PX, CENTRE_PX, axes)
+        pose = np.eye(4)
+        pose[:3, :3] = upright(normals(depth_m, FOCAL_PX, CENTRE_PX))
+        camera = Camera(width, height, FOCAL_PX, FOCAL_PX, *CENTRE_PX, T_base_camera=pose)
         yield View(path.stem, camera, read_color(folder / "rgb" / path.name), depth_m, labels)
 
 
@@ -57,7 +60,7 @@ def normals(depth_m: np.ndarray, focal_px: float, centre_px: tuple[float, float]
     """Return (n, 3) unit surface normals of a z-depth image, in camera axes (x right, y down, z forward)."""
     y, x = np.mgrid[: depth_m.shape[0] : step, : depth_m.shape[1] : step]
     z = cv2.blur(np.nan_to_num(depth_m), (step, step))[::step, ::step]
-    points = np.stack([(x + 0.5 - centre_px[0]) / focal_px * z, (y + 0.5 - centre_px[1]) / focal_px * z, z], -1)
+    points = np.stack([(x - centre_px[0]) / focal_px * z, (y - centre_px[1]) / focal_px * z, z], -1)
     across, along = points[1:-1, 2:] - points[1:-1, :-2], points[2:, 1:-1] - points[:-2, 1:-1]
     normal = np.cross(across, along).reshape(-1, 3)
     length = np.linalg.norm(normal, axis=1)
@@ -79,7 +82,7 @@ def upright(normal: np.ndarray) -> np.ndarray:
         spread = normal[standing].T @ normal[standing] - normal[level].T @ normal[level]
         _, vectors = np.linalg.eigh(spread)
         up = vectors[:, 0] * np.sign(vectors[:, 0] @ up)
-    forward = LEVEL.T @ [1.0, 0.0, 0.0]
+    forward = LEVEL[0, :3]
     ahead = forward - (forward @ up) * up
     ahead /= np.linalg.norm(ahead)
     return np.stack([ahead, np.cross(up, ahead), up])

@@ -207,6 +207,11 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         description = super().unpack(packed)
         return {**description, OUTLINE: unpack_outline(packed[PACKED])} if PACKED in packed else description
 
+    @property
+    def column_step(self) -> int | None:  # type: ignore[override]
+        """Step of the detector; None if the pose does not turn with the panorama."""
+        return super().column_step if self._matching.is_equivariant else None
+
     def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> None:
         graphs = [graph_from_arrays(description) for description in descriptions]
         self._matching.index(graphs, frames)

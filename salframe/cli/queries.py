@@ -1,0 +1,170 @@
+"""The query of the command `localize`: frames of a dataset, loose panoramas, or photographs of a camera."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from salframe.panoramas.camera import Camera
+    from salframe.panoramas.view import View
+
+
+@dataclass(frozen=True, kw_only=True)
+class QueryOptions:
+    """Options of `localize` that name the query.
+
+    Attributes:
+        frames: Images or ids of frames.
+        is_sequence: Whether the frames are views of one query.
+        motion: CSV file with the motion between the views.
+        data: Dataset that contains the frames.
+        data_dir: Folder of the dataset files.
+        overrides: Settings of the dataset.
+        rgb: Colour image, instead of the frames.
+        ranges: Range images, one for each view.
+        instances: Images of object ids, one for each view.
+        labels: Labels of the object ids.
+        encoding: Options of the range images, as `range_options` returns them.
+        camera: Camera file of photographs.
+        fov_deg: Horizontal field of view of photographs.
+
+    Raises:
+        ConfigError: Options contradict each other.
+    """
+
+    frames: Sequence[str]
+    is_sequence: bool
+    motion: Path | None
+    data: str | None
+    data_dir: Path | None
+    overrides: Sequence[str]
+    rgb: Path | None
+    ranges: Sequence[Path]
+    instances: Sequence[Path]
+    labels: Path | None
+    encoding: dict[str, Any]
+    camera: Path | None
+    fov_deg: float | None
+
+    def __post_init__(self) -> None:
+        from salframe.framework.errors import ConfigError
+
+        has_images = self.rgb is not None or bool(self.ranges or self.instances) or self.labels is not None
+        if self.is_sequence and self.rgb is not None:
+            raise ConfigError("received --views with --rgb, expected the views as arguments: --views a.jpg b.jpg")
+        takes_both = self.rgb is None and (self.is_sequence or self.are_photographs)
+        if not (self.frames or has_images) or (self.is_sequence and not self.frames):
+            raise ConfigError(
+                "received neither a frame nor images, expected either FRAME or image files such as --rgb FILE"
+            )
+        if self.frames and has_images and not takes_both:
+            raise ConfigError(
+                "received both a frame and images, expected either FRAME or image files such as --rgb FILE"
+            )
+        if not self.is_sequence and (len(self.frames) > 1 or self.motion is not None):
+            received = f"{len(self.frames)} frames" if len(self.frames) > 1 else "--motion"
+            raise ConfigError(f"received {received} without --views, expected --views for several views of one query")
+        if self.camera is not None and self.fov_deg is not None:
+            raise ConfigError("received both --camera and --fov, expected only one of them")
+        if self.are_photographs and self.data is not None:
+            raise ConfigError("received --data with a camera, expected image files: leave out --fov and --camera")
+        if self.are_photographs and not (self.frames or self.rgb):
+            raise ConfigError("received a camera without a photograph, expected its file: --rgb FILE")
+        for option, files in (("--range", self.ranges), ("--instances", self.instances)):
+            if files and len(files) != self._num_views:
+                raise ConfigError(
+                    f"received {len(files)} {option} for {self._num_views} views, expected one {option} for each view, "
+                    "in the same order"
+                )
+
+    @property
+    def are_photographs(self) -> bool:
+        """Whether the images are photographs of a camera."""
+        return self.camera is not None or self.fov_deg is not None
+
+    def read(self) -> list[View]:
+        """Return the views of the query, in their order, with the motion between them where it is known.
+
+        Notes on the images and warnings on the camera are printed.
+
+        Raises:
+            DataError: A file is missing or malformed.
+            UnknownName: There is no such dataset or frame.
+        """
+        from salframe.cli.output import tell, warn
+        from salframe.panoramas.camera_file import read_camera
+        from salframe.panoramas.motion_file import read_motion
+
+        motions = [None] * self._num_views if self.motion is None else read_motion(self.motion, self._num_views)
+        camera = None if self.camera is None else read_camera(self.camera)
+        for note in () if camera is None else camera.notes:
+            warn(f"{self.camera}: {note}")
+        views = [view for number, motion in enumerate(motions) for view in self._read_views(number, camera, motion)]
+        for view in views:
+            for note in view.panorama.notes:
+                tell(f"{view.panorama.id} {note}")
+        return views
+
+    @property
+    def _num_views(self) -> int:
+        return max(1, len(self.frames))
+
+    def _read_views(self, number: int, camera: Camera | None, motion: np.ndarray | None) -> list[View]:
+        """Return one view, or all views of a frame that ends a sequence of its dataset."""
+        from salframe.cli.output import Bars, tell
+        from salframe.framework.errors import ConfigError
+        from salframe.panoramas.frames import QueryFrame
+        from salframe.panoramas.image_lookup import find_frame_image
+        from salframe.panoramas.opening import open_frame
+        from salframe.panoramas.shot import read_panorama
+        from salframe.panoramas.view import View
+
+        name = self.frames[number] if self.frames else self.rgb
+        range_image = self.ranges[number] if self.ranges else None
+        instances = self.instances[number] if self.instances else None
+        if self.are_photographs and name is not None:
+            return [self._read_photograph(Path(name), range_image, instances, camera, motion)]
+        if not self.frames or (self.is_sequence and self.data is None and find_frame_image(Path(str(name))) is None):
+            return [View(read_panorama(name, range_image, instances, self.labels, **self.encoding), motion)]
+        if range_image or instances or self.labels:
+            raise ConfigError(
+                f"received images for {name}, a frame of a dataset that has its own, expected none: leave out --range, "
+                "--instances and --labels"
+            )
+        with Bars() as bars:
+            frame = open_frame(str(name), self.data, self.data_dir, self.overrides, bars.update)
+        if self.is_sequence or not isinstance(frame, QueryFrame) or not frame.earlier:
+            return [View(frame.load(), motion)]
+        tell(f"{frame.id} is the last of {len(frame.views)} views of a query")
+        unknown = [None] * len(frame.views)
+        between = unknown if frame.T_last_view is None else frame.T_last_view
+        return [View(view.load(), T_last_view) for view, T_last_view in zip(frame.views, between, strict=True)]
+
+    def _read_photograph(
+        self,
+        image: Path,
+        depth_image: Path | None,
+        instances: Path | None,
+        camera: Camera | None,
+        motion: np.ndarray | None,
+    ) -> View:
+        import numpy as np
+
+        from salframe.cli.output import warn
+        from salframe.panoramas.range_encoding import MILLIMETRE, RangeEncoding, RangeKind
+        from salframe.panoramas.shot import missing_depth_note, open_photograph
+        from salframe.panoramas.view import View
+
+        unit_m, missing = self.encoding.get("range_unit_m", MILLIMETRE), self.encoding.get("range_missing", ())
+        encoding = RangeEncoding(unit_m, missing, self.encoding.get("range_kind", RangeKind.Z))
+        shot = open_photograph(
+            image, depth_image, instances, self.labels, camera=camera, fov_deg=self.fov_deg, encoding=encoding
+        )
+        if note := missing_depth_note(shot, encoding):
+            warn(note)
+        return View(shot.panorama, motion, np.zeros(3) if camera is None else camera.position_m)

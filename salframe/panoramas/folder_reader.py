@@ -1,0 +1,223 @@
+"""Reading a folder of panoramas in the folder format. See docs/reference/folder-format.md."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property, partial
+from pathlib import Path
+
+import numpy as np
+from pydantic import Field
+
+from salframe.framework.errors import DataError, TruthMissing
+from salframe.framework.files.hashes import file_sha256
+from salframe.framework.files.reading import read_model, read_table
+from salframe.framework.validation import Settings
+from salframe.panoramas import images
+from salframe.panoramas.camera_height import USUAL_M
+from salframe.panoramas.dataset import MANIFEST
+from salframe.panoramas.floors import MAX_CAMERA_M, SAME_FLOOR_M, FloorMasks, check_heights
+from salframe.panoramas.folder_format import (
+    IMAGE_KEYS,
+    WRITTEN_AS,
+    FrameEntry,
+    Manifest,
+    TruthEntry,
+    TruthFile,
+    pose_matrix,
+)
+from salframe.panoramas.frames import FrameKind, QueryFrame, ReferenceFrame, Truth
+from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.panorama_files import load_panorama
+from salframe.panoramas.pose_conventions import convert_pose
+from salframe.panoramas.range_encoding import RangeEncoding
+from salframe.panoramas.sequences import Odometry
+
+_MIN_UPRIGHT_COSINE = np.cos(np.radians(1.0))
+"""Cosine of the maximum tilt of a pose that counts as upright."""
+MIN_STOREY_M = 2.4
+"""Minimum height of a storey. Cameras whose heights differ by more stand on different floors."""
+
+
+class Folder:
+    """A dataset folder, read on demand. Raises DataError, in one line, where a file is missing or malformed."""
+
+    def __init__(self, root: Path):
+        if not (root / MANIFEST).exists():
+            raise DataError(f"{root} is not a dataset folder: it has no {MANIFEST}")
+        self.root = root
+        self.manifest = read_model(root / MANIFEST, Manifest)
+
+    @property
+    def provides(self) -> frozenset[str]:
+        """Parts that every frame has, of "rgb", "range" and "annotations"."""
+        frames = self.manifest.frames
+        parts = {name for name, (key, _) in WRITTEN_AS.items() if all(getattr(frame, key) for frame in frames)}
+        return frozenset(parts - {"valid"})
+
+    @cached_property
+    def labels(self) -> dict[int, str]:
+        """Label of each instance id, from the table of objects."""
+        return {} if self.manifest.objects is None else read_labels(self.root / self.manifest.objects)
+
+    @cached_property
+    def _truth(self) -> dict[str, TruthEntry]:
+        return {} if self.manifest.truth is None else read_model(self.root / self.manifest.truth, TruthFile).queries
+
+    def truth(self, query_id: str) -> Truth:
+        """Return the truth of a query. Raises TruthMissing where it has none."""
+        try:
+            entry = self._truth[query_id]
+        except KeyError:
+            where = self.root / (self.manifest.truth or MANIFEST)
+            expected = "its place in the file that `truth` in the manifest names"
+            raise TruthMissing(
+                f"{where} has no truth of the query {query_id!r}, expected {expected}: the evaluation needs it, "
+                "`salframe localize` does not"
+            ) from None
+        return Truth(entry.place, self._pose(entry.pose), entry.instances)
+
+    def reference_frame(self, entry: FrameEntry, content: str = "") -> ReferenceFrame:
+        """Return a reference frame of the manifest with this `content`; its images are read when it is loaded."""
+        kind = FrameKind.TRANSITION if entry.role == "transition" else FrameKind.SCENE
+        pose, place = self._pose(entry.pose), entry.place
+        if pose is None or place is None:
+            raise DataError(f"{self.root / MANIFEST}: the reference frame {entry.id} has no pose or no place")
+        return ReferenceFrame(entry.id, place, pose, kind, partial(self.load, entry), content)
+
+    def _pose(self, pose: Sequence[float] | None) -> np.ndarray | None:
+        """Return T_world_pano of a pose in the convention and unit of the manifest; None from None."""
+        if pose is None:
+            return None
+        return convert_pose(pose_matrix(pose), self.manifest.pose_convention, self.manifest.pose_unit_m)
+
+    def query_frames(self, contents: Mapping[str, str]) -> list[QueryFrame]:
+        """Return the queries of the manifest. Their images are read when they are loaded.
+
+        The views of a sequence are one query, in the order of time. Its id is that of its last view.
+
+        Args:
+            contents: The `content` of frames by id; missing: "".
+
+        Raises:
+            DataError: The odometry cannot be read.
+        """
+        odometry = None if self.manifest.odometry is None else Odometry.read(self.root / self.manifest.odometry)
+        groups: dict[str, list[FrameEntry]] = {}
+        for entry in self.manifest.frames:
+            if entry.role == "query":
+                key = f"frame {entry.id}" if entry.sequence is None else f"sequence {entry.sequence}"
+                groups.setdefault(key, []).append(entry)
+        queries = []
+        for entries in groups.values():
+            entries.sort(key=lambda entry: entry.t_s or 0.0)
+            *earlier, last = (
+                QueryFrame(entry.id, partial(self.load, entry), contents.get(entry.id, "")) for entry in entries
+            )
+            times = [entry.t_s for entry in entries if entry.t_s is not None]
+            T_last_view = odometry.motions(times) if odometry is not None and earlier else None
+            queries.append(replace(last, earlier=tuple(earlier), T_last_view=T_last_view))
+        return queries
+
+    def load(self, frame: FrameEntry) -> Panorama:
+        """Read the panorama of a frame.
+
+        A picture that is tilted by its XMP is levelled if the pose of the frame is level. A tilted pose describes the
+        picture as it is stored.
+        """
+        pose = self._pose(frame.pose)
+        rgb, range_image, instances, valid = (
+            None if name is None else self.root / name for name in (getattr(frame, key) for key in IMAGE_KEYS)
+        )
+        return load_panorama(
+            frame.id,
+            rgb=rgb,
+            range_image=range_image,
+            instances=instances,
+            valid=valid,
+            labels=self.labels if instances else None,
+            rendered=self.manifest.rendered,
+            encoding=frame.encoding(self.manifest.encoding(RangeEncoding())),
+            level=pose is None or pose[2, 2] > _MIN_UPRIGHT_COSINE,
+        )
+
+    def floors(self) -> list[FloorMasks]:
+        """Read the floor masks."""
+        floors = []
+        for floor, z_m in zip(self.manifest.floors, self._floor_heights(), strict=True):
+            free, obstacle = (images.read_mask(self.root / name) for name in (floor.free, floor.obstacle))
+            region = images.read_ids(self.root / floor.region)
+            if not free.shape == obstacle.shape == region.shape:
+                shapes = ", ".join(f"{image.shape[1]} x {image.shape[0]}" for image in (free, region, obstacle))
+                raise DataError(
+                    f"{self.root}: the masks free, region and obstacle of a floor are {shapes}, expected equal sizes"
+                )
+            floors.append(FloorMasks(free, region, obstacle, floor.resolution_m, floor.origin_m, floor.regions, z_m))
+        check_heights(floors)
+        return floors
+
+    def _floor_heights(self) -> list[float]:
+        """Return the height of each floor in metres.
+
+        The default of a single floor is 0 if all cameras are 0 to MAX_CAMERA_M above 0, else USUAL_M below the
+        lowest camera.
+
+        Raises:
+            DataError: A floor has no `z_m`, and there are several floors, or the cameras stand on more than one storey.
+        """
+        heights_m = [floor.z_m for floor in self.manifest.floors]
+        if None not in heights_m:
+            return [height_m for height_m in heights_m if height_m is not None]
+        if len(heights_m) > 1:
+            raise DataError(
+                f"{self.root / MANIFEST}: {heights_m.count(None)} of {len(heights_m)} floors have no z_m, expected the "
+                "height of each floor in the world in metres"
+            )
+        poses = [self._pose(frame.pose) for frame in self.manifest.frames]
+        cameras_m = [float(pose[2, 3]) for pose in poses if pose is not None]
+        lowest_m, highest_m = min(cameras_m), max(cameras_m)
+        if highest_m - lowest_m > MIN_STOREY_M:
+            raise DataError(
+                f"{self.root / MANIFEST}: the floor has no z_m, and the cameras are at z = {lowest_m:.2f} to "
+                f"{highest_m:.2f} m, more than one storey: expected the height of the floor in the world in metres"
+            )
+        on_zero = lowest_m > -SAME_FLOOR_M and highest_m <= MAX_CAMERA_M
+        return [0.0 if on_zero else max(lowest_m - USUAL_M, highest_m - MAX_CAMERA_M)]
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """SHA-256 of the manifest and of every file that it names."""
+        names = [
+            MANIFEST,
+            *(name for name in (self.manifest.truth, self.manifest.objects, self.manifest.odometry) if name),
+        ]
+        names += [name for floor in self.manifest.floors for name in (floor.free, floor.region, floor.obstacle)]
+        names += [name for frame in self.manifest.frames for key in IMAGE_KEYS if (name := getattr(frame, key))]
+        content = hashlib.sha256()
+        for name in names:
+            content.update(bytes.fromhex(file_sha256(self.root / name)))
+        return content.hexdigest()
+
+
+class ObjectRow(Settings):
+    """A row of the table of objects; other columns are ignored. Id 0 means no object."""
+
+    instance_id: int = Field(strict=True, ge=0, le=65535)
+    label: str = Field(strict=True)
+
+
+def read_labels(path: Path) -> dict[int, str]:
+    """Read the label of each instance id from a Parquet table with the columns instance_id and label.
+
+    Raises:
+        DataError: The table is malformed or empty, or has an id twice.
+    """
+    rows = read_table(path, ObjectRow)
+    if not rows:
+        raise DataError(f"{path} has no row, expected one for each object of the instance images")
+    labels = {row.instance_id: row.label for row in rows}
+    if len(labels) < len(rows):
+        raise DataError(f"{path} has {len(rows)} rows and {len(labels)} different instance_id, expected unique ids")
+    return labels
