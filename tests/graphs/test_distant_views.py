@@ -65,10 +65,23 @@ def test_the_rule_adds_the_evidence_of_other_groups_as_far_as_they_are_in_the_sa
     np.testing.assert_allclose(far - last, np.log(1 / 3))
 
 
+def map_of_rooms(**changes):
+    settings_of_views = {"detector": "annotations", "distant_views": changes}
+    config = configure("localizer", "proposed", settings("localizer", "proposed"), [settings_of_views])
+    return LocalizationMap.build(registry().build("localizer", config), map_frames())
+
+
 @pytest.fixture(scope="module")
 def rooms():
-    config = configure("localizer", "proposed", settings("localizer", "proposed"), [{"detector": "annotations"}])
-    return LocalizationMap.build(registry().build("localizer", config), map_frames())
+    return map_of_rooms()
+
+
+def two_views():
+    """Views in different rooms."""
+    truths, queries = query_truths(), [*query_frames()]
+    before, last = next(p for p in pairwise(queries) if truths[p[0].id].place != truths[p[1].id].place)
+    T_last_before = invert_pose(truths[last.id].T_world_pano) @ truths[before.id].T_world_pano
+    return [View(before.load(), T_last_before), View(last.load(), np.eye(4))]
 
 
 def test_views_in_two_rooms_give_the_place_and_the_pose_of_the_last_one(rooms):
@@ -96,3 +109,12 @@ def test_only_views_far_apart_without_floor_masks_have_groups(rooms):
 
     assert groups(near) == []
     assert [group.distance_m for group in groups(far)] == pytest.approx([4, 0])
+
+
+@pytest.mark.parametrize("setting", [{"near_m": 100}, {"window_m": 1.0}, {"same_place_m": 100}])
+def test_each_setting_changes_an_answer(rooms, setting):
+    before, after = rooms.localize(views=two_views()), map_of_rooms(**setting).localize(views=two_views())
+    numbers = [[place.score for place in answer.places] for answer in (before, after)]
+    poses = [answer.T_world_query for answer in (before, after)]
+    same_pose = poses[1] is not None and np.array_equal(*poses)
+    assert numbers[0] != numbers[1] or not same_pose
