@@ -16,7 +16,7 @@ from salframe.framework.errors import WeightsError
 from salframe.framework.files.weights import Download, NetworkWeights, WeightsFile
 from salframe.framework.onnx import open_model
 from salframe.localization.answers import Localization, LocalizationStatus
-from salframe.localization.localizer import Description, Localizer
+from salframe.localization.localizer import Description, LevelledConfig, Localizer
 from salframe.localization.ranking import rank_places
 from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.panorama import Panorama
@@ -63,7 +63,7 @@ class ClipRooms(Localizer):
     extra = "salframe[clip]"
     weights = (CLIP_VIT_B32,)
 
-    class Config(ComponentConfig):
+    class Config(LevelledConfig):
         checkpoint: UserFile | None = Field(
             None, description="local folder with CLIP's files, named as in the download; null: the downloaded files"
         )

@@ -12,7 +12,7 @@ from salframe.framework.component import ComponentConfig
 from salframe.framework.components.registry import registry
 from salframe.framework.components.slots import slot
 from salframe.localization.answers import Localization, LocalizationStatus
-from salframe.localization.localizer import Description, Localizer
+from salframe.localization.localizer import Description, LevelledConfig, Localizer
 from salframe.localization.ranking import rank_places
 from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.geometry import pose_2d
@@ -42,7 +42,7 @@ class ImageFeatures(Localizer):
     needs = frozenset({"rgb"})
     column_step: ClassVar[int | None] = None  # views of a rotated panorama show other parts of it
 
-    class Config(ComponentConfig):
+    class Config(LevelledConfig):
         network: slot("image-network", "efficientnet-lite0")  # type: ignore[valid-type]
         views: int = Field(12, ge=3, le=72, description="perspective views around the panorama")
         hfov_deg: float = Field(120.0, gt=0, lt=150, description="field of view of each view")

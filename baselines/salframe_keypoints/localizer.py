@@ -14,7 +14,7 @@ from salframe.framework.components.registry import registry
 from salframe.framework.components.slots import slot
 from salframe.framework.errors import InputMissing
 from salframe.localization.answers import Localization, LocalizationStatus, PointMatches
-from salframe.localization.localizer import Description, Localizer, range_slot
+from salframe.localization.localizer import Description, LevelledConfig, Localizer, range_slot
 from salframe.localization.ranking import rank_places
 from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.geometry import sample_nearest
@@ -35,7 +35,7 @@ class Keypoints(Localizer):
     version = "2"
     column_step: ClassVar[int | None] = None  # views of a rotated panorama are sampled at other pixels
 
-    class Config(ComponentConfig):
+    class Config(LevelledConfig):
         features: slot("feature-matcher", "xfeat")  # type: ignore[valid-type]
         range: range_slot()  # type: ignore[valid-type]
         views: int = Field(6, ge=3, description="perspective views around the panorama")

@@ -8,13 +8,14 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.component import ComponentConfig, match_only
+from salframe.framework.component import match_only
 from salframe.framework.errors import InputMissing
 from salframe.localization.answers import Localization, LocalizationStatus
-from salframe.localization.localizer import Description, Localizer, range_slot
+from salframe.localization.localizer import Description, LevelledConfig, Localizer, range_slot
 from salframe.localization.ranking import rank_places
 from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.geometry import pose_2d
+from salframe.panoramas.line_segments import find_segments
 from salframe.panoramas.panorama import Panorama
 from salframe_lines.alignment import AGREE_RAD, agreement, refine, search
 from salframe_lines.arcs import (
@@ -27,7 +28,6 @@ from salframe_lines.arcs import (
     rotate_by_quarter_turn,
 )
 from salframe_lines.distances import agreeing_share, distance_codes, distance_codes_from, sphere_points
-from salframe_lines.segments import find_segments
 
 OUTLIER_SHARE = 0.05
 """Share of line ends on each side that is ignored in the estimate of the room's extent (quantiles of LDL)."""
@@ -62,7 +62,7 @@ class Lines(Localizer):
     version = "1"
     column_step: ClassVar[int | None] = None  # views of a rotated panorama are sampled at other pixels
 
-    class Config(ComponentConfig):
+    class Config(LevelledConfig):
         range: range_slot()  # type: ignore[valid-type]
         max_lines: int = Field(
             100, ge=1, description="maximum number of segments along each of the three directions, the longest first"

@@ -11,7 +11,7 @@ from salframe.framework.component import ComponentConfig, match_only
 from salframe.framework.components.registry import registry
 from salframe.framework.components.slots import slot
 from salframe.graphs.vocabulary import with_object_labels, written_labels
-from salframe.localization.localizer import Description, posterior_slot, range_slot
+from salframe.localization.localizer import Description, LevelledConfig, posterior_slot, range_slot
 from salframe.panoramas.panorama import Panorama
 from salframe_objects.labels import WeightedLabels
 from salframe_objects.salient import SalientObjects
@@ -23,7 +23,7 @@ class ObjectSetLocalizer(WeightedLabels):
     name = "objects"
     version = "2"
 
-    class Config(ComponentConfig):
+    class Config(LevelledConfig):
         range: range_slot()  # type: ignore[valid-type]
         detector: slot("detector", "auto")  # type: ignore[valid-type]
         labels: Literal["set", "multiset"] = match_only(

@@ -12,7 +12,7 @@ from salframe.framework.components.registry import registry
 from salframe.framework.components.slots import slot
 from salframe.graphs.detections import Detections
 from salframe.graphs.vocabulary import WRITTEN_LABELS
-from salframe.localization.localizer import Description, Localizer, posterior_slot, range_slot
+from salframe.localization.localizer import Description, LevelledConfig, Localizer, posterior_slot, range_slot
 from salframe.panoramas.panorama import Panorama
 
 
@@ -21,7 +21,7 @@ class SalientObjects(Localizer):
 
     uses: ClassVar[frozenset[str]] = frozenset({"range"})
 
-    class Config(ComponentConfig):
+    class Config(LevelledConfig):
         range: range_slot()  # type: ignore[valid-type]
         detector: slot("detector", "auto")  # type: ignore[valid-type]
         saliency: slot("saliency", "volumetric")  # type: ignore[valid-type]

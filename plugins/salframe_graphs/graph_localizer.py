@@ -14,13 +14,13 @@ from salframe.graphs.detections import Detections
 from salframe.graphs.graph import REACH_M, GraphConfig, SaliencyGraph, build_graph
 from salframe.graphs.packing import graph_from_arrays, graph_to_arrays, pack_graph, unpack_graph
 from salframe.graphs.vocabulary import WRITTEN_LABELS, with_object_labels, written_labels
-from salframe.localization.localizer import Description, Localizer, range_slot
+from salframe.localization.localizer import Description, LevelledConfig, Localizer, range_slot
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.view import OdometryNoise
 from salframe_graphs.views import ViewObjects, join_objects
 
 
-class GraphLocalizerConfig(ComponentConfig):
+class GraphLocalizerConfig(LevelledConfig):
     """Settings of the stages that create a saliency graph."""
 
     range: range_slot()  # type: ignore[valid-type]

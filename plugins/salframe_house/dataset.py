@@ -20,7 +20,15 @@ from salframe_house.settings import HouseConfig
 if TYPE_CHECKING:
     from salframe_house.frames import HouseFrame
 
-FRAME_SETTINGS = "queries_per_room", "frames_per_room", "query_shift_m", "query_yaw", "lighting"
+FRAME_SETTINGS = (
+    "queries_per_room",
+    "frames_per_room",
+    "query_shift_m",
+    "query_yaw",
+    "query_tilt_deg",
+    "query_height_m",
+    "lighting",
+)
 """Settings that determine which frames exist and their lighting. They affect the pixels only through the frame."""
 CHANGE_SETTINGS = "changed_fraction", "changes", "change_kinds", "query_range", "query_scale_share"
 """Settings that affect only the queries: changes of the building and the range of the queries."""

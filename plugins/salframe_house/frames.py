@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Literal
 
 import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
+from scipy.spatial.transform import Rotation
 
 from salframe.panoramas.geometry import wrap_angle
 from salframe.panoramas.rendered import FrameRole, FrameSpec
@@ -44,6 +46,49 @@ class HouseFrame(FrameSpec):
     """
 
     lighting: Lighting
+
+
+@dataclass(frozen=True)
+class TiltedFrame(HouseFrame):
+    """A camera pose in a building, tilted about a horizontal axis.
+
+    Attributes:
+        tilt_rad: Tilt of the camera.
+        axis_rad: Azimuth of the axis of the tilt in the world.
+    """
+
+    tilt_rad: float
+    axis_rad: float
+
+    @property
+    def pose(self) -> np.ndarray:
+        axis = np.array([np.cos(self.axis_rad), np.sin(self.axis_rad), 0])
+        pose = super().pose
+        pose[:3, :3] = Rotation.from_rotvec(self.tilt_rad * axis).as_matrix() @ pose[:3, :3]
+        return pose
+
+
+def move_queries(
+    frames: Sequence[HouseFrame], seed: int, tilt_deg: float, height_m: float = CAMERA_HEIGHT_M
+) -> tuple[HouseFrame, ...]:
+    """Return frames with tilted queries at another height; reference frames do not change.
+
+    Args:
+        frames: The frames.
+        seed: Seed of the axes of the tilts.
+        tilt_deg: Tilt of each query about a random horizontal axis.
+        height_m: Mean height of the queries.
+    """
+    rng = np.random.default_rng((seed, 7))
+    moved: list[HouseFrame] = []
+    for frame in frames:
+        axis_rad = rng.uniform(-np.pi, np.pi)
+        if frame.is_query:
+            frame = replace(frame, z_m=round(frame.z_m - CAMERA_HEIGHT_M + height_m, 4))
+            if tilt_deg:
+                frame = TiltedFrame(**asdict(frame), tilt_rad=float(np.radians(tilt_deg)), axis_rad=round(axis_rad, 6))
+        moved.append(frame)
+    return tuple(moved)
 
 
 def choose_frames(

@@ -23,7 +23,7 @@ from salframe_house.building import (
     generate_building,
 )
 from salframe_house.driving import drive_all
-from salframe_house.frames import HouseFrame, choose_frames
+from salframe_house.frames import HouseFrame, choose_frames, move_queries
 from salframe_house.lighting import Lighting
 from salframe_house.render import HouseRenderer
 from salframe_house.settings import HouseConfig
@@ -62,6 +62,7 @@ def frames_of(config: HouseConfig) -> tuple[HouseFrame, ...]:
         config.query_shift_m,
         config.frames_per_room,
     )
+    frames = move_queries(frames, config.seed, config.query_tilt_deg, config.query_height_m)
     if config.lighting != "other":
         frames = tuple(replace(frame, lighting=config.lighting) if frame.is_query else frame for frame in frames)
     if not is_driven(config):

@@ -39,6 +39,16 @@ class HouseConfig(QueryView):
         description="yaw of the queries: uniform over the circle; normal: the nearest reference frame's yaw plus a "
         "normal angle of 16.6 deg mean absolute value; same: the nearest reference frame's yaw",
     )
+    query_tilt_deg: float = added(
+        0.0,
+        ge=0,
+        le=180,
+        description="tilt of the cameras of the queries in degrees, each about a random horizontal axis; 180: upside "
+        "down",
+    )
+    query_height_m: float = added(
+        1.5, ge=0.2, le=2.2, description="mean height of the cameras of the queries over the floor in metres"
+    )
     changed_fraction: float = Field(
         0.1, ge=0, le=1, description="fraction of objects removed, moved or added before the queries"
     )

@@ -14,7 +14,9 @@ from salframe.framework.engines.engine import Engine
 from salframe.framework.errors import FRAME_ERRORS, InputMissing
 from salframe.framework.files.bounded import parse_json
 from salframe.framework.files.cache import Cache
+from salframe.framework.files.hashes import digest
 from salframe.framework.validation import validate
+from salframe.localization.level_frames import R_LEVEL_PANO, level_key, level_panorama
 from salframe.localization.localizer import Description, Localizer
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.frames import QueryFrame, ReferenceFrame
@@ -94,7 +96,8 @@ def describe_frame(
 
     Args:
         localizer: The localizer.
-        frame: The frame.
+        frame: The frame. Its panorama is levelled first, where it is tilted and the localizer's `level` is "auto"; the
+            description then has the rotation R_LEVEL_PANO.
         cache: Cache of descriptions; None: no cache.
         dataset: The content_key of the dataset. The cache identifies a panorama by the id of the frame and by the
             `content` of the frame, or by this key where the frame has no `content`.
@@ -114,14 +117,22 @@ def _describe_cached(
 ) -> tuple[Description, float]:
     cache_key = {"dataset": frame.content or dataset, "frame": frame.id}
     if cache is not None:
-        key = {**cache_key, "describe": localizer.describe_identity()}
+        key = {**cache_key, **level_key(localizer, frame), "describe": localizer.describe_identity()}
         cached = cache.get(key)
         if cached is not None:
             return cached
-    panorama, estimate_s = complete_panorama(localizer, frame.load(), cache, cache_key)
+    panorama = frame.load()
+    start = time.perf_counter()
+    panorama, rotation = level_panorama(localizer, frame, panorama)
+    level_s = time.perf_counter() - start
+    if rotation is not None:
+        cache_key["level"] = digest(rotation.round(9).tolist())
+    panorama, estimate_s = complete_panorama(localizer, panorama, cache, cache_key)
     start = time.perf_counter()
     description = localizer.describe(panorama)
-    seconds = estimate_s + time.perf_counter() - start
+    seconds = level_s + estimate_s + time.perf_counter() - start
+    if rotation is not None:
+        description = {**description, R_LEVEL_PANO: rotation}
     if cache is not None:
         cache.put(key, description, seconds)
     return description, seconds

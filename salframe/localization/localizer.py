@@ -6,12 +6,12 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import BeforeValidator
 
-from salframe.framework.component import ComponentConfig, Role, match_only
+from salframe.framework.component import ComponentConfig, Role, added, match_only
 from salframe.framework.components.identity import identity
 from salframe.framework.components.registry import registry
 from salframe.framework.components.slots import slot
@@ -45,6 +45,16 @@ def posterior_slot() -> Any:
     ]
 
 
+class LevelledConfig(ComponentConfig):
+    """Base of the Config of localizers whose levelling can be switched off."""
+
+    level: Literal["auto", "off"] = added(
+        "auto",
+        description="auto: level tilted panoramas before they are described, reference frames by their poses, queries "
+        "by the floor and walls in the range or by the lines in the colour; off: use them as they are",
+    )
+
+
 class Localizer(Role):
     """Finds where a panorama was taken, from descriptions of panoramas with known places and poses.
 
@@ -69,6 +79,8 @@ class Localizer(Role):
     """The component that the setting `range` selects."""
     posterior: Posterior | None = None
     """The value of the setting `posterior`."""
+    level: str = "auto"
+    """The value of the setting `level`, where the Config has one: whether tilted panoramas are levelled."""
     odometry: OdometryNoise = OdometryNoise()
     """The value of the setting `odometry`, where the Config has one: the errors of the motion between views."""
     uses_floors: ClassVar[bool] = False
@@ -81,6 +93,7 @@ class Localizer(Role):
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
         self.posterior = getattr(self.config, "posterior", None)
+        self.level = getattr(self.config, "level", self.level)
         self.odometry = getattr(self.config, "odometry", self.odometry)
         range_config = getattr(self.config, "range", None)
         if range_config is not None:

@@ -24,15 +24,25 @@ from salframe.localization.answers import Localization
 from salframe.localization.canonical_order import in_canonical_order
 from salframe.localization.describing import describe_ahead, describe_frame
 from salframe.localization.fusing import FUSED, Fusion, choose_surest, fuse_answers
+from salframe.localization.level_frames import (
+    UPSIDE_DOWN,
+    as_it_stood,
+    better_answer,
+    level_motions,
+    of_turned,
+    split_level,
+    upright_frame,
+)
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map_files import MapParts, find_not_finite, read_map, write_map
 from salframe.localization.preparing import Tell, python_warning, silent
 from salframe.localization.query_input import query_frame
 from salframe.localization.references import describe_references
-from salframe.panoramas.data_checks import query_notes
+from salframe.panoramas.data_checks import query_notes, upside_down_note
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import QueryFrame, ReferenceFrame
+from salframe.panoramas.levelling import turn_panorama
 from salframe.panoramas.opening import reference_frames
 from salframe.panoramas.panorama import Annotations, Panorama
 from salframe.panoramas.view import View, motions
@@ -107,8 +117,9 @@ class LocalizationMap:
         floors: Sequence[FloorMasks] = (),
     ) -> LocalizationMap:
         """Index described reference frames, packed and unpacked as in a saved map."""
-        packed = [localizer.pack(description) for description in descriptions]
-        built = cls(localizer, *in_canonical_order(packed, frames), floors)
+        packed = [localizer.pack(split_level(description)[0]) for description in descriptions]
+        upright = [upright_frame(localizer, frame) for frame in frames]
+        built = cls(localizer, *in_canonical_order(packed, upright), floors)
         built._index()
         return built
 
@@ -239,25 +250,35 @@ class LocalizationMap:
         if views is not None:
             if any(part is not None for part in (query, rgb, range_m, annotations)):
                 raise DataError("received both views and another query, expected only one of them")
-            answer = self._localize_views([view.panorama for view in views], motions(views), warn)
-            return answer.moved(views[-1].position_m)
+            T_last_view = motions(views)
+            frames = [query_frame(self.localizer, view.panorama) for view in views]
+            return self._localize(frames, T_last_view, warn).moved(views[-1].position_m)
         if isinstance(query, QueryFrame) and query.earlier:
-            return self._localize_views([view.load() for view in query.views], query.T_last_view, warn)
-        frame = query_frame(self.localizer, query, rgb, range_m, annotations)
-        return self.answer(self._describe_query(frame, warn))
+            frames = [query_frame(self.localizer, view) for view in query.views]
+            return self._localize(frames, query.T_last_view, warn)
+        return self._localize([query_frame(self.localizer, query, rgb, range_m, annotations)], None, warn)
 
-    def _localize_views(
-        self, panoramas: Sequence[Panorama], T_last_view: np.ndarray | None, warn: Callable[[str], object]
+    def _localize(
+        self, frames: Sequence[QueryFrame], T_last_view: np.ndarray | None, warn: Callable[[str], object]
     ) -> Localization:
-        """Localize the views of one query, joined where possible. Raises as `localize`."""
-        frames = [query_frame(self.localizer, panorama) for panorama in panoramas]
-        return self.answer_views([self._describe_query(frame, warn) for frame in frames], T_last_view)
+        """Localize the views of one query, joined where possible. Raises as `localize`.
 
-    def _describe_query(self, frame: ReferenceFrame | QueryFrame, warn: Callable[[str], object]) -> Description:
-        """Return the description of a query, with warnings on its panorama."""
-        for note in query_notes(frame.load(), self._camera_z_m):
-            warn(note)
-        return describe_frame(self.localizer, frame)[0]
+        Views that all seem to be upside down are localized both as they are and turned, and the better answer is
+        returned.
+        """
+        for frame in frames:
+            for note in query_notes(frame.load(), self._camera_z_m):
+                warn(note)
+        answer = self.answer_views([describe_frame(self.localizer, frame)[0] for frame in frames], T_last_view)
+        upside_down = [upside_down_note(frame.load(), self._camera_z_m) for frame in frames]
+        if None in upside_down:
+            return answer
+        if self.localizer.level == "off":
+            warn(str(upside_down[0]))
+            return answer
+        turned = [QueryFrame(frame.id, partial(turn_panorama, frame.load(), UPSIDE_DOWN)) for frame in frames]
+        descriptions = [of_turned(describe_frame(self.localizer, frame)[0], UPSIDE_DOWN) for frame in turned]
+        return better_answer(answer, self.answer_views(descriptions, T_last_view))
 
     def answer_views(
         self, descriptions: Sequence[Description], T_last_view: np.ndarray | None, fusion: Fusion = Fusion.JOINED
@@ -280,9 +301,10 @@ class LocalizationMap:
         if fusion is Fusion.JOINED:
             joined = None
             if T_last_view is not None:
-                joined = self.localizer.join(descriptions, T_last_view, self.localizer.odometry)
-            if joined is not None:
-                return self.answer(joined)
+                flat, rotations = zip(*map(split_level, descriptions), strict=True)
+                joined = self.localizer.join(flat, level_motions(T_last_view, rotations), self.localizer.odometry)
+                if joined is not None:
+                    return self._answer_level(joined, rotations[-1])
             reason = f"{self.localizer.name} cannot join them"
             if T_last_view is None:
                 reason = "the motion between them is unknown"
@@ -304,6 +326,10 @@ class LocalizationMap:
             DataError: A memory-mapped file of the map was changed after the map was opened, or the localizer cannot
                 match with the arrays of an opened map.
         """
+        return self._answer_level(*split_level(description))
+
+    def _answer_level(self, description: Description, rotation: np.ndarray | None) -> Localization:
+        """Localize a description of a panorama that was levelled by a rotation R_level_pano. Raises as `answer`."""
         if changed := [stamp.path for stamp in self._mapped_files if not stamp.is_current()]:
             raise DataError(f"{changed[0]} was changed while the map was open: open the map again")
         with nullcontext() if self._folder is None else _blaming(self._folder, self.localizer):
@@ -315,6 +341,7 @@ class LocalizationMap:
             raise InvalidAnswer(f"match gave {type(answer).__name__}, expected a Localization")
         if labels := self.localizer.unknown_labels(description):
             answer = replace(answer, notes=(*answer.notes, unknown_labels_note(labels)))
+        answer = as_it_stood(answer, rotation)
         posterior = self.localizer.posterior
         if (
             posterior is None

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from salframe.framework.errors import DataError
@@ -19,8 +17,8 @@ def query_frame(
     rgb: np.ndarray | None = None,
     range_m: np.ndarray | None = None,
     annotations: Annotations | None = None,
-) -> ReferenceFrame | QueryFrame:
-    """Return the frame of a query, whose panorama is loaded. Arguments and errors are those of
+) -> QueryFrame:
+    """Return a query without earlier views, with its panorama in memory. Arguments and errors are those of
     `LocalizationMap.localize`."""
     if query is None:
         query = Panorama("the panorama", rgb, range_m, annotations=annotations)
@@ -34,6 +32,6 @@ def query_frame(
     if isinstance(query, Panorama):
         panorama = query
         check_parts(localizer, panorama, lambda: suggest_components(localizer.config, panorama.provides))
-        return QueryFrame(panorama.id, lambda: panorama)
-    panorama = query.load()
-    return replace(query, load=lambda: panorama)
+    else:
+        panorama = query.load()
+    return QueryFrame(query.id, lambda: panorama)

@@ -8,6 +8,7 @@ from salframe.framework.errors import FRAME_ERRORS, DataError, InputMissing
 from salframe.framework.files.cache import Cache
 from salframe.localization.describing import describe_frame
 from salframe.localization.left_out import check_left_out, left_out_note
+from salframe.localization.level_frames import split_level, upright_frame
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.preparing import Tell
 from salframe.panoramas.frames import ReferenceFrame
@@ -37,8 +38,8 @@ def describe_references(
         except FRAME_ERRORS as error:
             left_out[frame.id] = error
             continue
-        packed.append(localizer.pack(description))
-        usable.append(frame)
+        packed.append(localizer.pack(split_level(description)[0]))
+        usable.append(upright_frame(localizer, frame))
         if note := localizer.note(description):
             notes.append(f"{frame.id}: {note}")
     if progress:

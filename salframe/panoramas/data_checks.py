@@ -71,8 +71,7 @@ def query_notes(panorama: Panorama, camera_z_m: Sequence[float] | np.ndarray = (
 
     Args:
         panorama: The query.
-        camera_z_m: (S,) world z of the cameras of the map. They confirm unusual heights, and tell a camera that hangs
-            upside down.
+        camera_z_m: (S,) world z of the cameras of the map. They confirm unusual heights.
     """
     notes = [unlabelled_note(panorama)]
     if panorama.range_m is not None and panorama.range_by is None:
@@ -83,21 +82,29 @@ def query_notes(panorama: Panorama, camera_z_m: Sequence[float] | np.ndarray = (
             )
         else:
             notes.append(units_note([panorama], camera_z_m))
-            notes.append(_upside_down_note(panorama.id, panorama.range_m, np.asarray(camera_z_m)))
         notes.append(missing_note([panorama]))
     return [note for note in notes if note]
 
 
-def _upside_down_note(id: str, range_m: np.ndarray, camera_z_m: np.ndarray) -> str | None:
-    """Return a warning where the ceiling is as far from the camera as the floor is in the map."""
-    floor_m, ceiling_m = camera_height(range_m), camera_height(range_m[::-1])
+def upside_down_note(panorama: Panorama, camera_z_m: np.ndarray) -> str | None:
+    """Return a warning where the ceiling is as far from the camera as the floor is in the map; None elsewhere.
+
+    A camera that hangs upside down is the likely cause, but an upright camera may stand at such a height too.
+
+    Args:
+        panorama: The query. Without a measured range nothing is known.
+        camera_z_m: (S,) world z of the cameras of the map. Those that are positive are heights over the floor.
+    """
+    if panorama.range_m is None or panorama.range_by is not None:
+        return None
+    floor_m, ceiling_m = camera_height(panorama.range_m), camera_height(panorama.range_m[::-1])
     known_m = camera_z_m[camera_z_m > 0]
     if floor_m is None or ceiling_m is None or not len(known_m):
         return None
     error, turned_error = (float(np.abs(np.log(known_m / height_m)).min()) for height_m in (floor_m, ceiling_m))
-    if not turned_error <= MAX_HEIGHT_ERROR < 2 * MAX_HEIGHT_ERROR < error:
+    if turned_error > MAX_HEIGHT_ERROR or turned_error >= error:
         return None
     return (
-        f"{id} seems to be upside down: it shows the floor {floor_m:.2f} m below the camera and the ceiling "
+        f"{panorama.id} seems to be upside down: it shows the floor {floor_m:.2f} m below the camera and the ceiling "
         f"{ceiling_m:.2f} m above it, and the cameras of the map are at z = {np.median(known_m):.2f} m"
     )

@@ -19,7 +19,7 @@ import numpy as np
 
 from salframe.framework.errors import DataError, one_line
 from salframe.framework.files.image_files import ImageFile
-from salframe.panoramas.geometry import equirectangular_rays, rays_to_pixels
+from salframe.panoramas.levelling import turn_image
 
 _NAMESPACE = "http://ns.google.com/photos/1.0/panorama"
 _CROP = (
@@ -35,8 +35,6 @@ MAX_ROWS = 4096
 """Maximum height of the panorama on which a cropped picture is placed."""
 _SIZE_TOLERANCE_PX = 2
 """Rounding of sizes in the XMP of pictures that were scaled."""
-_BLOCK_ROWS = 256
-"""Number of rows that are turned at once, to bound the memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,23 +93,7 @@ class PhotoSphere:
 
     def level(self, image: np.ndarray) -> np.ndarray:
         """Return an image (H, 2H, ...) as a level camera would see it; colour is interpolated, the rest is not."""
-        import cv2
-
-        if not self.is_tilted:
-            return image
-        levelled, height = np.empty_like(image), self.height
-        is_color = image.ndim == 3
-        around = np.concatenate([image[:, -1:], image, image[:, :1]], axis=1) if is_color else image
-        for start in range(0, height, _BLOCK_ROWS):
-            rays = equirectangular_rays(height)[start : start + _BLOCK_ROWS] @ self.rotation
-            columns, rows = rays_to_pixels(rays, height)
-            if is_color:
-                x, y = (columns + 0.5).astype(np.float32), (rows - 0.5).astype(np.float32)
-                block = cv2.remap(around, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-            else:
-                block = image[np.minimum(rows.astype(int), height - 1), columns.astype(int) % (2 * height)]
-            levelled[start : start + _BLOCK_ROWS] = block
-        return levelled
+        return turn_image(image, self.rotation) if self.is_tilted else image
 
     def note(self, *, levelled: bool) -> str | None:
         """Return what the XMP changed, for the user; None if nothing. levelled: whether `level` was applied."""

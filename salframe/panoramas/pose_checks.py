@@ -108,16 +108,22 @@ def pose_notes(
         DataError: Many panoramas are not upright by their poses.
     """
     tilts = np.array([_tilt_deg(frame.T_world_pano) for frame in frames])
-    is_tilted = tilts > MAX_TILT_DEG
-    if np.count_nonzero(tilts > REFUSED_TILT_DEG) > REFUSED_SHARE * len(frames):
-        raise DataError(_tilt_error(frames, tilts))
+    is_tilted, is_hanging = tilts > MAX_TILT_DEG, tilts > 180 - MAX_TILT_DEG
     notes = []
+    if is_hanging.mean() > REFUSED_SHARE and _hang(frames, is_hanging):
+        notes.append(
+            f"{is_hanging.sum()} of {len(frames)} reference frames hang upside down by their poses, as the floor "
+            "that they show confirms: they are levelled by their poses"
+        )
+        is_tilted &= ~is_hanging
+    if np.count_nonzero(is_tilted & (tilts > REFUSED_TILT_DEG)) > REFUSED_SHARE * len(frames):
+        raise DataError(_tilt_error(frames, tilts))
     if is_tilted.any():
         first = int(is_tilted.argmax())
         notes.append(
             f"{is_tilted.sum()} of {len(frames)} reference frames are tilted by their poses by more than "
-            f"{MAX_TILT_DEG:g} deg ({frames[first].id}: {tilts[first]:.0f} deg), expected upright panoramas: level the "
-            "images and the poses, or check the convention of the poses"
+            f"{MAX_TILT_DEG:g} deg ({frames[first].id}: {tilts[first]:.0f} deg), they are levelled by their poses: "
+            "check the convention of the poses if the camera was upright"
         )
     if not compares_ranges:
         return notes
@@ -125,6 +131,18 @@ def pose_notes(
     if cube := _cube_note(sample):
         return [*notes, cube]
     return [*notes, *(_agreement_notes(sample) or _height_notes(sample, floors))]
+
+
+def _hang(frames: Sequence[ReferenceFrame], is_hanging: np.ndarray) -> bool:
+    """Return whether panoramas hang upside down, as their poses say: what lies above the camera in the image is the
+    floor, at z = 0. In a world with z down, the poses are the same and z is negative."""
+    sample = _load([frame for frame, hangs in zip(frames, is_hanging, strict=True) if hangs])
+    heights_m = [camera_height(range_m[::-1]) for range_m in sample.ranges]
+    is_confirmed = [
+        height_m is not None and abs(pose[2, 3] - height_m) <= MAX_FLOOR_ERROR_M
+        for height_m, pose in zip(heights_m, sample.poses, strict=True)
+    ]
+    return bool(is_confirmed) and bool(np.mean(is_confirmed) > 0.5)
 
 
 def _tilt_deg(pose: np.ndarray) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from salframe_house.building import Building, change_building, generate_building
 from salframe_house.calibrate import measure
-from salframe_house.frames import HouseFrame, choose_frames
+from salframe_house.frames import HouseFrame, choose_frames, move_queries
 
 
 @lru_cache
@@ -174,3 +174,20 @@ def test_the_draw_stays_as_it_was(arguments, drawn):
     _, _, frames = case(*arguments)
     content = json.dumps([asdict(frame) for frame in frames], sort_keys=True, default=float)
     assert hashlib.sha256(content.encode()).hexdigest()[:16] == drawn
+
+
+def test_queries_are_tilted_and_raised_and_reference_frames_are_not():
+    _, _, frames = case("home", 6, 0)
+    moved = move_queries(frames, 0, 8.0, 1.0)
+    axes = []
+    for before, after in zip(frames, moved, strict=True):
+        if not before.is_query:
+            assert after == before
+            continue
+        assert after.z_m == pytest.approx(before.z_m - 0.5)
+        tilt = after.pose[:3, :3] @ before.pose[:3, :3].T
+        assert np.degrees(np.arccos((np.trace(tilt) - 1) / 2)) == pytest.approx(8)
+        assert tilt[2, 2] == pytest.approx(np.cos(np.radians(8)))
+        axes.append(np.arctan2(tilt[0, 2], -tilt[1, 2]))
+    assert np.ptp(axes) > 3
+    assert move_queries(frames, 0, 0.0) == frames

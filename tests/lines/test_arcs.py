@@ -15,9 +15,9 @@ from salframe_lines.arcs import (
     project_lines,
     rotate_by_quarter_turn,
 )
-from salframe_lines.segments import find_segments
 
 from salframe.panoramas.geometry import pose_2d, wrap_angle
+from salframe.panoramas.line_segments import find_segments
 
 YAW_RAD = 0.4
 POSE = pose_2d(2.1, 1.7, YAW_RAD, EYE_M)

@@ -138,9 +138,16 @@ def test_poses_with_y_up_are_refused_with_the_convention():
         pose_notes(with_poses(reference_frames(), lambda pose: to_y_up @ pose @ to_opengl))
 
 
-def test_cameras_upside_down_are_refused():
+def test_cameras_that_hang_upside_down_are_levelled_by_their_poses():
+    frames = reference_frames(height_m=1.7, tilt=np.diag([1.0, -1.0, -1.0]))
+    (note,) = pose_notes(frames)
+    assert note.startswith(f"{len(frames)} of {len(frames)} reference frames hang upside down by their poses")
+
+
+def test_poses_in_a_world_with_z_down_are_refused():
+    down = np.diag([1.0, -1.0, -1.0, 1.0])
     with pytest.raises(DataError, match="upside down"):
-        pose_notes(reference_frames(tilt=np.diag([1.0, -1.0, -1.0])))
+        pose_notes(with_poses(reference_frames(), lambda pose: down @ pose))
 
 
 def test_a_few_tilted_frames_are_counted():

@@ -13,6 +13,7 @@ from salframe.localization.localizer import Description
 from salframe_graphs.panorama_matching import PanoramaMatching
 from salframe_graphs.places.distant_views import ViewGroup, combine_groups
 from salframe_graphs.places.gathering import gather_evidence
+from salframe_graphs.places.heights import height_of
 from salframe_graphs.places.likelihood import PlaceLikelihood, Poses
 from salframe_graphs.places.map_places import MapPlaces
 from salframe_graphs.places.outline import OUTLINE
@@ -51,8 +52,8 @@ def rank_distant_views(
     nodes = GraphNodes.of(graph_from_arrays(description), places.index.vocabulary)
     if not (nodes.label >= 0).any() or not len(matched):
         return None
-    sectors = sectors_from_arrays(description)
-    result = search(nodes, windows.take(matched), config.rates, config.likelihood, POSES, sectors)
+    index, sectors, height_m = windows.take(matched), sectors_from_arrays(description), height_of(description)
+    result = search(nodes, index, config.rates, config.likelihood, POSES, sectors, height_m)
     if not len(result.poses):
         return None
     poses = Poses(matched[result.poses.place], result.poses.shift_m, result.poses.yaw_rad)
@@ -88,8 +89,12 @@ def _group_scores(
     nodes = GraphNodes.of(graph_from_arrays(group.description), places.index.vocabulary)
     if not (nodes.label >= 0).any():
         return None
-    sectors = sectors_from_arrays(group.description)
-    scorer = PlaceLikelihood(nodes, places.index.take(matched), config.rates, config.likelihood, sectors)
+    index, sectors, height_m = (
+        places.index.take(matched),
+        sectors_from_arrays(group.description),
+        height_of(group.description),
+    )
+    scorer = PlaceLikelihood(nodes, index, config.rates, config.likelihood, sectors, height_m)
     poses = group.poses(shift_m, yaw_rad, len(matched))
     likelihood = np.logaddexp(scorer.score(poses)[0], scorer.score_without_pose())
     names, in_map = places.shown.name[matched], Poses(matched, poses.shift_m, poses.yaw_rad)

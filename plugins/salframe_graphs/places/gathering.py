@@ -10,6 +10,7 @@ from salframe.localization.evidence import Evidence
 from salframe.localization.localizer import Description
 from salframe_graphs.panorama_matching import PanoramaMatching
 from salframe_graphs.places.evidence import label_evidence
+from salframe_graphs.places.heights import at_map_height, height_of
 from salframe_graphs.places.likelihood import Poses
 from salframe_graphs.places.map_places import MapPlaces
 from salframe_graphs.places.outline import OUTLINE
@@ -41,7 +42,8 @@ def gather_evidence(
     if OUTLINE in description:
         outline[: len(poses)] = places.outlines.ratio(description[OUTLINE], poses)
     panorama = np.zeros(len(places.names))
-    for name, score in matching.place_scores(graph_from_arrays(description)).items():
+    graph = at_map_height(graph_from_arrays(description), height_of(description), places.index.camera_height_m)
+    for name, score in matching.place_scores(graph).items():
         if name in places.number:
             panorama[places.number[name]] = score
     detected_labels, labels_shared = label_evidence(nodes.label, places.index, rows)

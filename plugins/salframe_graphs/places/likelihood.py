@@ -112,7 +112,13 @@ class PlaceLikelihood:
     """
 
     def __init__(
-        self, query: GraphNodes, index: PlaceIndex, rates: Rates, likelihood: Likelihood, sectors: Sectors | None = None
+        self,
+        query: GraphNodes,
+        index: PlaceIndex,
+        rates: Rates,
+        likelihood: Likelihood,
+        sectors: Sectors | None = None,
+        camera_height_m: float = np.nan,
     ) -> None:
         """Compare a query with the places of an index.
 
@@ -122,6 +128,7 @@ class PlaceLikelihood:
             rates: Error rates of the detector.
             likelihood: Constants of the likelihood.
             sectors: Sectors that the query shows; None: all of them.
+            camera_height_m: Height of the query's camera over the floor; NaN: unknown, equal to that of the map.
         """
         self.query, self.index, self.rates, self.likelihood = query, index, rates, likelihood
         self.sectors = sectors
@@ -129,12 +136,12 @@ class PlaceLikelihood:
         self.range_m = np.abs(self.position)
         self.ray = self.position / np.maximum(self.range_m, 1e-9)
         self.same_label = query.label[:, None] == index.label
-        self.log_ratio = self._log_ratio()
+        self.log_ratio = self._log_ratio(index.appearance(camera_height_m))
         self._across = index.variance_m2 + rates.position_error_m**2
         self._along = self._across + ((rates.range_error_share * self.range_m) ** 2)[:, None]
         self._minus_log_clutter = float(-np.log(rates.clutter))
 
-    def _log_ratio(self) -> np.ndarray:
+    def _log_ratio(self, map_appearance: np.ndarray) -> np.ndarray:
         """Return the log ratio of label, height and size, including the detector's score of the query object.
 
         A query object that is real with probability s (the score) contributes 1 + s x ratio. The normal densities of
@@ -149,9 +156,7 @@ class PlaceLikelihood:
         span = np.array([likelihood.height_span_m, likelihood.size_span_log, likelihood.size_span_log])
         constant = (np.log(span) - 0.5 * (appearance**2 / variance + np.log(2 * np.pi * variance))).sum(1)
         constant += np.log(np.maximum(query.scores, MIN_SCORE))
-        log_ratio_sum = (
-            np.concatenate([appearance / variance, -0.5 / variance, constant[:, None]], 1) @ self.index.appearance
-        )
+        log_ratio_sum = np.concatenate([appearance / variance, -0.5 / variance, constant[:, None]], 1) @ map_appearance
         same_label_ratio = np.log(rates.label_agreement / self.index.frequency[query.label])[:, None]
         log_ratio_sum += np.where(self.same_label, same_label_ratio, np.log(1 - rates.label_agreement))
         return np.maximum(log_ratio_sum, -MAX_LOG_RATIO).astype(np.float32)

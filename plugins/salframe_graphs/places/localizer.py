@@ -45,6 +45,15 @@ from salframe_graphs.places.distant_views import (
 )
 from salframe_graphs.places.evidence import EvidenceWeights, shipped_weights
 from salframe_graphs.places.gathering import gather_evidence
+from salframe_graphs.places.heights import (
+    PACKED_HEIGHT,
+    at_map_height,
+    height_of,
+    join_heights,
+    measure_height,
+    pack_height,
+    unpack_height,
+)
 from salframe_graphs.places.likelihood import Poses
 from salframe_graphs.places.map_places import MapPlaces
 from salframe_graphs.places.outline import OUTLINE, free_outline, pack_outline, unpack_outline
@@ -108,7 +117,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
     """
 
     name = "saliency-places"
-    version = "6"
+    version = "7"
     uses_floors = True
 
     class Config(GraphLocalizerConfig, PanoramaMatchingConfig):
@@ -159,8 +168,10 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
 
     def describe(self, panorama: Panorama) -> Description:
         description = {**super().describe(panorama)}
-        if self.config.outline and panorama.range_m is not None:
-            description[OUTLINE] = free_outline(panorama.range_m)
+        if panorama.range_m is not None:
+            description |= measure_height(panorama)
+            if self.config.outline:
+                description[OUTLINE] = free_outline(panorama.range_m, height_of(description))
         shown = None if panorama.valid is None else shown_bins(panorama.valid)
         is_partial = shown is not None and not shown.all()
         if is_partial or OUTLINE in description:
@@ -197,14 +208,15 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         sectors = join_sectors(parts, T_last_view)
         outlines_m = [description.get(OUTLINE) for description in descriptions]
         outline = {} if all(o is None for o in outlines_m) else {OUTLINE: join_outlines(outlines_m, T_last_view)}
-        return {**joined, **sectors_to_arrays(sectors), **outline}
+        height = join_heights([height_of(description) for description in descriptions], T_last_view)
+        return {**joined, **sectors_to_arrays(sectors), **outline, **height}
 
     def pack(self, description: Description) -> Description:
-        packed = super().pack(description)
+        packed = {**super().pack(description), **pack_height(description)}
         return {**packed, PACKED: pack_outline(description[OUTLINE])} if OUTLINE in description else packed
 
     def unpack(self, packed: Description) -> Description:
-        description = super().unpack(packed)
+        description = {**super().unpack(packed), **unpack_height(packed)}
         return {**description, OUTLINE: unpack_outline(packed[PACKED])} if PACKED in packed else description
 
     @property
@@ -216,9 +228,10 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         graphs = [graph_from_arrays(description) for description in descriptions]
         self._matching.index(graphs, frames)
         outlines_m = [description.get(OUTLINE) for description in descriptions]
+        heights_m = np.array([height_of(description) for description in descriptions])
         regions, config = Regions(self.floors) if self.floors else None, self.config
         self._map = MapPlaces.gather(
-            graphs, frames, outlines_m, regions, config.rates, config.likelihood, config.merged
+            graphs, frames, outlines_m, heights_m, regions, config.rates, config.likelihood, config.merged
         )
         self._windows = self._map.windows(config.distant_views.window_m)
         self._scenes = self._new_scene_index()
@@ -235,7 +248,8 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
     def open_index(self, folder: Path, packed: Columns, frames: SavedFrames) -> None:
         self._matching.open_index(folder, MappedGraphs(packed), frames)
         regions = Regions(self.floors) if self.floors else None
-        self._map = MapPlaces.read(folder, packed.columns.get(PACKED), len(packed), frames.poses(), regions)
+        outline_mm, height_mm = (packed.columns.get(name) for name in (PACKED, PACKED_HEIGHT))
+        self._map = MapPlaces.read(folder, outline_mm, height_mm, len(packed), frames.poses(), regions)
         self._windows = self._map.windows(self.config.distant_views.window_m)
         self._scenes = self._new_scene_index()
         if self._scenes is not None:
@@ -273,7 +287,9 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         if (share.sum(1) > 0.5).sum() < MIN_EXPLAINED:
             return self._without_pose(places, names[0])
         pose, covariance = settle(ranking.search.scorer, best, share, MIN_DEVIATION_M)
-        camera_z_m = frames[0].T_world_pano[2, 3]
+        camera_z_m = self._map.camera_z_m(int(ranking.poses.place[pose_row[0]]), height_of(description))
+        if np.isnan(camera_z_m):
+            camera_z_m = frames[0].T_world_pano[2, 3]
         T_world_query = pose_2d(pose.shift_m[0, 0], pose.shift_m[0, 1], pose.yaw_rad[0], camera_z_m)
         return Localization(places, T_world_query, LocalizationStatus.OK, covariance)
 
@@ -281,7 +297,8 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         """Return the places of a query, best first; None where no place has any of the query's labels."""
         groups = groups_from_arrays(description)
         if groups:
-            matched, _ = self._shortlist(query)
+            raised = at_map_height(query, height_of(description), self._map.index.camera_height_m)
+            matched, _ = self._shortlist(raised)
             ranking = rank_distant_views(
                 self._map, self._windows, self._matching, self.config, description, groups, matched
             )
@@ -338,12 +355,20 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         nodes = GraphNodes.of(query, places.index.vocabulary)
         if not (nodes.label >= 0).any():
             return None
-        matched, ranked = self._shortlist(query)
+        raised = at_map_height(query, height_of(description), places.index.camera_height_m)
+        matched, ranked = self._shortlist(raised)
         if not len(matched):
             return None
         config = self.config
-        sectors = sectors_from_arrays(description)
-        result = search(nodes, places.index.take(matched), config.rates, config.likelihood, config.poses, sectors)
+        result = search(
+            nodes,
+            places.index.take(matched),
+            config.rates,
+            config.likelihood,
+            config.poses,
+            sectors_from_arrays(description),
+            height_of(description),
+        )
         pose_place = matched[result.poses.place]
         poses = Poses(pose_place, result.poses.shift_m, result.poses.yaw_rad)
         pose_name = places.names_at(poses)

@@ -14,6 +14,7 @@ from salframe.framework.files.columns import PackedColumn, read_columns, write_c
 from salframe.graphs.graph import SaliencyGraph
 from salframe.panoramas.floors import Regions
 from salframe.panoramas.frames import ReferenceFrame
+from salframe_graphs.places.heights import place_heights
 from salframe_graphs.places.likelihood import Poses
 from salframe_graphs.places.merging import gather_places
 from salframe_graphs.places.outline import MapOutlines, unpack_outline
@@ -52,6 +53,7 @@ class MapPlaces:
         graphs: Sequence[SaliencyGraph],
         frames: Sequence[ReferenceFrame],
         outlines_m: Sequence[np.ndarray | None],
+        heights_m: np.ndarray,
         regions: Regions | None,
         rates: Rates,
         likelihood: Likelihood,
@@ -63,6 +65,7 @@ class MapPlaces:
             graphs: The graph of each frame.
             frames: The frames.
             outlines_m: The outline (BINS,) of free space of each frame in metres, or None.
+            heights_m: (S,) height of each frame's camera over the floor, NaN where it is unknown.
             regions: The floor area of each place, or None.
             rates: Error rates of the detector.
             likelihood: Constants of the likelihood.
@@ -72,10 +75,11 @@ class MapPlaces:
         places = gather_places(graphs, frames, rates, place_of, merged)
         T_world_pano = np.array([frame.T_world_pano[:3] for frame in frames])
         cameras_m = [T_world_pano[list(place.frames), :, 3] for place in places]
-        index = index_places(places, cameras_m, rates, likelihood)
+        shown = ShownPlaces.of(places)
+        camera_height_m = place_heights(shown, heights_m, T_world_pano[:, 2, 3])
+        index = index_places(places, cameras_m, rates, likelihood, camera_height_m)
         unknown = np.full(BINS, np.nan, np.float32)
         outline_m = np.array([unknown if outline is None else outline for outline in outlines_m])
-        shown = ShownPlaces.of(places)
         return cls(shown, index, T_world_pano, _outlines(shown, outline_m, T_world_pano), regions)
 
     def write(self, folder: Path) -> None:
@@ -93,6 +97,7 @@ class MapPlaces:
         cls,
         folder: Path,
         outline_mm: PackedColumn | None,
+        height_mm: PackedColumn | None,
         num_frames: int,
         T_world_pano: np.ndarray,
         regions: Regions | None,
@@ -102,6 +107,7 @@ class MapPlaces:
         Args:
             folder: The folder of `write`.
             outline_mm: The packed outlines of the frames; None where no frame has one.
+            height_mm: The packed heights of the frames' cameras; None where no frame has one.
             num_frames: Number of reference frames, S.
             T_world_pano: (S, 3, 4) poses of the frames.
             regions: The floor area of each place, or None.
@@ -112,7 +118,11 @@ class MapPlaces:
         outline_m = np.full((num_frames, BINS), np.nan, np.float32)
         if outline_mm is not None:
             outline_m[np.diff(outline_mm.start) > 0] = unpack_outline(outline_mm.values.reshape(-1, BINS))
-        index = read_places(columns, T_world_pano[shown.padded, :2, 3])
+        height_m = np.full(num_frames, np.nan)
+        if height_mm is not None:
+            height_m[np.diff(height_mm.start) > 0] = height_mm.values / 1000
+        camera_height_m = place_heights(shown, height_m, T_world_pano[:, 2, 3])
+        index = read_places(columns, T_world_pano[shown.padded, :2, 3], camera_height_m)
         return cls(shown, index, T_world_pano, _outlines(shown, outline_m, T_world_pano), regions)
 
     def __len__(self) -> int:
@@ -159,6 +169,12 @@ class MapPlaces:
     def heights_m(self, name: int) -> np.ndarray:
         """Return the heights of the scene frames with a name of a place, in ascending order, (N,)."""
         return np.sort(self._frames_m[self.shown.of_name(name), 2])
+
+    def camera_z_m(self, place: int, camera_height_m: float) -> float:
+        """Return the height in the world of a camera over the floor of a place; NaN where a height is unknown."""
+        frames = self.shown.frame[self.shown.start[place] : self.shown.start[place + 1]]
+        floor_z_m = np.median(self._frames_m[frames, 2]) - self.index.camera_height_m[place]
+        return float(floor_z_m + camera_height_m)
 
     def nearest_frames(self, names: np.ndarray, poses: Poses, row: np.ndarray) -> list[int]:
         """Return the scene frame of each place that is nearest to a pose.

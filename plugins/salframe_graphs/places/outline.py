@@ -13,8 +13,10 @@ from salframe_graphs.sectors import BINS, MIDDLES_RAD, azimuth_bins
 
 OUTLINE = "outline_m"
 """Key of the outline in a description."""
-LOWEST_M, HIGHEST_M = 0.35, 0.8
-"""Range of heights above the camera of the points of an outline: above most furniture and below lintels."""
+LOWEST_M, HIGHEST_M = 1.85, 2.3
+"""Range of heights over the floor of the points of an outline: above most furniture and below lintels."""
+USUAL_HEIGHT_M = 1.5
+"""Height of a camera over the floor where it is unknown."""
 ERROR_LOG, STRAY, PEAK, MAX_SQUARED = 0.1, 0.15, 3.0, 50.0
 """Standard deviation of the logarithm of a range, share of outlier bins, likelihood ratio of an inlier at its peak, and
 upper bound of the squared deviation in standard deviations."""
@@ -24,20 +26,22 @@ _MIDDLES = np.column_stack([np.cos(MIDDLES_RAD), np.sin(MIDDLES_RAD)])
 """(BINS, 2) directions of the centres of the bins."""
 
 
-def free_outline(range_m: np.ndarray) -> np.ndarray:
+def free_outline(range_m: np.ndarray, camera_height_m: float = np.nan) -> np.ndarray:
     """Return the outline of free space of a panorama.
 
-    It is the median horizontal range of the points LOWEST_M to HIGHEST_M above the camera, by azimuth from +x,
+    It is the median horizontal range of the points LOWEST_M to HIGHEST_M over the floor, by azimuth from +x,
     counter-clockwise.
 
     Args:
         range_m: (H, 2H) range image in metres.
+        camera_height_m: Height of the camera over the floor; NaN: unknown, USUAL_HEIGHT_M.
 
     Returns:
         (BINS,) float32 in metres; NaN for a bin without points.
     """
     points = (equirectangular_rays(len(range_m)) * range_m[..., None]).reshape(-1, 3)
-    points = points[(points[:, 2] > LOWEST_M) & (points[:, 2] < HIGHEST_M)]  # leaves out NaN too
+    height_m = points[:, 2] + (USUAL_HEIGHT_M if np.isnan(camera_height_m) else camera_height_m)
+    points = points[(height_m > LOWEST_M) & (height_m < HIGHEST_M)]  # leaves out NaN too
     bin_ = azimuth_bins(np.arctan2(points[:, 1], points[:, 0]))
     order = np.argsort(bin_, kind="stable")
     parts = np.split(np.hypot(points[order, 0], points[order, 1]), np.searchsorted(bin_[order], np.arange(1, BINS)))

@@ -44,6 +44,7 @@ class PlaceIndex:
         log_size: (M, 3) logarithms of length, width and height.
         detection_logit: (M,) logit of the probability of detection from a distance of 2 m.
         cameras_m: (K, F, 2) positions of the scene frames; the last one is repeated.
+        camera_height_m: (K,) height over the floor of the camera that `z_m` refers to; NaN where it is unknown.
     """
 
     vocabulary: dict[str, int]
@@ -57,6 +58,7 @@ class PlaceIndex:
     log_size: np.ndarray
     detection_logit: np.ndarray
     cameras_m: np.ndarray
+    camera_height_m: np.ndarray
 
     def __len__(self) -> int:
         return len(self.count)
@@ -81,10 +83,14 @@ class PlaceIndex:
         """(K,) float64 sum of the rarities of each place's objects."""
         return self.segments.sum(self.rarity[self.label])
 
-    @cached_property
-    def appearance(self) -> np.ndarray:
-        """(7, M) float64: z, log length, log box height, their squares, and ones; for `PlaceLikelihood`."""
-        values = np.stack([self.z_m, self.log_size[:, 0], self.log_size[:, 2]])
+    def appearance(self, camera_height_m: float) -> np.ndarray:
+        """Return z, log length, log box height, their squares, and ones, (7, M) float64; for `PlaceLikelihood`.
+
+        z is relative to a camera at a height over the floor. Where that or the height of the place's camera is unknown
+        (NaN), the two are taken to be equal.
+        """
+        raised_m = np.nan_to_num(self.camera_height_m - camera_height_m)
+        values = np.stack([self.z_m + self.segments.spread(raised_m), self.log_size[:, 0], self.log_size[:, 2]])
         return np.concatenate([values, values**2, np.ones((1, values.shape[1]))])
 
     def take(self, places: np.ndarray) -> PlaceIndex:
@@ -94,11 +100,16 @@ class PlaceIndex:
         objects = ranges(self.segments.start[places], self.count[places])
         of_objects = ("label", "xy_m", "z_m", "variance_m2", "log_size", "detection_logit")
         columns = {name: getattr(self, name)[objects] for name in of_objects}
-        return replace(self, count=self.count[places], cameras_m=self.cameras_m[places], **columns)
+        of_places = {name: getattr(self, name)[places] for name in ("count", "cameras_m", "camera_height_m")}
+        return replace(self, **of_places, **columns)
 
 
 def index_places(
-    places: Sequence[Place], cameras_m: Sequence[np.ndarray], rates: Rates, likelihood: Likelihood
+    places: Sequence[Place],
+    cameras_m: Sequence[np.ndarray],
+    rates: Rates,
+    likelihood: Likelihood,
+    camera_height_m: np.ndarray | None = None,
 ) -> PlaceIndex:
     """Return the index of places.
 
@@ -107,6 +118,7 @@ def index_places(
         cameras_m: For each place the positions (F, 3) of its scene frames in the world.
         rates: Error rates of the detector.
         likelihood: Constants of the likelihood.
+        camera_height_m: (K,) as in PlaceIndex; None: unknown.
     """
     names = sorted({label for place in places for label in place.labels})
     number = {label: i for i, label in enumerate(names)}
@@ -131,6 +143,7 @@ def index_places(
             "detection_logit": np.concatenate(logit),
         },
         cameras,
+        np.full(len(places), np.nan) if camera_height_m is None else camera_height_m,
     )
 
 
@@ -147,19 +160,25 @@ def place_rows(index: PlaceIndex) -> Iterator[Row]:
         }
 
 
-def read_places(columns: Mapping[str, PackedColumn], cameras_m: np.ndarray) -> PlaceIndex:
-    """Return the index of places from the columns PLACE_COLUMNS; cameras_m (K, F, 2) as in PlaceIndex."""
+def read_places(columns: Mapping[str, PackedColumn], cameras_m: np.ndarray, camera_height_m: np.ndarray) -> PlaceIndex:
+    """Return the index of places from the columns PLACE_COLUMNS; cameras_m (K, F, 2) and camera_height_m (K,) as in
+    PlaceIndex."""
     labels = columns["labels"]
     values = {
         name: columns[name].values.reshape(-1, *kind.shape[1:])
         for name, kind in PLACE_COLUMNS.items()
         if name != "labels"
     }
-    return _index(labels.words or (), np.diff(labels.start), labels.values, values, cameras_m)
+    return _index(labels.words or (), np.diff(labels.start), labels.values, values, cameras_m, camera_height_m)
 
 
 def _index(
-    names: Sequence[str], count: np.ndarray, label: np.ndarray, values: Mapping[str, np.ndarray], cameras_m: np.ndarray
+    names: Sequence[str],
+    count: np.ndarray,
+    label: np.ndarray,
+    values: Mapping[str, np.ndarray],
+    cameras_m: np.ndarray,
+    camera_height_m: np.ndarray,
 ) -> PlaceIndex:
     """Return the index of places with `count` (K,) objects; label (M,) contains positions in `names`."""
     number = np.bincount(label, minlength=len(names) + 1) + 0.5
@@ -175,4 +194,5 @@ def _index(
         values["log_size"],
         values["detection_logit"],
         cameras_m,
+        camera_height_m,
     )

@@ -73,12 +73,14 @@ def search(
     likelihood: Likelihood,
     max_poses: int,
     sectors: Sectors | None = None,
+    camera_height_m: float = np.nan,
 ) -> SearchResult:
     """Return the best pose of a query in each place of an index, from up to `max_poses` refined poses in each.
 
-    `sectors` are those that the query shows; None: all of them.
+    `sectors` are those that the query shows; None: all of them. `camera_height_m` is the height of its camera over the
+    floor; NaN: unknown.
     """
-    scorer = PlaceLikelihood(query, index, rates, likelihood, sectors)
+    scorer = PlaceLikelihood(query, index, rates, likelihood, sectors, camera_height_m)
     refined = scorer.refine(best_poses(scorer, max_poses))
     best = top_per_group(refined.score, refined.poses.place, 1)
     return SearchResult(scorer, refined.poses.take(best), refined.score[best], refined, best)

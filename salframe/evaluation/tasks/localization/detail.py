@@ -26,6 +26,7 @@ from salframe.graphs.packing import GRAPH_ARRAYS, graph_from_arrays
 from salframe.localization.answers import NodeMatches, PointMatches
 from salframe.localization.describing import describe_frame
 from salframe.localization.evidence import Evidence
+from salframe.localization.level_frames import correspond
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map import LocalizationMap
 from salframe.panoramas.dataset import Dataset
@@ -150,7 +151,7 @@ class _Method:
             query["objects"][self._describer] = objects
         pairs = []
         for kind, reference in self._references(row, truth, correct):
-            matches = self._localizer.correspond(description, self._descriptions[reference.id])
+            matches = correspond(self._localizer, description, self._descriptions[reference.id])
             pairs.append({"kind": kind, "frame": reference.id, **_matched(matches)})
             self._show(reference)
             if isinstance(matches, NodeMatches) and objects is None:

@@ -24,6 +24,7 @@ from salframe.framework.errors import DataError, InputMissing, InvalidAnswer, Me
 from salframe.framework.files.cache import Cache
 from salframe.localization.answers import NodeMatches, PointMatches
 from salframe.localization.describing import describe_frame
+from salframe.localization.level_frames import correspond
 from salframe.localization.localizer import Localizer
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.frames import FrameKind, QueryFrame, ReferenceFrame
@@ -108,7 +109,7 @@ class _Matching(Worker[FramePair]):
             describe_frame(self._localizer, frame, self._cache, self._dataset)[0]
             for frame in (piece.query, piece.reference)
         )
-        matches = self._localizer.correspond(query, reference)
+        matches = correspond(self._localizer, query, reference)
         if matches is None:
             raise MethodUnavailable("matches neither points nor objects")
         if not isinstance(matches, PointMatches | NodeMatches):

@@ -1,0 +1,88 @@
+"""Heights of cameras over the floor that they see: in the description of a panorama, and of the places of a map."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from salframe.graphs.graph import SaliencyGraph
+from salframe.panoramas.camera_height import camera_height
+from salframe.panoramas.panorama import Panorama
+from salframe_graphs.places.shown import ShownPlaces
+
+HEIGHT, PACKED_HEIGHT = "camera_height_m", "camera_height_mm"
+"""Keys of the height in a description, and in a packed description."""
+_MAX_M = 65.535
+"""Maximum height that is stored: 65535 mm."""
+
+
+def measure_height(panorama: Panorama) -> dict[str, np.ndarray]:
+    """Return the height of the camera over the floor as an array (1,) of a description; {} where it is unknown.
+
+    Only measured ranges are used: those of a range model may have a wrong scale.
+    """
+    if panorama.range_m is None or panorama.range_by is not None:
+        return {}
+    height_m = camera_height(panorama.range_m)
+    return {} if height_m is None or height_m > _MAX_M else {HEIGHT: np.array([height_m])}
+
+
+def height_of(description: Mapping[str, np.ndarray]) -> float:
+    """Return the height of the camera of a description over the floor in metres, NaN where it is unknown."""
+    return float(description[HEIGHT][0]) if HEIGHT in description else np.nan
+
+
+def join_heights(heights_m: Sequence[float], T_last_view: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the height of the last of V views as an array (1,): the median over all views that know theirs.
+
+    Args:
+        heights_m: The height of each view, NaN where it is unknown.
+        T_last_view: (V, 4, 4) motions that map coordinates of the views to those of the last view.
+    """
+    of_last_m = np.array(heights_m) - T_last_view[:, 2, 3]
+    known_m = of_last_m[np.isfinite(of_last_m)]
+    return {HEIGHT: np.array([np.median(known_m)])} if len(known_m) else {}
+
+
+def pack_height(description: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the height of a description as (1,) uint16 in millimetres; {} where it is unknown."""
+    return {PACKED_HEIGHT: np.round(description[HEIGHT] * 1000).astype(np.uint16)} if HEIGHT in description else {}
+
+
+def unpack_height(packed: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return a packed height as an array (1,) of a description."""
+    return {HEIGHT: packed[PACKED_HEIGHT] / 1000} if PACKED_HEIGHT in packed else {}
+
+
+def at_map_height(query: SaliencyGraph, height_m: float, map_height_m: np.ndarray) -> SaliencyGraph:
+    """Return the graph of a query as seen from the height over the floor at which the map was taken.
+
+    Args:
+        query: The graph.
+        height_m: Height of the camera of the query, NaN where it is unknown.
+        map_height_m: (K,) height of the cameras of each place, NaN where it is unknown.
+    """
+    known_m = map_height_m[np.isfinite(map_height_m)]
+    offset_m = float(np.nan_to_num(height_m - np.median(known_m))) if len(known_m) else 0.0
+    return replace(query, centroid_m=query.centroid_m + np.array([0, 0, offset_m])) if offset_m else query
+
+
+def place_heights(shown: ShownPlaces, frame_height_m: np.ndarray, frame_z_m: np.ndarray) -> np.ndarray:
+    """Return the height (K,) over the floor of a camera at the median height of each place's scene frames.
+
+    It is NaN where no frame of the place knows its height.
+
+    Args:
+        shown: The places.
+        frame_height_m: (S,) height of each frame's camera over the floor, NaN where it is unknown.
+        frame_z_m: (S,) z of each frame in the world.
+    """
+    floor_z_m = frame_z_m - frame_height_m
+    heights_m = np.full(len(shown), np.nan)
+    for place, frames in enumerate(np.split(shown.frame, shown.start[1:-1])):
+        known_m = floor_z_m[frames][np.isfinite(floor_z_m[frames])]
+        if len(known_m):
+            heights_m[place] = np.median(frame_z_m[frames]) - np.median(known_m)
+    return heights_m

@@ -1,0 +1,137 @@
+"""Level tilted panoramas: estimate the tilt of the camera, and turn the images and the annotations."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from salframe.panoramas.geometry import equirectangular_rays, rays_to_pixels
+from salframe.panoramas.line_segments import find_segments
+from salframe.panoramas.panorama import ObjectBoxes, Panorama
+from salframe.panoramas.tilt import level_rotation, up_from_lines, up_from_range
+
+MIN_TILT_DEG = 1.0
+"""Minimum tilt of a panorama that is levelled. Below it the panorama does not change."""
+MAX_LINE_ROWS = 512
+"""Maximum number of rows of the picture whose lines are detected."""
+_FLAT_DEG = 1e-3
+"""Maximum tilt of a pose that may be a pose in the plane, which does not say how the camera was tilted."""
+_BLOCK_ROWS = 256
+"""Number of rows that are turned at once, to bound the memory."""
+
+
+def tilt_deg(rotation: np.ndarray) -> float:
+    """Return the angle between the z axes of two frames in degrees, from the rotation (3, 3) between them."""
+    return float(np.degrees(np.arctan2(np.hypot(rotation[2, 0], rotation[2, 1]), rotation[2, 2])))
+
+
+def pose_level_rotation(T_world_pano: np.ndarray) -> np.ndarray | None:
+    """Return the rotation R_level_pano (3, 3) that levels a panorama by its pose; None where that is level."""
+    if tilt_deg(T_world_pano[:3, :3]) < MIN_TILT_DEG:
+        return None
+    return level_rotation(T_world_pano[2, :3])
+
+
+def may_be_flat(T_world_pano: np.ndarray) -> bool:
+    """Return whether a pose may be one in the plane: exactly level, without a word on the tilt of the camera."""
+    return tilt_deg(T_world_pano[:3, :3]) < _FLAT_DEG
+
+
+def estimate_level_rotation(panorama: Panorama, parts: Collection[str]) -> np.ndarray | None:
+    """Return the rotation R_level_pano (3, 3) that levels a panorama.
+
+    The tilt comes from the range where there is any, else from the lines in the colour. A camera that hangs upside down
+    is not detected, because floor and ceiling look alike.
+
+    Args:
+        panorama: The panorama.
+        parts: Parts that may be used, of "rgb" and "range".
+
+    Returns:
+        The rotation from the panorama frame to that of an upright camera at the same position; None where the tilt is
+        below MIN_TILT_DEG or unknown.
+    """
+    up = None
+    if "range" in parts and panorama.range_m is not None:
+        up = up_from_range(panorama.range_m)
+    elif "rgb" in parts and panorama.rgb is not None:
+        up = up_from_lines(find_segments(*_reduced(panorama.rgb, panorama.valid)))
+    if up is None:
+        return None
+    rotation = level_rotation(up)
+    return None if tilt_deg(rotation) < MIN_TILT_DEG else rotation
+
+
+def _reduced(rgb: np.ndarray, valid: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
+    """Return a picture and its mask with at most MAX_LINE_ROWS rows."""
+    import cv2
+
+    if len(rgb) <= MAX_LINE_ROWS:
+        return rgb, valid
+    size = 2 * MAX_LINE_ROWS, MAX_LINE_ROWS
+    smaller = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
+    if valid is None:
+        return smaller, None
+    return smaller, cv2.resize(valid.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
+
+
+def turn_panorama(panorama: Panorama, rotation: np.ndarray) -> Panorama:
+    """Return a panorama as a camera with other axes at the same position would see it.
+
+    Args:
+        panorama: The panorama.
+        rotation: (3, 3) rotation from its frame to the new frame.
+    """
+    annotations = panorama.annotations
+    images = {name: getattr(panorama, name) for name in ("rgb", "range_m", "valid")}
+    images["instance_id"] = None if annotations is None else annotations.instance_id
+    names = [name for name, image in images.items() if image is not None]
+    turned: dict[str, Any] = dict(zip(names, turn_images([images[name] for name in names], rotation), strict=True))
+    instance_id = turned.pop("instance_id", None)
+    if annotations is not None and annotations.objects is not None:
+        annotations = replace(annotations, objects=_turn_objects(annotations.objects, rotation))
+    elif annotations is not None:
+        annotations = replace(annotations, instance_id=instance_id)
+    return replace(panorama, annotations=annotations, **turned)
+
+
+def turn_image(image: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    """Return an equirectangular image (H, 2H, ...) in other axes, as `turn_images`."""
+    return turn_images([image], rotation)[0]
+
+
+def turn_images(images: Sequence[np.ndarray], rotation: np.ndarray) -> list[np.ndarray]:
+    """Return equirectangular images of one size in other axes; colour is interpolated, the rest is not.
+
+    Args:
+        images: Images (H, 2H, ...). Those with channels are colour.
+        rotation: (3, 3) rotation from their frame to the new frame.
+    """
+    import cv2
+
+    if not images:
+        return []
+    turned, height = [np.empty_like(image) for image in images], len(images[0])
+    around = [np.concatenate([im[:, -1:], im, im[:, :1]], axis=1) if im.ndim == 3 else im for im in images]
+    for start in range(0, height, _BLOCK_ROWS):
+        block = slice(start, start + _BLOCK_ROWS)
+        columns, rows = rays_to_pixels(equirectangular_rays(height)[block] @ rotation, height)
+        row, column = np.minimum(rows.astype(int), height - 1), columns.astype(int) % (2 * height)
+        for image, source in zip(turned, around, strict=True):
+            if image.ndim == 3:
+                x, y = (columns + 0.5).astype(np.float32), (rows - 0.5).astype(np.float32)
+                image[block] = cv2.remap(source, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            else:
+                image[block] = source[row, column]
+    return turned
+
+
+def _turn_objects(objects: ObjectBoxes, rotation: np.ndarray) -> ObjectBoxes:
+    """Return objects in other axes. Their boxes stay upright: only the azimuth of the length changes."""
+    along = np.column_stack([np.cos(objects.yaw_rad), np.sin(objects.yaw_rad), np.zeros(len(objects.labels))])
+    along = along @ rotation.T
+    yaw_rad = np.arctan2(along[:, 1], along[:, 0])
+    return replace(objects, centroid_m=objects.centroid_m @ rotation.T, yaw_rad=yaw_rad)
