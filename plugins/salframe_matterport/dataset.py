@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
@@ -11,17 +10,18 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from salframe.framework.component import ComponentConfig, match_only
+from salframe.framework.component import ComponentConfig, added, match_only
 from salframe.framework.errors import DataError
 from salframe.framework.files.hashes import digest, file_sha256
 from salframe.navigation.world import NavigableDataset, World
 from salframe.panoramas.frames import Fold, QueryFrame, ReferenceFrame, Truth
-from salframe.panoramas.geometry import pose_2d, pose_yaw
+from salframe.panoramas.geometry import invert_pose, pose_2d, pose_yaw
 from salframe.panoramas.hidden_places import add_hidden_places, hide_query_place_setting
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.query_view import VIEW_SETTINGS, QueryView, as_query
+from salframe_matterport.chains import Walks, with_keys_of
 from salframe_matterport.readers import (
     boxes_path,
     connectivity_path,
@@ -43,7 +43,10 @@ class MatterportAnnotations(NavigableDataset):
     Every included viewpoint that sees an object is a scene (a reference frame). Ranges come from object positions that
     are triangulated from all bearings of an object. A query is a viewpoint whose region has another scene. The query's
     own scene is left out of its fold's map, and the query is turned by a random yaw. The settings `leave_out`,
-    `query_triangulates`, `one_map` and `hide_query_place` control the other content of the map.
+    `query_triangulates`, `one_map`, `map_share` and `hide_query_place` control the other content of the map.
+
+    The views of a driven query are the scenes of a random walk that ends at the query (`Walks`), each turned by a
+    random yaw. The map contains none of them.
     """
 
     name = "matterport-annotations"
@@ -71,13 +74,31 @@ class MatterportAnnotations(NavigableDataset):
         one_map: bool = match_only(
             False, description="put all buildings in one map, 1 km apart along x; each fold has one query per building"
         )
+        map_share: float | None = added(
+            None,
+            match_only=True,
+            gt=0,
+            lt=1,
+            description="share of the viewpoints of each building that are its map, drawn by the seed; the others are "
+            "the queries, in one fold per building, and leave_out must be 1; null: one fold per query, leave-one-out",
+        )
         hide_query_place: bool = hide_query_place_setting()
+
+        @model_validator(mode="after")
+        def _one_way_to_leave_out(self) -> MatterportAnnotations.Config:
+            if self.map_share is not None and self.leave_out > 1:
+                raise ValueError(
+                    f"leave_out is {self.leave_out} and map_share is {self.map_share}, expected leave_out=1 with "
+                    "map_share: all viewpoints that are not in the map are left out"
+                )
+            return self
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
         self._buildings: dict[str, list[ViewpointScene]] = {}
         self._references_by_scan: dict[str, list[ReferenceFrame]] = {}
         self._retriangulated: dict[str, ViewpointScene] = {}
+        self._walks: dict[str, Walks] = {}
 
     @property
     def provides(self) -> frozenset[str]:
@@ -107,7 +128,7 @@ class MatterportAnnotations(NavigableDataset):
     @cached_property
     def fingerprint(self) -> str:
         """Hash of the settings that panoramas depend on and of the content of every file that is read."""
-        map_settings = {"leave_out", "query_triangulates", "one_map", "hide_query_place"}
+        map_settings = {"leave_out", "query_triangulates", "one_map", "map_share", "hide_query_place"}
         settings = self.config.model_dump(mode="json", exclude={"root", *map_settings, *VIEW_SETTINGS})
         content = hashlib.sha256(digest(settings).encode())
         files = [regions_path(self._root)]
@@ -201,9 +222,26 @@ class MatterportAnnotations(NavigableDataset):
                 f"{self._root} has no queries, expected a viewpoint with at least {self.config.min_visible} visible "
                 f"objects, and at least {more} in the same region"
             )
+        if self.config.map_share is not None:
+            return self._folds_of_shared_maps(queries)
+        if self.config.one_map:
+            return self._folds_of_one_map(queries)
+        query_scenes = (scene for scenes in queries.values() for scene in scenes)
+        return [Fold(scene.id, tuple(self._map_of(scene)), (self._query(scene),)) for scene in query_scenes]
+
+    def _folds_of_shared_maps(self, queries: Mapping[str, Sequence[ViewpointScene]]) -> list[Fold]:
+        """Return one fold for each building with queries, or one for all buildings, whose queries share a map."""
+        folds = [
+            Fold(scan, tuple(self._map_without(scan, self._outside_shared_map(scan))), tuple(map(self._query, scenes)))
+            for scan, scenes in queries.items()
+        ]
         if not self.config.one_map:
-            query_scenes = (scene for scenes in queries.values() for scene in scenes)
-            return [Fold(scene.id, tuple(self._map_without(scene)), (self._query(scene),)) for scene in query_scenes]
+            return [fold for fold in folds if fold.queries]
+        references = tuple(frame for fold in folds for frame in fold.references)
+        return [Fold("one-map", references, tuple(query for fold in folds for query in fold.queries))]
+
+    def _folds_of_one_map(self, queries: Mapping[str, Sequence[ViewpointScene]]) -> list[Fold]:
+        """Return folds with one query per building and a map of all buildings."""
         folds = []
         for number in range(max(map(len, queries.values()))):
             fold_queries = {scan: scenes[number] for scan, scenes in queries.items() if number < len(scenes)}
@@ -211,7 +249,7 @@ class MatterportAnnotations(NavigableDataset):
                 frame
                 for scan in self._scans
                 for frame in (
-                    self._map_without(fold_queries[scan]) if scan in fold_queries else self._building_references(scan)
+                    self._map_of(fold_queries[scan]) if scan in fold_queries else self._building_references(scan)
                 )
             ]
             folds.append(Fold(f"one-map-{number}", tuple(frames), tuple(map(self._query, fold_queries.values()))))
@@ -219,36 +257,87 @@ class MatterportAnnotations(NavigableDataset):
 
     def _queries(self, scan: str) -> list[ViewpointScene]:
         """Return the scenes of a building that are queries."""
-        scenes = self._building(scan)
-        scenes_of = Counter(scene.place for scene in scenes)
-        return [
-            scene
-            for scene in scenes
-            if len(scene.labels) >= self.config.min_visible and scenes_of[scene.place] > self.config.leave_out
-        ]
+        scenes, queries = self._building(scan), []
+        outside = self._outside_shared_map(scan)
+        for scene in scenes:
+            if len(scene.labels) < self.config.min_visible or scene.id not in outside:
+                continue
+            left_out = self._left_out(scene)
+            if any(other.place == scene.place and other.id not in left_out for other in scenes):
+                queries.append(scene)
+        return queries
+
+    def _outside_shared_map(self, scan: str) -> frozenset[str]:
+        """Return the ids of the scenes of a building that are not in the map that all its queries share; all ids where
+        each query has its own map."""
+        ids = [scene.id for scene in self._building(scan)]
+        if self.config.map_share is None:
+            return frozenset(ids)
+        size = min(max(round(self.config.map_share * len(ids)), 1), len(ids) - 1)
+        return frozenset(generator(self.config.seed, "map", scan).permutation(ids)[size:].tolist())
+
+    def _left_out(self, query: ViewpointScene) -> frozenset[str]:
+        """Return the ids of the scenes that are left out of the map of a query, with those of its views."""
+        scan = scan_of(query)
+        if self.config.map_share is not None:
+            return self._outside_shared_map(scan)
+        views = frozenset(scene.id for scene in self._walk(query))
+        return views | nearest_of_place(self._building(scan), query, self.config.leave_out)
 
     @cached_property
     def _truths(self) -> dict[str, Truth]:
         """Truth of each query, by query id."""
-        truths = {}
-        for scan in self._scans:
-            for scene in self._queries(scan):
-                x_m, y_m, z_m = self._world_pose(scan, scene)[:3, 3]
-                pose = pose_2d(x_m, y_m, self._yaw_rad(scene), z_m)
-                truths[query_id(scene)] = Truth(scene.place, pose, tuple(scene.object_id.tolist()))
-        return truths
+        return {
+            query_id(scene): Truth(
+                scene.place, self._query_pose(scene, query_id(scene)), tuple(scene.object_id.tolist())
+            )
+            for scan in self._scans
+            for scene in self._queries(scan)
+        }
 
     def _query(self, scene: ViewpointScene) -> QueryFrame:
-        return QueryFrame(query_id(scene), _load(scene, query_id(scene), self._yaw_rad(scene)))
+        """Return the query of a scene, with its earlier views if it is driven."""
+        walk = self._walk(scene)
+        ids = [*(f"{query_id(scene)}/{view.id.partition('/')[2]}" for view in walk[:-1]), query_id(scene)]
+        *earlier, query = (
+            QueryFrame(id, _load(with_keys_of(scene, view), id, self._yaw_rad(id)))
+            for view, id in zip(walk, ids, strict=True)
+        )
+        if not self._is_driven:
+            return query
+        T_world_view = np.stack([self._query_pose(view, id) for view, id in zip(walk, ids, strict=True)])
+        return replace(query, earlier=tuple(earlier), T_last_view=invert_pose(T_world_view[-1]) @ T_world_view)
 
-    def _yaw_rad(self, scene: ViewpointScene) -> float:
-        """Return the yaw of a scene's query in the world."""
-        return float(generator(self.config.seed, "yaw", query_id(scene)).uniform(-np.pi, np.pi))
+    @property
+    def _is_driven(self) -> bool:
+        return self.config.query_motion == "driven" and self.config.query_views > 1
 
-    def _map_without(self, query: ViewpointScene) -> list[ReferenceFrame]:
+    def _walk(self, query: ViewpointScene) -> list[ViewpointScene]:
+        """Return the scenes of the views of a query, the query's own scene last."""
+        if not self._is_driven:
+            return [query]
+        scan = scan_of(query)
+        if scan not in self._walks:
+            self._walks[scan] = Walks(self._root, scan, self.config.seed)
+        outside = self._outside_shared_map(scan)
+        scenes = [scene for scene in self._building(scan) if scene.id in outside]
+        return self._walks[scan].walk(query, scenes, self.config.query_views)
+
+    def _query_pose(self, scene: ViewpointScene, id: str) -> np.ndarray:
+        """Return the pose (4, 4) in the world of the panorama `id` of a query at a scene."""
+        x_m, y_m, z_m = self._world_pose(scan_of(scene), scene)[:3, 3]
+        return pose_2d(x_m, y_m, self._yaw_rad(id), z_m)
+
+    def _yaw_rad(self, id: str) -> float:
+        """Return the yaw in the world of the panorama `id` of a query."""
+        return float(generator(self.config.seed, "yaw", id).uniform(-np.pi, np.pi))
+
+    def _map_of(self, query: ViewpointScene) -> list[ReferenceFrame]:
         """Return the reference frames of a query's building, without the scenes that are left out for the query."""
-        scan = query.id.partition("/")[0]
-        left_out = nearest_of_place(self._building(scan), query, self.config.leave_out)
+        return self._map_without(scan_of(query), self._left_out(query))
+
+    def _map_without(self, scan: str, left_out: Collection[str]) -> list[ReferenceFrame]:
+        """Return the reference frames of a building without some scenes."""
         frames = [frame for frame in self._building_references(scan) if frame.id not in left_out]
         if self.config.query_triangulates:
             return frames
@@ -285,6 +374,11 @@ def nearest_of_place(scenes: Sequence[ViewpointScene], query: ViewpointScene, co
     neighbours = [scene for scene in scenes if scene.place == query.place and scene is not query]
     neighbours.sort(key=lambda scene: float(np.linalg.norm(scene.T_world_pano[:3, 3] - query.T_world_pano[:3, 3])))
     return {query.id, *(scene.id for scene in neighbours[: count - 1])}
+
+
+def scan_of(scene: ViewpointScene) -> str:
+    """Return the building of a scene."""
+    return scene.id.partition("/")[0]
 
 
 def query_id(scene: ViewpointScene) -> str:

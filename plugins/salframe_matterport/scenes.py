@@ -68,6 +68,11 @@ def generator(*key: object) -> np.random.Generator:
     return np.random.default_rng(int(digest([str(part) for part in key])[:32], 16))
 
 
+def object_key(scan: str, viewpoint: str, number: int) -> str:
+    """Return the key of an object at a viewpoint. It does not reveal the object's id."""
+    return digest([scan, viewpoint, number])[:16]
+
+
 def read_scenes(
     root: Path, scan: str, regions: Mapping[str, int], range_noise: float, seed: int
 ) -> list[ViewpointScene]:
@@ -111,7 +116,7 @@ def read_scenes(
     scenes = []
     first = 0
     for viewpoint, objects in visible.items():
-        keys = [digest([scan, viewpoint, number])[:16] for number in objects]
+        keys = [object_key(scan, viewpoint, number) for number in objects]
         # Sorted by a hash, so that neither keys nor order reveal which objects are the same at another viewpoint.
         order = sorted(range(len(keys)), key=keys.__getitem__)
         rows = first + np.array(order)

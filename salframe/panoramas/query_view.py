@@ -133,7 +133,7 @@ def _with_motion(query: QueryFrame, config: Any, content: str) -> QueryFrame:
     if config.query_views == 1:
         return query
     if config.query_motion == "driven":
-        if not query.earlier:
+        if not query.earlier and query.T_last_view is None:
             raise DataError(
                 f"{config.kind} has no other views near the query {query.id}, which query_motion=driven requires; "
                 "expected query_motion=turned"

@@ -202,5 +202,9 @@ def test_a_setting_of_descriptions_changes_what_they_are_known_by(key):
 def test_these_are_all_settings():
     nested = {"detector.", "range."}  # settings of components that have tests of their own
     listed = {one.key for one in list_settings(preset()) if not one.key.startswith(tuple(nested))}
-    joining = {"odometry.drift_share", "odometry.heading_drift_deg"}  # see test_joined_views.py
+    joining = {  # see test_joined_views.py and test_distant_views.py
+        *("odometry.drift_share", "odometry.heading_drift_deg"),
+        *("view_objects.position_error_m", "view_objects.range_error_share"),
+        *("distant_views.near_m", "distant_views.window_m", "distant_views.same_place_m"),
+    }
     assert listed == {*CHANGES, *DESCRIBING, *joining}

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from salframe.graphs.graph import SaliencyGraph
 from salframe.panoramas.camera_height import camera_height
 from salframe.panoramas.panorama import Panorama
 from salframe_graphs.places.shown import ShownPlaces
@@ -52,6 +54,19 @@ def pack_height(description: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 def unpack_height(packed: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Return a packed height as an array (1,) of a description."""
     return {HEIGHT: packed[PACKED_HEIGHT] / 1000} if PACKED_HEIGHT in packed else {}
+
+
+def at_map_height(query: SaliencyGraph, height_m: float, map_height_m: np.ndarray) -> SaliencyGraph:
+    """Return the graph of a query as seen from the height over the floor at which the map was taken.
+
+    Args:
+        query: The graph.
+        height_m: Height of the camera of the query, NaN where it is unknown.
+        map_height_m: (K,) height of the cameras of each place, NaN where it is unknown.
+    """
+    known_m = map_height_m[np.isfinite(map_height_m)]
+    offset_m = float(np.nan_to_num(height_m - np.median(known_m))) if len(known_m) else 0.0
+    return replace(query, centroid_m=query.centroid_m + np.array([0, 0, offset_m])) if offset_m else query
 
 
 def place_heights(shown: ShownPlaces, frame_height_m: np.ndarray, frame_z_m: np.ndarray) -> np.ndarray:

@@ -282,7 +282,8 @@ class PlaceLikelihood:
         map_position = self.index.position[objects]
         query_mean = (self.position @ by_query) / total
         map_mean = columns.poses.sum(by_object * map_position) / total
-        products = columns.poses.sum((self.position.conj() @ weight) * map_position)
+        x, y = np.array([self.position.real, self.position.imag]) @ weight  # a complex factor would copy the weights
+        products = columns.poses.sum((x - 1j * y) * map_position)
         yaw = np.angle(products - total * query_mean.conj() * map_mean)
         shift = map_mean - np.exp(1j * yaw) * query_mean
         return Poses(poses.place, np.array([shift.real, shift.imag]).T, yaw)

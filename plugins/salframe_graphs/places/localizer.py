@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, Field
 
-from salframe.framework.component import ComponentConfig, match_only
+from salframe.framework.component import ComponentConfig, added, match_only
 from salframe.framework.components.registry import registry
 from salframe.framework.components.slots import slot
 from salframe.framework.config import merge, read_yaml
@@ -29,15 +29,25 @@ from salframe.localization.posterior import Posterior, read_fitted
 from salframe.localization.saved_frames import SavedFrames
 from salframe.panoramas.floors import Regions
 from salframe.panoramas.frames import ReferenceFrame
-from salframe.panoramas.geometry import pose_2d
+from salframe.panoramas.geometry import invert_pose, pose_2d
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.place_heights import MAX_STEP_M
 from salframe.panoramas.view import OdometryNoise
 from salframe_graphs.graph_localizer import GraphLocalizer, GraphLocalizerConfig
 from salframe_graphs.panorama_matching import PanoramaMatching, PanoramaMatchingConfig
-from salframe_graphs.places.evidence import EvidenceWeights, label_evidence, shipped_weights
+from salframe_graphs.places.distant_matching import rank_distant_views
+from salframe_graphs.places.distant_views import (
+    DistantViews,
+    ViewGroup,
+    group_views,
+    groups_from_arrays,
+    groups_to_arrays,
+)
+from salframe_graphs.places.evidence import EvidenceWeights, shipped_weights
+from salframe_graphs.places.gathering import gather_evidence
 from salframe_graphs.places.heights import (
     PACKED_HEIGHT,
+    at_map_height,
     height_of,
     join_heights,
     measure_height,
@@ -46,14 +56,14 @@ from salframe_graphs.places.heights import (
 )
 from salframe_graphs.places.likelihood import Poses
 from salframe_graphs.places.map_places import MapPlaces
-from salframe_graphs.places.outline import free_outline, pack_outline, unpack_outline
+from salframe_graphs.places.outline import OUTLINE, free_outline, pack_outline, unpack_outline
 from salframe_graphs.places.rates import SHIPPED, Likelihood, Rates, shipped_rates
-from salframe_graphs.places.search import SearchResult, search, settle
+from salframe_graphs.places.search import Ranking, SearchResult, search, settle
 from salframe_graphs.sectors import Sectors, shown_bins
 from salframe_graphs.views import join_outlines, join_sectors, sectors_from_arrays, sectors_to_arrays
 
-OUTLINE, PACKED = "outline_m", "outline_mm"
-"""Keys of the outline of free space in a description, and in a packed description."""
+PACKED = "outline_mm"
+"""Key of the outline of free space in a packed description."""
 _SCENES = "scenes"
 """Name of the scene index, in the folder of a map's index."""
 MIN_DEVIATION_M = 0.02
@@ -145,6 +155,11 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
             True, description="merge the panoramas of a place into one graph; false: one graph for each panorama"
         )
         poses: int = match_only(3, ge=1, description="maximum number of poses to refine in each place")
+        distant_views: DistantViews = added(
+            DistantViews(),
+            match_only=True,
+            description="how views of a query that were taken far apart are matched in a map without floor masks",
+        )
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
@@ -164,6 +179,26 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         return description
 
     def join(
+        self, descriptions: Sequence[Description], T_last_view: np.ndarray, odometry: OdometryNoise
+    ) -> Description | None:
+        joined = self._join(descriptions, T_last_view, odometry)
+        numbers = group_views(T_last_view, self.config.distant_views.near_m)
+        if joined is None or len(numbers) == 1 or self.floors:  # floor masks show the place at a pose
+            return joined
+        groups = []
+        for group in numbers:
+            T_last_group = T_last_view[group[-1]]
+            views = [descriptions[number] for number in group]
+            description = (
+                views[0]
+                if len(views) == 1
+                else self._join(views, invert_pose(T_last_group) @ T_last_view[group.start : group.stop], odometry)
+            )
+            if description is not None:
+                groups.append(ViewGroup(description, T_last_group))
+        return {**joined, **groups_to_arrays(groups)}
+
+    def _join(
         self, descriptions: Sequence[Description], T_last_view: np.ndarray, odometry: OdometryNoise
     ) -> Description | None:
         joined = super().join(descriptions, T_last_view, odometry)
@@ -198,6 +233,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         self._map = MapPlaces.gather(
             graphs, frames, outlines_m, heights_m, regions, config.rates, config.likelihood, config.merged
         )
+        self._windows = self._map.windows(config.distant_views.window_m)
         self._scenes = self._new_scene_index()
         if self._scenes is not None:
             self._scenes.take(self._place_graphs())
@@ -214,6 +250,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         regions = Regions(self.floors) if self.floors else None
         outline_mm, height_mm = (packed.columns.get(name) for name in (PACKED, PACKED_HEIGHT))
         self._map = MapPlaces.read(folder, outline_mm, height_mm, len(packed), frames.poses(), regions)
+        self._windows = self._map.windows(self.config.distant_views.window_m)
         self._scenes = self._new_scene_index()
         if self._scenes is not None:
             self._scenes.open(folder / _SCENES)
@@ -235,9 +272,41 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
             return self._matching.localize(query)
         if not len(query):
             return Localization((), None, LocalizationStatus.NO_OBJECTS)
+        ranking = self._rank(query, description)
+        if ranking is None:
+            return Localization((), None, LocalizationStatus.NO_MATCH)
+        names, pose_row = ranking.names, ranking.pose_row
+        frames = [self._matching.frames[number] for number in self._map.nearest_frames(names, ranking.poses, pose_row)]
+        ids = [frame.id for frame in frames]
+        places = ranked_places(ids, [self._map.names[name] for name in names.tolist()], ranking.score.tolist())
+        if self._matching.positioner is None:
+            return Localization(places, frames[0].T_world_pano, LocalizationStatus.OK)
+        if pose_row[0] < 0:
+            return self._without_pose(places, names[0])
+        best, share = ranking.search.poses.take(pose_row[:1]), ranking.search.share(int(pose_row[0]))
+        if (share.sum(1) > 0.5).sum() < MIN_EXPLAINED:
+            return self._without_pose(places, names[0])
+        pose, covariance = settle(ranking.search.scorer, best, share, MIN_DEVIATION_M)
+        camera_z_m = self._map.camera_z_m(int(ranking.poses.place[pose_row[0]]), height_of(description))
+        if np.isnan(camera_z_m):
+            camera_z_m = frames[0].T_world_pano[2, 3]
+        T_world_query = pose_2d(pose.shift_m[0, 0], pose.shift_m[0, 1], pose.yaw_rad[0], camera_z_m)
+        return Localization(places, T_world_query, LocalizationStatus.OK, covariance)
+
+    def _rank(self, query: SaliencyGraph, description: Description) -> Ranking | None:
+        """Return the places of a query, best first; None where no place has any of the query's labels."""
+        groups = groups_from_arrays(description)
+        if groups:
+            raised = at_map_height(query, height_of(description), self._map.index.camera_height_m)
+            matched, _ = self._shortlist(raised)
+            ranking = rank_distant_views(
+                self._map, self._windows, self._matching, self.config, description, groups, matched
+            )
+            if ranking is not None:
+                return ranking
         hypotheses = self._hypotheses(query, description)
         if hypotheses is None:
-            return Localization((), None, LocalizationStatus.NO_MATCH)
+            return None
         value = hypotheses.evidence.scores(self._weights)
         names, first, row = np.unique(hypotheses.name, return_index=True, return_inverse=True)
         score, pose_row = np.full(len(names), -np.inf), np.full(len(names), -1)
@@ -245,25 +314,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         ascending = np.argsort(value[: len(hypotheses.poses)], kind="stable")
         pose_row[row[ascending]] = ascending  # the last assignment wins: the best hypothesis with a pose
         order = np.lexsort((first, -score))
-        names, score, pose_row = names[order], score[order], pose_row[order]
-        frames = [
-            self._matching.frames[number] for number in self._map.nearest_frames(names, hypotheses.poses, pose_row)
-        ]
-        ids = [frame.id for frame in frames]
-        places = ranked_places(ids, [self._map.names[name] for name in names.tolist()], score.tolist())
-        if self._matching.positioner is None:
-            return Localization(places, frames[0].T_world_pano, LocalizationStatus.OK)
-        if pose_row[0] < 0:
-            return self._without_pose(places, names[0])
-        best, share = hypotheses.search.poses.take(pose_row[:1]), hypotheses.search.share(int(pose_row[0]))
-        if (share.sum(1) > 0.5).sum() < MIN_EXPLAINED:
-            return self._without_pose(places, names[0])
-        pose, covariance = settle(hypotheses.search.scorer, best, share, MIN_DEVIATION_M)
-        camera_z_m = self._map.camera_z_m(int(hypotheses.poses.place[pose_row[0]]), height_of(description))
-        if np.isnan(camera_z_m):
-            camera_z_m = frames[0].T_world_pano[2, 3]
-        T_world_query = pose_2d(pose.shift_m[0, 0], pose.shift_m[0, 1], pose.yaw_rad[0], camera_z_m)
-        return Localization(places, T_world_query, LocalizationStatus.OK, covariance)
+        return Ranking(names[order], score[order], pose_row[order], hypotheses.poses, hypotheses.search)
 
     def _without_pose(self, places: tuple[RankedPlace, ...], name: int) -> Localization:
         """Return an answer without a pose, with a note where the place with this number of a name is not one room."""
@@ -300,11 +351,11 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
 
         None where no place has any of the query's labels.
         """
-        places, outline_m = self._map, description.get(OUTLINE)
+        places = self._map
         nodes = GraphNodes.of(query, places.index.vocabulary)
         if not (nodes.label >= 0).any():
             return None
-        raised = self._at_map_height(query, description)
+        raised = at_map_height(query, height_of(description), places.index.camera_height_m)
         matched, ranked = self._shortlist(raised)
         if not len(matched):
             return None
@@ -325,36 +376,14 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         has_pose[pose_name] = True
         others = ranked[~has_pose[places.shown.name[ranked]]]
         rows = np.concatenate([pose_place, others])
-        no_outline = np.zeros(len(others))
         without_pose = result.scorer.score_without_pose()
         # A place that was not searched gets the minimum likelihood of the searched places.
         position = np.minimum(np.searchsorted(matched, others), len(matched) - 1)
         other_likelihood = np.where(matched[position] == others, without_pose[position], without_pose.min())
-        outline = np.zeros(len(pose_place)) if outline_m is None else places.outlines.ratio(outline_m, poses)
-        panorama = np.zeros(len(places.names))
-        for name, score in self._matching.place_scores(raised).items():
-            if name in places.number:
-                panorama[places.number[name]] = score
-        detected_labels, labels_shared = label_evidence(nodes.label, places.index, rows)
-        evidence = {
-            "likelihood": np.concatenate(
-                [np.logaddexp(result.score, without_pose[result.poses.place]), other_likelihood]
-            ),
-            "outline": np.concatenate([outline, no_outline]),
-            "panorama": panorama[places.shown.name[rows]],
-            "detected_labels": detected_labels,
-            "labels_shared": labels_shared,
-        }
+        value = np.concatenate([np.logaddexp(result.score, without_pose[result.poses.place]), other_likelihood])
         numbers = np.concatenate([pose_name, places.shown.name[others]])
-        names = [places.names[number] for number in numbers.tolist()]
-        return _Hypotheses(numbers, Evidence(names, evidence), poses, result)
-
-    def _at_map_height(self, query: SaliencyGraph, description: Description) -> SaliencyGraph:
-        """Return the graph of a query as seen from the height over the floor at which the map was taken."""
-        heights_m = self._map.index.camera_height_m
-        raised_m = np.median(heights_m[np.isfinite(heights_m)]) if np.isfinite(heights_m).any() else np.nan
-        offset_m = float(np.nan_to_num(height_of(description) - raised_m))
-        return replace(query, centroid_m=query.centroid_m + np.array([0, 0, offset_m])) if offset_m else query
+        evidence = gather_evidence(places, self._matching, nodes, description, rows, numbers, poses, value)
+        return _Hypotheses(numbers, evidence, poses, result)
 
     def _shortlist(self, query: SaliencyGraph) -> tuple[np.ndarray, np.ndarray]:
         """Return the places to match object by object (C,), and the places to rank (R,), both ascending.

@@ -21,6 +21,7 @@ from salframe_graphs.places.outline import MapOutlines, unpack_outline
 from salframe_graphs.places.place_index import PLACE_COLUMNS, PlaceIndex, index_places, place_rows, read_places
 from salframe_graphs.places.rates import Likelihood, Rates
 from salframe_graphs.places.shown import ShownPlaces
+from salframe_graphs.places.windows import Windows
 from salframe_graphs.sectors import BINS
 
 _PLACES = "places"
@@ -136,6 +137,10 @@ class MapPlaces:
     def number(self) -> dict[str, int]:
         """The position of each name in `names`."""
         return self.shown.number
+
+    def windows(self, radius_m: float) -> Windows:
+        """Return the windows of the places, with objects up to `radius_m` metres from the frames of a place."""
+        return Windows(self.index, self.shown, self._frames_m, radius_m)
 
     @cached_property
     def _frames_m(self) -> np.ndarray:

@@ -11,6 +11,8 @@ from salframe.panoramas.geometry import equirectangular_rays, wrap_angle
 from salframe_graphs.places.likelihood import Poses
 from salframe_graphs.sectors import BINS, MIDDLES_RAD, azimuth_bins
 
+OUTLINE = "outline_m"
+"""Key of the outline in a description."""
 LOWEST_M, HIGHEST_M = 1.85, 2.3
 """Range of heights over the floor of the points of an outline: above most furniture and below lintels."""
 USUAL_HEIGHT_M = 1.5

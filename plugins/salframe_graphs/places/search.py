@@ -47,6 +47,25 @@ class SearchResult:
         return self.scorer.score(self.poses.take(np.array([row])))[1] if share is None else share
 
 
+@dataclass(frozen=True, eq=False)
+class Ranking:
+    """The ranked places of a query, P names.
+
+    Attributes:
+        names: (P,) positions in MapPlaces.names, in the order of the map.
+        score: (P,) score of each name.
+        pose_row: (P,) row of `poses` with the pose of each name; -1 for none.
+        poses: Poses with place numbers of the map.
+        search: The same poses, with place numbers of the searched places.
+    """
+
+    names: np.ndarray
+    score: np.ndarray
+    pose_row: np.ndarray
+    poses: Poses
+    search: SearchResult
+
+
 def search(
     query: GraphNodes,
     index: PlaceIndex,

@@ -1,0 +1,102 @@
+"""Ranking of the places of the last of several views that were taken far apart, in a map without floor masks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from salframe.graphs.packing import graph_from_arrays
+from salframe.graphs.table import GraphNodes
+from salframe.localization.localizer import Description
+from salframe_graphs.panorama_matching import PanoramaMatching
+from salframe_graphs.places.distant_views import ViewGroup, combine_groups
+from salframe_graphs.places.gathering import gather_evidence
+from salframe_graphs.places.heights import height_of
+from salframe_graphs.places.likelihood import PlaceLikelihood, Poses
+from salframe_graphs.places.map_places import MapPlaces
+from salframe_graphs.places.outline import OUTLINE
+from salframe_graphs.places.search import Ranking, search
+from salframe_graphs.places.windows import Windows
+from salframe_graphs.views import sectors_from_arrays
+
+POSES = 1
+"""Maximum number of poses to refine in each window. Windows overlap, so that neighbouring ones have the same poses."""
+
+
+def rank_distant_views(
+    places: MapPlaces,
+    windows: Windows,
+    matching: PanoramaMatching,
+    config: Any,
+    description: Description,
+    groups: Sequence[ViewGroup],
+    matched: np.ndarray,
+) -> Ranking | None:
+    """Return the places of the last view, best first; None where there is no pose.
+
+    All views together give the pose, in the windows of the places: views in several places need the objects of all of
+    them. The place is that of the last view. Each group of views gives evidence for it under this pose, from the
+    objects of the places alone (`combine_groups`).
+
+    Args:
+        places: The places of the map.
+        windows: Their windows.
+        matching: Matches a query with single panoramas of the map.
+        config: Config of the localizer `saliency-places`.
+        description: The joined description of all views.
+        groups: The groups of the views.
+        matched: (C,) numbers of the places to match, ascending.
+    """
+    nodes = GraphNodes.of(graph_from_arrays(description), places.index.vocabulary)
+    if not (nodes.label >= 0).any() or not len(matched):
+        return None
+    index, sectors, height_m = windows.take(matched), sectors_from_arrays(description), height_of(description)
+    result = search(nodes, index, config.rates, config.likelihood, POSES, sectors, height_m)
+    if not len(result.poses):
+        return None
+    poses = Poses(matched[result.poses.place], result.poses.shift_m, result.poses.yaw_rad)
+    value = config.weights.likelihood * result.score
+    if OUTLINE in description:
+        value = value + config.weights.outline * places.outlines.ratio(description[OUTLINE], poses)
+    best = int(np.argmax(value))
+    scores = [
+        _group_scores(places, matching, config, group, matched, poses.shift_m[best], float(poses.yaw_rad[best]))
+        for group in groups
+    ]
+    if all(score is None for score in scores):
+        return None
+    score = combine_groups(scores, [group.distance_m for group in groups], config.distant_views.same_place_m)
+    names, first, row = np.unique(places.shown.name[matched], return_index=True, return_inverse=True)
+    of_name = np.full(len(names), -np.inf)
+    np.logaddexp.at(of_name, row, score)
+    order = np.lexsort((first, -of_name))
+    return Ranking(names[order], of_name[order], np.full(len(names), best), poses, result)
+
+
+def _group_scores(
+    places: MapPlaces,
+    matching: PanoramaMatching,
+    config: Any,
+    group: ViewGroup,
+    matched: np.ndarray,
+    shift_m: np.ndarray,
+    yaw_rad: float,
+) -> np.ndarray | None:
+    """Return the score (C,) of places for a group of views, if (2,) `shift_m` and `yaw_rad` are the pose of the last
+    view; None where the map has none of the group's labels."""
+    nodes = GraphNodes.of(graph_from_arrays(group.description), places.index.vocabulary)
+    if not (nodes.label >= 0).any():
+        return None
+    index, sectors, height_m = (
+        places.index.take(matched),
+        sectors_from_arrays(group.description),
+        height_of(group.description),
+    )
+    scorer = PlaceLikelihood(nodes, index, config.rates, config.likelihood, sectors, height_m)
+    poses = group.poses(shift_m, yaw_rad, len(matched))
+    likelihood = np.logaddexp(scorer.score(poses)[0], scorer.score_without_pose())
+    names, in_map = places.shown.name[matched], Poses(matched, poses.shift_m, poses.yaw_rad)
+    evidence = gather_evidence(places, matching, nodes, group.description, matched, names, in_map, likelihood)
+    return evidence.scores(config.weights.model_dump())

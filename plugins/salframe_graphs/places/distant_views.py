@@ -1,0 +1,113 @@
+"""Views of a query that were taken far apart, perhaps in several places: groups of views, and the rule that names the
+place of the last view."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic import Field
+
+from salframe.framework.validation import Settings
+from salframe.panoramas.geometry import as_complex, pose_yaw
+from salframe_graphs.places.likelihood import Poses
+
+_MOTIONS = "T_last_group"
+"""Key of the motions of the groups in a description."""
+
+
+class DistantViews(Settings):
+    """How views that were taken far apart are matched in a map without floor masks."""
+
+    near_m: float = Field(
+        2.5, ge=0, description="maximum distance (m) of a view from the last view of its group; a group is in one place"
+    )
+    window_m: float = Field(
+        5.0, gt=0, description="maximum distance (m) of the objects of a place's window from the place's frames"
+    )
+    same_place_m: float = Field(
+        2.0, gt=0, description="distance (m) at which two views are in the same place with a probability of 1/e"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class ViewGroup:
+    """Views of a query that were joined because they are near to each other.
+
+    Attributes:
+        description: The joined description, in the frame of the last view of the group.
+        T_last_group: (4, 4) motion that maps coordinates of the group to those of the last view of the query.
+    """
+
+    description: Mapping[str, np.ndarray]
+    T_last_group: np.ndarray
+
+    @property
+    def distance_m(self) -> float:
+        """Distance of the group from the last view in metres."""
+        return float(np.linalg.norm(self.T_last_group[:3, 3]))
+
+    def poses(self, shift_m: np.ndarray, yaw_rad: float, count: int) -> Poses:
+        """Return the pose of the group in each of `count` places, where (2,) `shift_m` and `yaw_rad` are the pose of
+        the last view in the world."""
+        offset = np.exp(1j * yaw_rad) * as_complex(self.T_last_group[None, :2, 3])
+        moved_m = shift_m + np.array([offset[0].real, offset[0].imag])
+        yaw = yaw_rad + pose_yaw(self.T_last_group)
+        return Poses(np.arange(count), np.tile(moved_m, (count, 1)), np.full(count, yaw))
+
+
+def group_views(T_last_view: np.ndarray, near_m: float) -> list[range]:
+    """Return the numbers of the views of each group, in the order in which they were taken.
+
+    Args:
+        T_last_view: (V, 4, 4) motions of the views.
+        near_m: Maximum distance of a view from the last view of its group, in metres.
+    """
+    position_m = T_last_view[:, :3, 3]
+    groups: list[range] = []
+    end = len(position_m)
+    while end:
+        start = end - 1
+        while start and np.linalg.norm(position_m[start - 1] - position_m[end - 1]) <= near_m:
+            start -= 1
+        groups.insert(0, range(start, end))
+        end = start
+    return groups
+
+
+def groups_to_arrays(groups: Sequence[ViewGroup]) -> dict[str, np.ndarray]:
+    """Return groups as arrays of a description."""
+    arrays = {f"{n}/{name}": array for n, group in enumerate(groups) for name, array in group.description.items()}
+    return {_MOTIONS: np.stack([group.T_last_group for group in groups]), **arrays}
+
+
+def groups_from_arrays(arrays: Mapping[str, np.ndarray]) -> list[ViewGroup]:
+    """Return the groups of arrays of `groups_to_arrays`; none where there are none."""
+    groups = []
+    for number, T_last_group in enumerate(arrays.get(_MOTIONS, ())):
+        prefix = f"{number}/"
+        parts = {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
+        groups.append(ViewGroup(parts, T_last_group))
+    return groups
+
+
+def combine_groups(scores: Sequence[np.ndarray | None], distance_m: Sequence[float], same_place_m: float) -> np.ndarray:
+    """Return the score (K,) of each place for the last view of a query.
+
+    It is the score of the last group plus, for each other group at distance d, ln(rho p + (1 - rho) / K). The
+    probability that the group is in the place of the last view is rho = exp(-d / same_place_m), and p is the softmax of
+    the scores of the group.
+
+    Args:
+        scores: The scores (K,) of the places for each group; None where a group gives no evidence.
+        distance_m: The distance of each group from the last view.
+        same_place_m: Distance at which rho is 1/e.
+    """
+    num_places = next(len(score) for score in scores if score is not None)
+    total = np.zeros(num_places) if scores[-1] is None else scores[-1].copy()
+    for score, distance in zip(scores[:-1], distance_m[:-1], strict=True):
+        if score is not None:
+            rho = np.exp(-distance / same_place_m)
+            total += np.log(rho * np.exp(score - np.logaddexp.reduce(score)) + (1 - rho) / num_places)
+    return total
