@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from salframe.framework.component import added
 from salframe.framework.components.identity import UserFile
@@ -82,3 +82,12 @@ class HouseConfig(QueryView):
         0.0, ge=0, description="standard deviation of the random factor on the ranges of a query, one factor per query"
     )
     hide_query_place: bool = hide_query_place_setting()
+
+    @model_validator(mode="after")
+    def _turns_about_the_vertical(self) -> HouseConfig:
+        if self.query_views > 1 and self.query_motion == "turned" and self.query_tilt_deg:
+            raise ValueError(
+                f"query_tilt_deg is {self.query_tilt_deg:g} with turned views, which turn a level camera; expected 0 "
+                "or query_motion=driven"
+            )
+        return self

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -100,11 +100,20 @@ class QueryOptions:
         from salframe.panoramas.camera_file import read_camera
         from salframe.panoramas.motion_file import read_motion
 
-        motions = [None] * self._num_views if self.motion is None else read_motion(self.motion, self._num_views)
+        motions, up = (None, None) if self.motion is None else read_motion(self.motion, self._num_views)
         camera = None if self.camera is None else read_camera(self.camera)
         for note in () if camera is None else camera.notes:
             warn(f"{self.camera}: {note}")
-        views = [view for number, motion in enumerate(motions) for view in self._read_views(number, camera, motion)]
+        views = [
+            view
+            for number in range(self._num_views)
+            for view in self._read_views(number, camera, None if motions is None else motions[number])
+        ]
+        if up is not None:
+            views = [
+                replace(view, panorama=replace(view.panorama, up=direction))
+                for view, direction in zip(views, up, strict=True)
+            ]
         for view in views:
             for note in view.panorama.notes:
                 tell(f"{view.panorama.id} {note}")

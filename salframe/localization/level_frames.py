@@ -73,10 +73,14 @@ def split_level(description: Description) -> tuple[Description, np.ndarray | Non
 def level_motions(T_last_view: np.ndarray, rotations: list[np.ndarray | None]) -> np.ndarray:
     """Return the motions between levelled views, (V, 4, 4).
 
+    Motions in the plane, with a heading and no tilt, are those between levelled views already.
+
     Args:
         T_last_view: (V, 4, 4) motions between the views as they were taken.
         rotations: R_level_pano (3, 3) of each view, None where it was not levelled.
     """
+    if all(map(may_be_flat, T_last_view)):
+        return T_last_view
     T_level_pano = np.array([_as_pose(np.eye(3) if rotation is None else rotation) for rotation in rotations])
     levelled: np.ndarray = T_level_pano[-1] @ T_last_view @ np.linalg.inv(T_level_pano)
     return levelled

@@ -43,8 +43,8 @@ def may_be_flat(T_world_pano: np.ndarray) -> bool:
 def estimate_level_rotation(panorama: Panorama, parts: Collection[str]) -> np.ndarray | None:
     """Return the rotation R_level_pano (3, 3) that levels a panorama.
 
-    The tilt comes from the range where there is any, else from the lines in the colour. A camera that hangs upside down
-    is not detected, because floor and ceiling look alike.
+    The tilt comes from `Panorama.up` if an IMU measured it, else from the range, else from the lines in the colour.
+    Without an IMU, a camera that hangs upside down is not detected, because floor and ceiling look alike.
 
     Args:
         panorama: The panorama.
@@ -54,15 +54,20 @@ def estimate_level_rotation(panorama: Panorama, parts: Collection[str]) -> np.nd
         The rotation from the panorama frame to that of an upright camera at the same position; None where the tilt is
         below MIN_TILT_DEG or unknown.
     """
-    up = None
-    if "range" in parts and panorama.range_m is not None:
-        up = up_from_range(panorama.range_m)
-    elif "rgb" in parts and panorama.rgb is not None:
-        up = up_from_lines(find_segments(*_reduced(panorama.rgb, panorama.valid)))
+    up = panorama.up if panorama.up is not None else _estimate_up(panorama, parts)
     if up is None:
         return None
     rotation = level_rotation(up)
     return None if tilt_deg(rotation) < MIN_TILT_DEG else rotation
+
+
+def _estimate_up(panorama: Panorama, parts: Collection[str]) -> np.ndarray | None:
+    """Return the up direction (3,) by the range or the colour of a panorama; None where it is unknown."""
+    if "range" in parts and panorama.range_m is not None:
+        return up_from_range(panorama.range_m)
+    if "rgb" in parts and panorama.rgb is not None:
+        return up_from_lines(find_segments(*_reduced(panorama.rgb, panorama.valid)))
+    return None
 
 
 def _reduced(rgb: np.ndarray, valid: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
@@ -95,7 +100,8 @@ def turn_panorama(panorama: Panorama, rotation: np.ndarray) -> Panorama:
         annotations = replace(annotations, objects=_turn_objects(annotations.objects, rotation))
     elif annotations is not None:
         annotations = replace(annotations, instance_id=instance_id)
-    return replace(panorama, annotations=annotations, **turned)
+    up = None if panorama.up is None else rotation @ panorama.up
+    return replace(panorama, annotations=annotations, up=up, **turned)
 
 
 def turn_image(image: np.ndarray, rotation: np.ndarray) -> np.ndarray:

@@ -166,10 +166,12 @@ class Panorama:
         annotations: Annotated objects.
         range_by: Name of the range model that estimated the range; None where it comes from a sensor or a renderer.
         range_encoding: Encoding of the file that the range was read from; None where there is no file, or no panorama.
+        up: (3,) float64 direction of up in the panorama frame as an IMU measures it, of any length; None: not measured.
         notes: What the reader changed in the picture, one line each: reduced, placed as a crop, levelled.
 
     Raises:
-        DataError: An image has another shape or dtype, the images differ in size, or `range_by` is set without range.
+        DataError: An image has another shape or dtype, the images differ in size, `range_by` is set
+            without range, or `up` is no direction.
     """
 
     id: str
@@ -179,6 +181,7 @@ class Panorama:
     annotations: Annotations | None = None
     range_by: str | None = None
     range_encoding: RangeEncoding | None = None
+    up: np.ndarray | None = None
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -224,6 +227,10 @@ class Panorama:
             check_array(self, "range_m", np.float32, None, None)
         if self.valid is not None:
             check_mask(self, "valid")
+        if self.up is not None:
+            length = float(np.linalg.norm(check_array(self, "up", np.float64, 3)))
+            if not (np.isfinite(length) and length > 0):
+                raise DataError(f"{self.id}: up is {self.up.tolist()}, expected a direction of finite length over 0")
 
     @property
     def error_id(self) -> str:

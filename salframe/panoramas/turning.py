@@ -30,8 +30,8 @@ def turned(panorama: Panorama, columns: int) -> Panorama:
         return None if image is None else np.roll(image, columns, axis=1)
 
     annotations = panorama.annotations
+    turn_rad = -2 * np.pi * columns / panorama_width(panorama)
     if annotations is not None and annotations.objects is not None:
-        turn_rad = -2 * np.pi * columns / panorama_width(panorama)
         objects = annotations.objects
         centroid_m = transform_points(pose_2d(0, 0, turn_rad), objects.centroid_m)
         objects = replace(objects, centroid_m=centroid_m, yaw_rad=(objects.yaw_rad + turn_rad) % np.pi)
@@ -44,4 +44,5 @@ def turned(panorama: Panorama, columns: int) -> Panorama:
         range_m=roll(panorama.range_m),
         valid=roll(panorama.valid),
         annotations=annotations,
+        up=None if panorama.up is None else pose_2d(0, 0, turn_rad)[:3, :3] @ panorama.up,
     )

@@ -131,6 +131,30 @@ def test_views_of_a_tilted_camera_are_joined():
     assert np.degrees(error_rad) < 5
 
 
+def test_motions_in_the_plane_are_those_of_levelled_views():
+    """A wheel odometry knows the heading and not the tilt of the camera."""
+    room, built = ROOMS[2], build()
+    level = [stand(room, 0.4, 0.5, yaw_rad=1.0), stand(room, 0.5, 0.5, yaw_rad=1.5)]
+    poses = [tilted(level[0], 9, 0.2), tilted(level[1], 9, 1.9)]
+    views = [View(look(room, "a", poses[0]), np.linalg.inv(level[1]) @ level[0]), View(look(room, "b", poses[1]))]
+    answer = built.localize(views=views, warn=lambda note: None)
+    error_m, error_rad = pose_errors(answer.T_world_query, poses[1])
+    assert error_m < 0.35
+    assert np.degrees(error_rad) < 5
+
+
+def test_the_up_direction_of_an_imu_levels_a_hanging_camera():
+    room, built = ROOMS[2], build()
+    pose = tilted(stand(room, 0.45, 0.55, yaw_rad=0.7), 170, 0.9)
+    panorama = look(room, "q", pose)
+    measured = built.localize(replace(panorama, up=3 * pose[2, :3]), warn=lambda note: None)
+    assert measured.places[0].place == room.name
+    error_m, error_rad = pose_errors(measured.T_world_query, pose)
+    assert error_m < 0.35
+    assert np.degrees(error_rad) < 5
+    assert "from a tilt of 170.0 deg" in measured.notes[-1]
+
+
 def test_a_reference_frame_as_a_query_does_not_lend_its_pose():
     built, room = build(), ROOMS[0]
     pose = tilted(stand(room, 0.45, 0.55), 8, 0.4)

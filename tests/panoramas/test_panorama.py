@@ -131,3 +131,9 @@ def test_poses_that_are_no_rigid_motion_are_refused(wrong):
         with pytest.raises(DataError, match="expected a rigid motion: a rotation without scale or mirror"):
             build()
     assert ReferenceFrame("a", "room", pose_2d(1, 2, 3).tolist()).T_world_pano.shape == (4, 4)
+
+
+@pytest.mark.parametrize("up", [[0, 0, 0], [0, np.nan, 1], [0, 1], "up"])
+def test_up_that_is_no_direction_is_refused(up):
+    with pytest.raises(DataError, match="up"):
+        Panorama("p", up=np.array(up) if isinstance(up, list) else up)

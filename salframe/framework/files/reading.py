@@ -158,8 +158,10 @@ def read_table(path: Path, row: type[_Model]) -> list[_Model]:
     return validated
 
 
-def read_csv_numbers(path: Path, columns: Sequence[str]) -> np.ndarray:
+def read_csv_numbers(path: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> np.ndarray:
     """Read columns of numbers from a CSV file with a header, (N, C) float64. Other columns are ignored.
+
+    Columns in `optional` follow the others. They are NaN where the file does not have them.
 
     Raises:
         DataError: The file is not a CSV table, a column is missing, or a value is no finite number.
@@ -174,9 +176,12 @@ def read_csv_numbers(path: Path, columns: Sequence[str]) -> np.ndarray:
         raise DataError(f"{path} has no column {absent[0]}, expected the columns {','.join(columns)}")
     if len(rows) - 1 > _MAX_ROWS:
         raise DataError(f"{path} has {len(rows) - 1} rows, expected at most {_MAX_ROWS}")
-    numbers = np.empty((len(rows) - 1, len(columns)))
+    names = [*columns, *optional]
+    numbers = np.full((len(rows) - 1, len(names)), np.nan)
     for number, row in enumerate(rows[1:]):
-        for place, name in enumerate(columns):
+        for place, name in enumerate(names):
+            if name not in header:
+                continue
             text = row[header.index(name)] if header.index(name) < len(row) else ""
             try:
                 numbers[number, place] = float(text)
