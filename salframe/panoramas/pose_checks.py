@@ -110,7 +110,7 @@ def pose_notes(
     tilts = np.array([_tilt_deg(frame.T_world_pano) for frame in frames])
     is_tilted, is_hanging = tilts > MAX_TILT_DEG, tilts > 180 - MAX_TILT_DEG
     notes = []
-    if is_hanging.mean() > REFUSED_SHARE and _hang(frames, is_hanging):
+    if is_hanging.sum() > REFUSED_SHARE * len(frames) and _hang(frames, is_hanging):
         notes.append(
             f"{is_hanging.sum()} of {len(frames)} reference frames hang upside down by their poses, as the floor "
             "that they show confirms: they are levelled by their poses"

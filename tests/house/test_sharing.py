@@ -35,6 +35,12 @@ OTHERS = {
     "query_fov_deg": 90.0,
     "query_focal": 2.0,
     "query_noise": {"missed": 0.5},
+    "query_views": 2,
+    "query_motion": "driven",
+    "query_odometry": {"drift_share": 0.1},
+    "query_errors": "view",
+    "query_tilt_deg": 8.0,
+    "query_height_m": 1.0,
 }
 """Another value of every setting."""
 OF_THE_MAP = {"style", "rooms", "seed", "height", "rgb", "models", "models_part"}
