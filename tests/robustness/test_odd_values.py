@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import os
 import re
 import shutil
 import sys
 from collections.abc import Iterator
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import typer.main
 from command_line import run
 from tiny_folder import write_tiny_folder
 
@@ -18,8 +22,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from commands import UNFORESEEN, write_place
 from odd_values import ODD, list_keys, list_parameters
-from readers import write_reverie
 
+from salframe.framework.components import installation
 from salframe.framework.components.presets import configure
 from salframe.framework.components.registry import registry
 from salframe.framework.config import nest, parse_override
@@ -29,16 +33,17 @@ MAX_LINE = 12_000
 RUN = {"data": "./data", "engine": "inline"}
 MAP = {"map": "map"}
 WAYS = {"map": "ways"}
+VIEWPOINTS = {"data": "matterport-annotations", "data_dir": "viewpoints"}
 ROUTE = WAYS | {"start": "a", "goal": "c"}
 BASE: dict[str, dict[str, str]] = {
     "compare": RUN | {"methods": "objects"},
     "ablate": RUN | {"file": "study.yaml"},
     "evaluate": {"run": "RUN"},
     "report": {"runs": "RUN", "output": "page.html"},
-    "experiment": {},
+    "experiment": {"name": "experiment.yaml", "engine": "inline"},
     "matching": RUN | {"methods": "proposed"},
     "detection": RUN | {"detectors": "annotations"},
-    "navigate": RUN | {"methods": "objects", "episodes": "1"},
+    "navigate": VIEWPOINTS | {"methods": "proposed", "episodes": "1", "engine": "inline"},
     "score": {"task": "reverie", "file": "reverie/answers.json", "data": "reverie"},
     "build": RUN | {"output": "built", "method": "objects"},
     "localize": MAP | {"range_image": "data/frames/kitchen-query.range.png"},
@@ -56,7 +61,7 @@ BASE: dict[str, dict[str, str]] = {
     "map merge": MAP | {"others": "map"},
     "map show": WAYS | {"output": "ways.png"},
     "map route": ROUTE,
-    "map query": MAP | {"frame": "kitchen-query", "data": "./data"},
+    "map query": {"map": "building", "frame": "kitchen-query", "data": "./data", "goal": "bedroom"},
     "map export": WAYS | {"file": "ways.geojson"},
     "data list": {},
     "data info": {"data": "./data"},
@@ -76,7 +81,6 @@ def place(tmp_path_factory) -> Iterator[Path]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SALFRAME_CACHE", str(root / "cache"))
         write_place(root / "place", write_tiny_folder(root / "data"))
-        write_reverie(root / "place" / "reverie")
         yield root
 
 
@@ -86,35 +90,65 @@ def list_calls() -> Iterator[tuple[str, ...]]:
         for parameter in parameters:
             values = [f"data.query_fov_deg={value}" for value in ODD] if parameter.name == "overrides" else ODD
             for value in values:
-                given = BASE[command] | {parameter.name: value}
-                options = [one for one in parameters if one.param_type_name == "option" and one.name in given]
-                arguments = [one for one in parameters if one.param_type_name == "argument" and one.name in given]
-                words = [word for one in options for word in (one.opts[0], given[one.name])]
-                yield (*command.split(), *words, *(given[one.name] for one in arguments))
+                values = BASE[command] | {parameter.name: value}
+                options = [one for one in parameters if one.param_type_name == "option" and one.name in values]
+                arguments = [one for one in parameters if one.param_type_name == "argument" and one.name in values]
+                words = [word for one in options for word in (one.opts[0], values[one.name])]
+                yield (*command.split(), *words, *(values[one.name] for one in arguments))
 
 
-def check_call(place: Path, words: tuple[str, ...]) -> str | None:
-    """Return what is wrong with what a command says in a fresh place; None where nothing is."""
-    fresh = place / "fresh"
-    shutil.rmtree(fresh, ignore_errors=True)
-    shutil.copytree(place / "place", fresh)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(fresh)
-        try:
-            done = run(*(str(next(fresh.glob("runs/sound-*"))) if word == "RUN" else word for word in words))
-        except BaseException as error:
-            return f"{words}: {type(error).__name__}: {error}"
-    said = done.out + done.err
-    *notes, last = done.err.splitlines() or [""]
-    one_line = done.code != 2 or (last.startswith("error: ") and len(notes) < 3 and len(last) < MAX_LINE)
-    told_in_table = done.code != 1 or bool(done.out) or last.startswith("error: ")  # show-objects has a line per image
-    if done.code in (0, 1, 2) and one_line and told_in_table and not re.search("Traceback", said):
-        return None if not UNFORESEEN.search(said) else f"{words}: {said[-600:]}"
-    return f"{words}: exit status {done.code}: {said[-600:]}"
+class Walker:
+    """Calls commands in a folder, which is written again where a call changed it.
+
+    The tree of commands and the versions of packages do not depend on what is called: they are computed once.
+    """
+
+    def __init__(self, place: Path) -> None:
+        self._sound, self._folder = place / "place", place / f"walk-{os.getpid()}"
+        self._files: dict[str, tuple[int, int]] | None = None
+        typer.main.get_command = cache(typer.main.get_command)
+        installation.installed_version = cache(installation.installed_version)
+
+    def check(self, words: tuple[str, ...]) -> str | None:
+        """Return what is wrong with the output of a command; None where nothing is."""
+        if self._files is None or self._files != self._list():
+            shutil.rmtree(self._folder, ignore_errors=True)
+            shutil.copytree(self._sound, self._folder, symlinks=True)
+            self._files = self._list()
+        with pytest.MonkeyPatch.context() as patch:
+            patch.chdir(self._folder)
+            try:
+                result = run(*(str(next(Path().glob("runs/sound-*"))) if word == "RUN" else word for word in words))
+            except BaseException as error:
+                return f"{words}: {type(error).__name__}: {error}"
+        text = result.out + result.err
+        *notes, last = result.err.splitlines() or [""]
+        one_line = result.code != 2 or (last.startswith("error: ") and len(notes) < 3 and len(last) < MAX_LINE)
+        in_table = result.code != 1 or bool(result.out) or last.startswith("error: ")  # show-objects: a line per image
+        if result.code in (0, 1, 2) and one_line and in_table and not re.search("Traceback", text):
+            return None if not UNFORESEEN.search(text) else f"{words}: {text[-600:]}"
+        return f"{words}: exit status {result.code}: {text[-600:]}"
+
+    def _list(self) -> dict[str, tuple[int, int]]:
+        """The size and modification time of all files."""
+        paths = ((path, path.lstat()) for path in self._folder.rglob("*"))
+        return {str(path): (state.st_size, state.st_mtime_ns) for path, state in paths}
+
+
+def walk(place: Path, calls: list[tuple[str, ...]]) -> list[str]:
+    """Return the faults of calls, made with a cache of their own."""
+    os.environ["SALFRAME_CACHE"] = str(place / f"cache-{os.getpid()}")
+    walker = Walker(place)
+    return [fault for words in calls if (fault := walker.check(words)) is not None]
 
 
 def check_options(place: Path, calls: list[tuple[str, ...]]) -> None:
-    faults = [fault for words in calls if (fault := check_call(place, words)) is not None]
+    """Make the calls in a process per core."""
+    count = os.cpu_count() or 1
+    with multiprocessing.get_context("fork").Pool(count) as pool:
+        parts = [sorted(calls)[number::count] for number in range(count)]
+        faults = [fault for part in pool.map(partial(walk, place), parts) for fault in part]
+    print(f"{len(calls)} calls of {len(BASE)} commands: {len(faults)} faults")
     assert not faults, f"{len(faults)} of {len(calls)}:\n" + "\n".join(faults[:60])
 
 
@@ -138,6 +172,7 @@ def check_settings(settings: list[tuple[Any, str, str]]) -> None:
                 faults.append(f"{case}: {error}")
         except BaseException as error:
             faults.append(f"{case}: {type(error).__name__}: {error}")
+    print(f"{len(settings)} settings of {len(list(registry()))} components: {len(faults)} faults")
     assert not faults, f"{len(faults)} of {len(settings)}:\n" + "\n".join(faults[:60])
 
 

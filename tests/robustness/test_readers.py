@@ -30,17 +30,17 @@ SEEDS = [int(seed) for seed in os.environ.get("SALFRAME_TEST_SEEDS", "1,2,3").sp
 @pytest.fixture(scope="module")
 def workshop(tmp_path_factory):
     root = tmp_path_factory.mktemp("robustness")
-    kept = os.environ.get("SALFRAME_CACHE")
-    os.environ["SALFRAME_CACHE"] = str(root / "kept")
+    cache = os.environ.get("SALFRAME_CACHE")
+    os.environ["SALFRAME_CACHE"] = str(root / "cache")
     write_sound(root / "sound")
     write_place(root / "sound" / "place", root / "sound" / "folder")
     write_maps(root / "sound" / "maps", root / "sound" / "folder")
     if importlib.util.find_spec("onnx") is not None:
         write_network(root / "sound" / "network" / "net.onnx")
-    made = Workshop(root / "sound", root / "scratch")
-    yield made
-    made.close()
-    os.environ.pop("SALFRAME_CACHE") if kept is None else os.environ.update(SALFRAME_CACHE=kept)
+    shop = Workshop(root / "sound", root / "scratch")
+    yield shop
+    shop.close()
+    os.environ.pop("SALFRAME_CACHE") if cache is None else os.environ.update(SALFRAME_CACHE=cache)
 
 
 def judge(workshop: Workshop, cases: int, seed: int) -> None:

@@ -40,12 +40,12 @@ class Workshop:
         self._process.start()
         theirs.close()
         self._ours.recv()
-        self._known: set[str] = set()
+        self._readers: set[str] = set()
 
     def judge(self, reader: str, seed: int) -> Finding:
         """Damage a file of a reader by a seed and have it read."""
-        if reader not in self._known:
-            self._known.add(reader)
+        if reader not in self._readers:
+            self._readers.add(reader)
             self._ours.send((reader, None))
             self._ours.recv()
         self._ours.send((reader, seed))
@@ -68,7 +68,7 @@ class Workshop:
 def serve(pipe, sound: Path, scratch: Path) -> None:
     """Answer requests until the pipe closes: to read sound files, seed None, or files damaged by a seed."""
     sys.path[:0] = [str(_TESTS), str(_TESTS / "robustness")]
-    from answers import Told, another, is_plausible, says_more
+    from answers import CommandOutput, has_new_remark, has_other_answer, is_plausible
     from commands import COMMANDS
     from mutator import damage
     from readers import READERS
@@ -77,19 +77,23 @@ def serve(pipe, sound: Path, scratch: Path) -> None:
 
     np.seterr(all="ignore")
 
-    def copied(reader) -> Path:
+    def copy_sound(reader) -> Path:
         copy = scratch / reader.folder
         shutil.rmtree(copy, ignore_errors=True)
         return Path(shutil.copytree(sound / reader.folder, copy))
 
-    def compared(reader, sound_read, read, file: Path) -> str:
+    def compare(reader, sound_read, read, file: Path) -> str:
         if reader.sealed:
             return "wrong"
-        if not isinstance(read, Told) or not another(sound_read, read) or says_more(sound_read, read):
+        if (
+            not isinstance(read, CommandOutput)
+            or not has_other_answer(sound_read, read)
+            or has_new_remark(sound_read, read)
+        ):
             return "changed"
         return "plausible" if is_plausible(sound / reader.folder / file, scratch / reader.folder / file) else "wrong"
 
-    readers, known = {**READERS, **COMMANDS}, {}
+    readers, sound_results = {**READERS, **COMMANDS}, {}
     before_mb = _peak_mb()
     pipe.send("ready")
     while True:
@@ -99,11 +103,11 @@ def serve(pipe, sound: Path, scratch: Path) -> None:
             return
         reader = readers[name]
         if seed is None:
-            read = reader.read(copied(reader))
-            known[name] = read, repr(read)
+            read = reader.read(copy_sound(reader))
+            sound_results[name] = read, repr(read)
             pipe.send("known")
             continue
-        copy, rng = copied(reader), np.random.default_rng([seed, zlib.crc32(name.encode())])
+        copy, rng = copy_sound(reader), np.random.default_rng([seed, zlib.crc32(name.encode())])
         files = sorted(path for path in copy.glob(reader.files) if path.is_file())
         path = files[rng.integers(len(files))]
         how = damage(path, rng)
@@ -120,11 +124,11 @@ def serve(pipe, sound: Path, scratch: Path) -> None:
         except BaseException:
             verdict, what = "traceback", f"{what}\n{traceback.format_exc()}"
         else:
-            sound_read, sound_text = known[name]
+            sound_read, sound_text = sound_results[name]
             if text in (sound_text, "None"):
                 verdict = "same"
             else:
-                verdict = compared(reader, sound_read, read, path.relative_to(copy))
+                verdict = compare(reader, sound_read, read, path.relative_to(copy))
                 what += f": {_difference(sound_text, text)}"
         peak_mb = _peak_mb()
         if peak_mb - before_mb > MEMORY_MB:

@@ -36,8 +36,8 @@ def json_file(name: str, change: Callable[[Any], Any]) -> Spoil:
     def spoil(root: Path) -> None:
         path = next(root.glob(name))
         value = json.loads(path.read_text())
-        changed = change(value)
-        path.write_text(json.dumps(value if changed is None else changed))
+        new = change(value)
+        path.write_text(json.dumps(value if new is None else new))
 
     return spoil
 
@@ -58,12 +58,12 @@ def archive(change: Callable[[dict[str, np.ndarray]], dict[str, np.ndarray] | by
 
     def spoil(root: Path) -> None:
         path = next(root.glob("ways/parts-*/floors.npz"))
-        changed = change(dict(np.load(path)))
-        if isinstance(changed, bytes):
-            path.write_bytes(changed)
+        new = change(dict(np.load(path)))
+        if isinstance(new, bytes):
+            path.write_bytes(new)
         else:
             with path.open("wb") as file:
-                np.savez_compressed(file, **changed)
+                np.savez_compressed(file, **new)
         reseal(root / "ways")
 
     return spoil
@@ -82,7 +82,7 @@ def as_npy(array: np.ndarray) -> bytes:
 HUGE = b"\x93NUMPY\x01\x00v\x00{'descr': '<f8', 'fortran_order': False, 'shape': (100000000000,), }".ljust(127) + b"\n"
 """The header of an array of 745 GiB."""
 
-SEEN: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
+FAULTS: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
     "npy for npz": (archive(lambda arrays: as_npy(arrays["0/free"])), ROUTE, r"floors\.npz is not an array archive"),
     "missing array": (
         archive(lambda arrays: {name: part for name, part in arrays.items() if name != "0/free"}),
@@ -191,7 +191,7 @@ def _words(table: dict[str, Any], name: str, words: list[Any]) -> None:
 
 @pytest.fixture(scope="module")
 def sound(tmp_path_factory) -> Path:
-    root = tmp_path_factory.mktemp("seen")
+    root = tmp_path_factory.mktemp("faults")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SALFRAME_CACHE", str(root / "cache"))
         write_place(root / "place", write_tiny_folder(root / "data"))
@@ -199,11 +199,11 @@ def sound(tmp_path_factory) -> Path:
     return root / "place"
 
 
-@pytest.mark.parametrize(("spoil", "words", "message"), SEEN.values(), ids=SEEN.keys())
-def test_what_was_once_seen_is_one_line(sound, tmp_path, monkeypatch, spoil, words, message):
+@pytest.mark.parametrize(("spoil", "words", "message"), FAULTS.values(), ids=FAULTS.keys())
+def test_a_fault_that_once_passed_is_one_line(sound, tmp_path, monkeypatch, spoil, words, message):
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path / "cache"))
     monkeypatch.chdir(shutil.copytree(sound, tmp_path / "place"))
     spoil(Path())
-    done = run(*(next(Path().glob(word)) if "*" in word else word for word in words))
-    assert (done.code, done.out) == (2, ""), done
-    assert re.fullmatch(f"error: .*({message}).*\n", done.err), done.err
+    result = run(*(next(Path().glob(word)) if "*" in word else word for word in words))
+    assert (result.code, result.out) == (2, ""), result
+    assert re.fullmatch(f"error: .*({message}).*\n", result.err), result.err
