@@ -7,11 +7,12 @@ import re
 import shutil
 from collections.abc import Callable
 from contextlib import chdir
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import salframe_annotations
+import typer.main
 from answers import CommandOutput
 from command_line import run, without_times
 from readers import Reader, reseal, write_reverie
@@ -20,6 +21,7 @@ from small_map import write_small_map
 
 from salframe.evaluation.runs.request import Request
 from salframe.evaluation.tasks.localization.task import compare
+from salframe.framework.components import installation
 from salframe.framework.errors import DataError
 from salframe.panoramas.geometry import pose_2d
 from salframe.topology.building_map import build_map
@@ -38,6 +40,12 @@ _ROUTE = ("map", "route", "ways", "a", "c", "--json")
 _LOCALIZE = ("localize", "map", "kitchen-query", "--data", "./data", "--json")
 UNFORESEEN = re.compile(r"\b(?!DataError|TProtocolException)[A-Z]\w*(Error|Exception|Iteration)\b")
 """What a table tells of an exception that no message was written for; the second stands in messages of pyarrow."""
+
+
+def compute_once() -> None:
+    """Compute the tree of commands and the versions of packages once in a process: they do not depend on input."""
+    typer.main.get_command = cache(typer.main.get_command)
+    installation.installed_version = cache(installation.installed_version)
 
 
 def command(*words: str) -> Callable[[Path], CommandOutput]:

@@ -5,25 +5,24 @@ from __future__ import annotations
 import multiprocessing
 import os
 import re
-import shutil
 import sys
 from collections.abc import Iterator
-from functools import cache, partial
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import typer.main
 from command_line import run
 from tiny_folder import write_tiny_folder
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from commands import UNFORESEEN, write_place
+from commands import UNFORESEEN, compute_once, write_place
 from odd_values import ODD, list_keys, list_parameters
+from sound_copy import restore
 
-from salframe.framework.components import installation
 from salframe.framework.components.presets import configure
 from salframe.framework.components.registry import registry
 from salframe.framework.config import nest, parse_override
@@ -97,55 +96,34 @@ def list_calls() -> Iterator[tuple[str, ...]]:
                 yield (*command.split(), *words, *(values[one.name] for one in arguments))
 
 
-class Walker:
-    """Calls commands in a folder, which is written again where a call changed it.
-
-    The tree of commands and the versions of packages do not depend on what is called: they are computed once.
-    """
-
-    def __init__(self, place: Path) -> None:
-        self._sound, self._folder = place / "place", place / f"walk-{os.getpid()}"
-        self._files: dict[str, tuple[int, int]] | None = None
-        typer.main.get_command = cache(typer.main.get_command)
-        installation.installed_version = cache(installation.installed_version)
-
-    def check(self, words: tuple[str, ...]) -> str | None:
-        """Return what is wrong with the output of a command; None where nothing is."""
-        if self._files is None or self._files != self._list():
-            shutil.rmtree(self._folder, ignore_errors=True)
-            shutil.copytree(self._sound, self._folder, symlinks=True)
-            self._files = self._list()
-        with pytest.MonkeyPatch.context() as patch:
-            patch.chdir(self._folder)
-            try:
-                result = run(*(str(next(Path().glob("runs/sound-*"))) if word == "RUN" else word for word in words))
-            except BaseException as error:
-                return f"{words}: {type(error).__name__}: {error}"
-        text = result.out + result.err
-        *notes, last = result.err.splitlines() or [""]
-        one_line = result.code != 2 or (last.startswith("error: ") and len(notes) < 3 and len(last) < MAX_LINE)
-        in_table = result.code != 1 or bool(result.out) or last.startswith("error: ")  # show-objects: a line per image
-        if result.code in (0, 1, 2) and one_line and in_table and not re.search("Traceback", text):
-            return None if not UNFORESEEN.search(text) else f"{words}: {text[-600:]}"
-        return f"{words}: exit status {result.code}: {text[-600:]}"
-
-    def _list(self) -> dict[str, tuple[int, int]]:
-        """The size and modification time of all files."""
-        paths = ((path, path.lstat()) for path in self._folder.rglob("*"))
-        return {str(path): (state.st_size, state.st_mtime_ns) for path, state in paths}
+def check_call(place: Path, words: tuple[str, ...]) -> str | None:
+    """Return what is wrong with the output of a command in a copy of the sound files; None where nothing is."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(restore(place / "place", place / f"walk-{os.getpid()}"))
+        try:
+            result = run(*(str(next(Path().glob("runs/sound-*"))) if word == "RUN" else word for word in words))
+        except BaseException as error:
+            return f"{words}: {type(error).__name__}: {error}"
+    text = result.out + result.err
+    *notes, last = result.err.splitlines() or [""]
+    one_line = result.code != 2 or (last.startswith("error: ") and len(notes) < 3 and len(last) < MAX_LINE)
+    in_table = result.code != 1 or bool(result.out) or last.startswith("error: ")  # show-objects has a line per image
+    if result.code in (0, 1, 2) and one_line and in_table and not re.search("Traceback", text):
+        return None if not UNFORESEEN.search(text) else f"{words}: {text[-600:]}"
+    return f"{words}: exit status {result.code}: {text[-600:]}"
 
 
 def walk(place: Path, calls: list[tuple[str, ...]]) -> list[str]:
     """Return the faults of calls, made with a cache of their own."""
     os.environ["SALFRAME_CACHE"] = str(place / f"cache-{os.getpid()}")
-    walker = Walker(place)
-    return [fault for words in calls if (fault := walker.check(words)) is not None]
+    compute_once()
+    return [fault for words in calls if (fault := check_call(place, words)) is not None]
 
 
 def check_options(place: Path, calls: list[tuple[str, ...]]) -> None:
     """Make the calls in a process per core."""
     count = os.cpu_count() or 1
-    with multiprocessing.get_context("fork").Pool(count) as pool:
+    with ProcessPoolExecutor(count, multiprocessing.get_context("fork")) as pool:
         parts = [sorted(calls)[number::count] for number in range(count)]
         faults = [fault for part in pool.map(partial(walk, place), parts) for fault in part]
     print(f"{len(calls)} calls of {len(BASE)} commands: {len(faults)} faults")
