@@ -78,6 +78,7 @@ BASE: dict[str, dict[str, str]] = {
 def place(tmp_path_factory) -> Iterator[Path]:
     root = tmp_path_factory.mktemp("odd")
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("salframe.testing.rooms.HEIGHT_PX", 48)  # the calls are many, and about options
         patch.setenv("SALFRAME_CACHE", str(root / "cache"))
         write_place(root / "place", write_tiny_folder(root / "data"))
         yield root
