@@ -14,11 +14,13 @@ import yaml
 
 MAX_SHIFT_M = 0.25
 MAX_NUMBER = 1e12
+_RECORDS = ("viewpoints/episodes.json", "experiment.yaml", "answers.json", "REVERIE_val.json")
+"""Files of records, of which there may be any number: without one, or with one twice, they are sound."""
 _FIGURES = (
     *("method", "queries", "pairs", "panoramas", "accuracy", "precision", "recall", "overall"),
     *("episodes", "success_rate", "oracle_success_rate", "spl", "collisions", "scores"),
     *("SR", "OSR", "SPL", "RGS", "RGSPL"),
-    *("folds", "reference_frames", "mapped_places", "queried_places", "queries_without_truth"),
+    *("folds", "reference_frames", "mapped_places", "queried_places"),
     *("objects", "detected"),
 )
 
@@ -80,6 +82,7 @@ def _answers(out: Any) -> list[tuple[Any, tuple[float, ...]]]:
 def _remarks(output: CommandOutput) -> set[str]:
     remarks = set(output.err.splitlines())
     if isinstance(output.out, dict):
+        remarks |= {f"{output.out['queries_without_truth']} without truth"} if "folds" in output.out else set()
         remarks |= set(output.out.get("notes", ()))
         for part in (output.out, *output.out.get("rows", ())):
             status = part.get("status", ())
@@ -90,7 +93,8 @@ def _remarks(output: CommandOutput) -> set[str]:
 
 def _structure(path: Path) -> Any:
     if path.suffix in (".json", ".yaml"):
-        return _shape(yaml.safe_load(path.read_text()) if path.suffix == ".yaml" else json.loads(path.read_text()))
+        content = yaml.safe_load(path.read_text()) if path.suffix == ".yaml" else json.loads(path.read_text())
+        return _shape(content, any(map(path.match, _RECORDS)))
     if path.suffix == ".jsonl":
         return [_shape(json.loads(line)) for line in path.read_text().splitlines()]
     if path.suffix == ".npy":
@@ -108,11 +112,14 @@ def _structure(path: Path) -> Any:
     return path.read_bytes()
 
 
-def _shape(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _shape(part) for key, part in value.items()}
-    if isinstance(value, list):
-        return [_shape(part) for part in value]
+def _shape(value: Any, records: bool = False) -> Any:
+    """The types in a value; with `records`, the different ones of lists and mappings that hold only such."""
+    if isinstance(value, dict | list):
+        parts = value.values() if isinstance(value, dict) else value
+        shapes = [_shape(part, records) for part in parts]
+        if records and shapes and all(isinstance(part, dict | list) for part in parts):
+            return sorted(set(map(repr, shapes)))
+        return dict(zip(value, shapes, strict=True)) if isinstance(value, dict) else shapes
     if isinstance(value, int | float) and not isinstance(value, bool):
         return "number" if abs(value) <= MAX_NUMBER else "beyond"
     if isinstance(value, str):

@@ -224,7 +224,15 @@ def write_reverie(root: Path) -> None:
     for name in poses:
         boxes = {"7": {"name": "arm#chair", "visible_pos": [3, 4], "bbox2d": [[1, 2, 30, 40], [5, 6, 70, 80]]}}
         write_json(root / "reverie" / "BBox" / f"s_{name}.json", {name: boxes if name == "c" else {}})
-    task = {"path_id": 1, "scan": "s", "objId": 7, "path": ["a", "b", "c"], "heading": 0.5, "instructions": ["go"]}
+    task = {
+        "path_id": 1,
+        "scan": "s",
+        "objId": 7,
+        "path": ["a", "b", "c"],
+        "heading": 0.5,
+        "instructions": ["go", "come"],
+    }
     write_json(root / "reverie" / "REVERIE_val.json", [task])
     trajectory = [["a", 0.5, 0.0], ["b", 0.0, 0.0], ["c", 0.0, 0.0]]
-    write_json(root / "answers.json", [{"instr_id": "1_7_0", "trajectory": trajectory, "predObjId": 7}])
+    answers = [{"instr_id": f"1_7_{number}", "trajectory": trajectory, "predObjId": 7} for number in (0, 1)]
+    write_json(root / "answers.json", answers)

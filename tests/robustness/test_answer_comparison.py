@@ -95,6 +95,24 @@ def test_damage_of_words(tmp_path, content, plausible):
     assert is_plausible(sound, damaged) == plausible
 
 
+@pytest.mark.parametrize(
+    ("content", "plausible"),
+    [
+        ([{"start": "a", "yaw_deg": 2.0}], True),
+        ([{"start": "a", "yaw_deg": 1.0}, {"start": "b", "yaw_deg": 1.0}], True),
+        ([], False),
+        ([{"start": "a"}], False),
+        ([{"start": "a", "yaw_deg": "1"}], False),
+    ],
+)
+def test_damage_of_records(tmp_path, content, plausible):
+    sound, damaged = tmp_path / "a" / "viewpoints" / "episodes.json", tmp_path / "b" / "viewpoints" / "episodes.json"
+    for path, records in ((sound, [{"start": "a", "yaw_deg": 1.0}]), (damaged, content)):
+        path.parent.mkdir(parents=True)
+        path.write_text(json.dumps(records))
+    assert is_plausible(sound, damaged) == plausible
+
+
 def test_damage_of_arrays(tmp_path):
     sound, damaged = tmp_path / "a.npy", tmp_path / "b.npy"
     np.save(sound, np.arange(3.0))

@@ -16,10 +16,12 @@ import pytest
 from command_line import run
 from tiny_folder import write_tiny_folder
 
+from salframe.framework.files.array_files import pack_arrays
+
 sys.path.insert(0, str(Path(__file__).parent))
 
 from commands import write_place
-from readers import reseal, write_reverie
+from readers import reseal
 
 Spoil = Callable[[Path], object]
 ROUTE = ("map", "route", "ways", "a", "c")
@@ -77,6 +79,12 @@ def as_npy(array: np.ndarray) -> bytes:
     file = io.BytesIO()
     np.save(file, array)
     return file.getvalue()
+
+
+def with_other_compression(content: bytes) -> bytes:
+    """Declare compression method 99 for the first part of a zip archive."""
+    at = content.index(b"PK\x01\x02") + 10
+    return content[:at] + b"\x63\x00" + content[at + 2 :]
 
 
 HUGE = b"\x93NUMPY\x01\x00v\x00{'descr': '<f8', 'fortran_order': False, 'shape': (100000000000,), }".ljust(127) + b"\n"
@@ -176,6 +184,34 @@ FAULTS: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
     "deep JSON": (text_file("data/manifest.json", "[" * 5000 + "]" * 5000), ("data", "info", "./data"), "5000 levels"),
     "deep YAML": (text_file("study.yaml", "- " * 5000), ("ablate", "study.yaml"), "levels of lists and mappings"),
     "long number": (text_file("labels.json", "9" * 5000), IMAGES, "at most 64 bits"),
+    "unknown compression": (
+        archive(lambda arrays: with_other_compression(pack_arrays(arrays))),
+        ROUTE,
+        r"floors\.npz is not an array archive: the archive is damaged \(That compression method is not supported\)",
+    ),
+    "view of a box": (
+        json_file("reverie/reverie/BBox/s_c.json", lambda boxes: boxes["c"]["7"].update(visible_pos=[3, 10**18])),
+        SCORE,
+        r"s_c\.json: c\.7\.visible_pos\.1: received 1000000000000000000, expected less than 36",
+    ),
+    "box beyond bounds": (
+        json_file("reverie/reverie/BBox/s_c.json", lambda boxes: boxes["c"]["7"]["bbox2d"][0].__setitem__(0, 1e300)),
+        SCORE,
+        r"s_c\.json: c\.7\.bbox2d\.0\.0: received 1e\+300, expected",
+    ),
+    "step of text": (
+        json_file("reverie/answers.json", lambda answers: answers[0]["trajectory"][1].__setitem__(2, "north")),
+        SCORE,
+        r"answer 0: a step has the heading and elevation \[0\.0, 'north'\], not two numbers",
+    ),
+    "stored row twice": (
+        json_file(
+            "results/experiment.json",
+            lambda results: results["whole"]["half"]["rows"].append(results["whole"]["half"]["rows"][0]),
+        ),
+        ("experiment", "experiment.yaml", "--engine", "inline", "--results", "results"),
+        r"experiment\.json: whole\.half: received 2 rows and 1 settings for 1 different methods",
+    ),
     "base is a mapping": (text_file("study.yaml", "base: {a: 1}\n"), ("ablate", "study.yaml"), "base is .*name of a"),
     "set": (text_file("study.yaml", "vary: {a: !!set {b}}\n"), ("ablate", "study.yaml"), "tag .*set, expected none"),
 }
@@ -195,7 +231,6 @@ def sound(tmp_path_factory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SALFRAME_CACHE", str(root / "cache"))
         write_place(root / "place", write_tiny_folder(root / "data"))
-    write_reverie(root / "place" / "reverie")
     return root / "place"
 
 
