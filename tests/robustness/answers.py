@@ -14,7 +14,7 @@ import yaml
 
 MAX_SHIFT_M = 0.25
 MAX_NUMBER = 1e12
-_RECORDS = ("viewpoints/episodes.json", "experiment.yaml", "answers.json", "REVERIE_val.json")
+_RECORDS = ("viewpoints/episodes.json", "experiment.yaml", "answers.json", "REVERIE_val.json", "BBox/*.json")
 """Files of records, of which there may be any number: without one, or with one twice, they are sound."""
 _FIGURES = (
     *("method", "queries", "pairs", "panoramas", "accuracy", "precision", "recall", "overall"),
@@ -113,11 +113,11 @@ def _structure(path: Path) -> Any:
 
 
 def _shape(value: Any, records: bool = False) -> Any:
-    """The types in a value; with `records`, the different ones of lists and mappings that hold only such."""
+    """The types in a value; with `records`, the different ones of a list, and of a mapping of lists and mappings."""
     if isinstance(value, dict | list):
         parts = value.values() if isinstance(value, dict) else value
         shapes = [_shape(part, records) for part in parts]
-        if records and shapes and all(isinstance(part, dict | list) for part in parts):
+        if records and shapes and (isinstance(value, list) or all(isinstance(part, dict | list) for part in parts)):
             return sorted(set(map(repr, shapes)))
         return dict(zip(value, shapes, strict=True)) if isinstance(value, dict) else shapes
     if isinstance(value, int | float) and not isinstance(value, bool):

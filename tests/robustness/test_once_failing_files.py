@@ -212,6 +212,11 @@ FAULTS: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
         ("experiment", "experiment.yaml", "--engine", "inline", "--results", "results"),
         r"experiment\.json: whole\.half: received 2 rows and 1 settings for 1 different methods",
     ),
+    "complex outlines": (
+        array_file("building/parts-*/scenes/outline_mm.npy", lambda outlines: outlines.astype(np.complex64)),
+        ("map", "query", "building", "kitchen-query", "--data", "./data"),
+        r"building/parts-\w+ has arrays that saliency-places cannot use, expected the arrays that it wrote",
+    ),
     "base is a mapping": (text_file("study.yaml", "base: {a: 1}\n"), ("ablate", "study.yaml"), "base is .*name of a"),
     "set": (text_file("study.yaml", "vary: {a: !!set {b}}\n"), ("ablate", "study.yaml"), "tag .*set, expected none"),
 }
