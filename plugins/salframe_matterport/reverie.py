@@ -82,6 +82,18 @@ class Reverie(Scorer):
                     **dict(zip(METRICS, percent, strict=True)),
                 }
             )
+        hidden = [
+            name
+            for episodes in scored.values()
+            for name, episode in episodes.items()
+            if not buildings[episode.scan].shows(episode.path[-1], episode.object_id)
+        ]
+        if hidden:
+            _log.warning(
+                "%s: the target object of %d of %d instructions is not in the box file of the end of the path, "
+                "expected it there; the first is %s",
+                *(root, len(hidden), sum(map(len, scored.values())), hidden[0]),
+            )
         return rows
 
     def episodes(self, split: str, root: Path) -> Sequence[EpisodeRequest]:

@@ -65,4 +65,5 @@ def write_viewpoints(root: Path) -> None:
     path.write_text(json.dumps(viewpoints))
     episode = {"path_id": 1, "scan": "fake", "objId": 4, "path": ["b", "a", "c"], "heading": 0.5}
     building.write_json("reverie/REVERIE_val.json", [{**episode, "instructions": ["go"]}])
-    building.write_json("episodes.json", [{"start": "fake/b", "goal": "fake/c", "yaw_deg": 90.0}])
+    episode = {"start": "fake/b", "goal": "fake/c"}
+    building.write_json("episodes.json", [{**episode, "yaw_deg": 90.0}, {**episode, "yaw_deg": None}])
