@@ -59,8 +59,8 @@ def _folder(root: Path) -> Any:
 
 
 def _pictures(root: Path) -> Any:
-    read = images.read_color(root / "a.png"), images.read_range(root / "b.png"), images.read_mask(root / "c.png")
-    return [array.tobytes() for array in read]
+    arrays = images.read_color(root / "a.png"), images.read_range(root / "b.png"), images.read_mask(root / "c.png")
+    return [array.tobytes() for array in arrays]
 
 
 def _run(root: Path) -> Any:

@@ -102,12 +102,12 @@ def serve(pipe, sound: Path, scratch: Path) -> None:
     def copy_sound(reader) -> Path:
         return restore(sound / reader.folder, scratch / reader.folder)
 
-    def compare(reader, sound_read, read, file: Path) -> str:
+    def compare(reader, sound_content, content, file: Path) -> str:
         if reader.sealed:
             return "wrong"
-        if not isinstance(read, CommandOutput) or not has_other_answer(sound_read, read):
+        if not isinstance(content, CommandOutput) or not has_other_answer(sound_content, content):
             return "changed"
-        if has_new_remark(sound_read, read):
+        if has_new_remark(sound_content, content):
             return "reported"
         return "plausible" if is_plausible(sound / reader.folder / file, scratch / reader.folder / file) else "wrong"
 
@@ -121,8 +121,8 @@ def serve(pipe, sound: Path, scratch: Path) -> None:
             return
         reader = readers[name]
         if seed is None:
-            read = reader.read(copy_sound(reader))
-            sound_results[name] = read, repr(read)
+            content = reader.read(copy_sound(reader))
+            sound_results[name] = content, repr(content)
             pipe.send("known")
             continue
         copy, rng = copy_sound(reader), np.random.default_rng([seed, zlib.crc32(name.encode())])
@@ -133,8 +133,8 @@ def serve(pipe, sound: Path, scratch: Path) -> None:
         if reader.reseal is not None and path.name != "map.json":
             reader.reseal(copy)
         try:
-            read = reader.read(copy)
-            text = repr(read)
+            content = reader.read(copy)
+            text = repr(content)
         except SalframeError as error:
             one_line = "\n" not in str(error) and len(str(error)) < MAX_LINE
             verdict = "refused" if one_line else "traceback"
@@ -142,11 +142,11 @@ def serve(pipe, sound: Path, scratch: Path) -> None:
         except BaseException:
             verdict, what = "traceback", f"{what}\n{traceback.format_exc()}"
         else:
-            sound_read, sound_text = sound_results[name]
+            sound_content, sound_text = sound_results[name]
             if text in (sound_text, "None"):
                 verdict = "same"
             else:
-                verdict = compare(reader, sound_read, read, path.relative_to(copy))
+                verdict = compare(reader, sound_content, content, path.relative_to(copy))
                 what += f": {_difference(sound_text, text)}"
         peak_mb = _peak_mb()
         if peak_mb - before_mb > MEMORY_MB:
