@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
@@ -115,9 +116,11 @@ class Vlad:
         rng = np.random.default_rng(0)
         sample = stacked[np.sort(rng.permutation(len(stacked))[:SAMPLE])]
         start = sample[np.sort(rng.permutation(len(sample))[:words])]
-        self.words = (
-            kmeans2(sample, start, iter=ITERATIONS, minit="matrix", missing="warn")[0] if len(sample) > words else start
-        )
+        self.words = start
+        if len(sample) > words:
+            with warnings.catch_warnings():
+                warnings.filterwarnings("ignore", "One of the clusters is empty")  # its word stays where it is
+                self.words = kmeans2(sample, start, iter=ITERATIONS, minit="matrix", missing="warn")[0]
 
     def pool(self, features: np.ndarray) -> np.ndarray:
         """Return (words * D,) float32 of unit length for local features (N, D), zeros if there are none."""

@@ -11,7 +11,9 @@ from pydantic import BaseModel, Field, StrictBool, model_validator
 
 from salframe.framework.errors import DataError
 from salframe.framework.files.reading import read_as
+from salframe.framework.validation import MAX_NUMBER
 from salframe.panoramas.geometry import pose_2d
+from salframe_matterport.bearings import VIEWS
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +35,7 @@ NO_LABEL = "-"
 """Label of a region without an annotation."""
 
 
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Number = Annotated[float, Field(strict=True, ge=-MAX_NUMBER, le=MAX_NUMBER)]
 
 
 class ConnectivityViewpoint(BaseModel):
@@ -58,7 +60,7 @@ class _Annotation(BaseModel):
     """An object in a box file: the views that show it, and its box in each view."""
 
     name: str
-    visible_pos: tuple[Annotated[int, Field(strict=True, ge=0)], ...]
+    visible_pos: tuple[Annotated[int, Field(strict=True, ge=0, lt=VIEWS)], ...]
     bbox2d: tuple[tuple[Number, Number, Number, Number], ...]
 
     @model_validator(mode="after")

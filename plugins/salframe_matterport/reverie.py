@@ -82,6 +82,18 @@ class Reverie(Scorer):
                     **dict(zip(METRICS, percent, strict=True)),
                 }
             )
+        hidden = [
+            name
+            for episodes in scored.values()
+            for name, episode in episodes.items()
+            if not buildings[episode.scan].shows(episode.path[-1], episode.object_id)
+        ]
+        if hidden:
+            _log.warning(
+                "%s: the target object of %d of %d instructions is not in the box file of the end of the path, "
+                "expected it there; the first is %s",
+                *(root, len(hidden), sum(map(len, scored.values())), hidden[0]),
+            )
         return rows
 
     def episodes(self, split: str, root: Path) -> Sequence[EpisodeRequest]:
@@ -286,23 +298,26 @@ def read_answers(content: Any, path: Path) -> dict[str, Answer]:
     if not isinstance(content, list):
         raise DataError(f"{path} contains {type(content).__name__}, expected {expected}")
     answers: dict[str, Answer] = {}
-    without_object = 0
+    keyless, unnamed = 0, 0
     for position, item in enumerate(content):
         try:
             name, walked = item["instr_id"], tuple(viewpoints(item["trajectory"]))
             named = item.get("predObjId", item.get("pred_objid"))
             answers.setdefault(name, Answer(walked, _object_id(named, f"{path}: {name}")))
-            without_object += "predObjId" not in item and "pred_objid" not in item
+            keyless += "predObjId" not in item and "pred_objid" not in item
+            unnamed += named is None
         except (AttributeError, KeyError, TypeError) as error:
             reason = f"no key {error}" if isinstance(error, KeyError) else str(error)
             raise DataError(f"{path}: answer {position}: {reason}; expected {expected}") from None
         if not walked:
             raise DataError(f"{path}: {name} has an empty trajectory, expected at least its start")
-    if without_object:
+    if keyless:
         _log.warning(
             "%s: %d of %d answers have no key predObjId or pred_objid, and count as naming no object",
-            *(path, without_object, len(content)),
+            *(path, keyless, len(content)),
         )
+    elif 0 < unnamed < len(content):
+        _log.warning("%s: %d of %d answers name no object, and fail in RGS", path, unnamed, len(content))
     return answers
 
 
@@ -319,6 +334,9 @@ def viewpoints(trajectory: Any) -> Iterator[str]:
     if not isinstance(trajectory, list):
         raise TypeError(f"the trajectory is {type(trajectory).__name__}, not a list")
     if len(trajectory) == 3 and isinstance(trajectory[0], str) and not isinstance(trajectory[1], str):
+        angles = trajectory[1:]
+        if any(isinstance(angle, bool) or not isinstance(angle, int | float) for angle in angles):
+            raise TypeError(f"a step has the heading and elevation {angles!r:.60}, not two numbers")
         yield trajectory[0]
         return
     for step in trajectory:

@@ -82,14 +82,17 @@ FRAME_ERRORS = (DataError, InputMissing)
 
 
 def describe_error(error: BaseException) -> str:
-    """Return an exception as one line, with its type unless it is a SalframeError."""
+    """Return an exception as one line: what the system cannot do with which file, otherwise the message, with its type
+    unless it is a SalframeError."""
+    if isinstance(error, OSError) and error.strerror and error.filename is not None:
+        return f"cannot use {shorten(one_line(error.filename))}: {error.strerror}"
     message = one_line(error)
     return message if isinstance(error, SalframeError) else f"{type(error).__name__}: {message}".rstrip()
 
 
-def one_line(error: BaseException) -> str:
-    """Return the message of an exception as one line, with unprintable characters escaped."""
-    message = " ".join(str(error).split())
+def one_line(text: object) -> str:
+    """Return a text, or the message of an exception, as one line with unprintable characters escaped."""
+    message = " ".join(str(text).split())
     return message if message.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in message)
 
 

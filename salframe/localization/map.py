@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
@@ -153,7 +154,8 @@ class LocalizationMap:
         opened._mapped_files, opened._folder = parts.mapped_files(), parts.folder
         if not indexed:
             return opened
-        with _blaming(parts.folder, localizer):
+        with _blaming(parts.folder, localizer), warnings.catch_warnings():
+            warnings.simplefilter("error", np.exceptions.ComplexWarning)  # complex numbers in place of real ones
             if parts.has_index(localizer):
                 localizer.open_index(parts.index_folder(localizer), packed, frames)
             else:

@@ -118,6 +118,33 @@ def test_no_object_named_is_a_wrong_one_and_a_missing_key_is_told(root, caplog):
     assert "answers.json: 3 of 3 answers have no key predObjId" in message
 
 
+def test_an_answer_without_an_object_among_others_is_a_warning(root, caplog):
+    answers = official(ANSWERS)
+    answers[0]["predObjId"] = None
+    score(root, answers)
+    (message,) = caplog.messages
+    assert message.endswith("answers.json: 1 of 3 answers name no object, and fail in RGS")
+
+
+def test_a_target_that_the_end_of_the_path_does_not_show_is_a_warning(root, caplog):
+    tasks = json.loads((root / "reverie" / "REVERIE_val_seen.json").read_text())
+    end = tasks[0]["path"][-1]
+    write(root / "reverie" / "BBox" / f"fake_{end}.json", {end: {}})
+    score(root, official(ANSWERS))
+    (message,) = caplog.messages
+    assert re.search(
+        r"the target object of \d of 3 instructions is not in the box file of the end .* first is 1_8_0", message
+    )
+
+
+@pytest.mark.parametrize("angles", [[0.5, "north"], [True, 0.0], [None, 0.0]])
+def test_a_step_without_two_angles_is_refused(root, angles):
+    answers = official(ANSWERS)
+    answers[0]["trajectory"][0] = [answers[0]["trajectory"][0][0], *angles]
+    with pytest.raises(DataError, match=r"answer 0: a step has the heading and elevation .*, not two numbers"):
+        score(root, answers)
+
+
 @pytest.mark.parametrize("named", [1e300, 7.0, True, [], {}, "", "x", 10**18])
 def test_what_is_no_object_id_is_refused(root, named):
     answers = official(ANSWERS)

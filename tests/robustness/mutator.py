@@ -139,20 +139,20 @@ def arrays(path: Path, rng: np.random.Generator) -> None:
 
 def archive(path: Path, rng: np.random.Generator) -> None:
     """Missing, extra or other arrays; one array in the place of several."""
-    held = dict(np.load(path))
-    name = sorted(held)[rng.integers(len(held))]
+    content = dict(np.load(path))
+    name = sorted(content)[rng.integers(len(content))]
     way = rng.random()
     if way < 0.2:
-        del held[name]
+        del content[name]
     elif way < 0.4:
-        held["extra"] = np.zeros(3)
+        content["extra"] = np.zeros(3)
     elif way < 0.5:
-        _save(path, held[name])
+        _save(path, content[name])
         return
     else:
-        held[name] = _other(held[name], rng)
+        content[name] = _other(content[name], rng)
     file = io.BytesIO()
-    np.savez_compressed(file, **held)
+    np.savez_compressed(file, **content)
     path.write_bytes(file.getvalue())
 
 
@@ -163,7 +163,7 @@ def _save(path: Path, array: np.ndarray) -> None:
 
 def _other(array: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     numbers = array if array.dtype.kind in "iufb" else np.arange(array.size).reshape(array.shape)
-    made = (
+    choices = (
         lambda: numbers.astype(bool),
         lambda: numbers.astype(float) * np.nan,
         lambda: numbers.astype(float) * 1e300,
@@ -177,14 +177,14 @@ def _other(array: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         lambda: np.full(array.shape, 255, np.uint8),
         lambda: np.zeros(array.shape, "M8[s]"),
     )
-    return made[rng.integers(len(made))]()
+    return choices[rng.integers(len(choices))]()
 
 
 def table(path: Path, rng: np.random.Generator) -> None:
     """Null, nested, text, empty, absent or repeated."""
-    held = pq.read_table(path)
-    ids, labels = held["instance_id"].to_pylist(), held["label"].to_pylist()
-    made = (
+    content = pq.read_table(path)
+    ids, labels = content["instance_id"].to_pylist(), content["label"].to_pylist()
+    choices = (
         {"instance_id": list(map(str, ids)), "label": labels},
         {"instance_id": list(map(float, ids)), "label": labels},
         {"instance_id": [None, *ids[1:]], "label": labels},
@@ -199,4 +199,4 @@ def table(path: Path, rng: np.random.Generator) -> None:
         {"label": labels},
         {"instance_id": ids, "label": [one.encode() + b"\xff" for one in labels]},
     )
-    pq.write_table(pa.table(made[rng.integers(len(made))]), path)
+    pq.write_table(pa.table(choices[rng.integers(len(choices))]), path)

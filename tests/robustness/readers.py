@@ -60,19 +60,19 @@ def _folder(root: Path) -> Any:
 
 
 def _pictures(root: Path) -> Any:
-    read = images.read_color(root / "a.png"), images.read_range(root / "b.png"), images.read_mask(root / "c.png")
-    return [array.tobytes() for array in read]
+    arrays = images.read_color(root / "a.png"), images.read_range(root / "b.png"), images.read_mask(root / "c.png")
+    return [array.tobytes() for array in arrays]
 
 
 def _run(root: Path) -> Any:
     run = Run.load(root)
-    notes, given = run.notes(), run.environment()
-    return notes, given, run.data(), run.outcome("objects"), run.rows("objects", AnswerRow)
+    notes, environment = run.notes(), run.environment()
+    return notes, environment, run.data(), run.outcome("objects"), run.rows("objects", AnswerRow)
 
 
 def _map(root: Path) -> Any:
-    opened = open_map(root)
-    return opened.localizer.config, [frame.T_world_pano.tolist() for frame in opened.frames]
+    map = open_map(root)
+    return map.localizer.config, [frame.T_world_pano.tolist() for frame in map.frames]
 
 
 def _study(root: Path) -> Any:
@@ -191,18 +191,18 @@ def write_network(path: Path) -> None:
     from onnx import TensorProto, helper
 
     path.parent.mkdir()
-    given, made = (helper.make_tensor_value_info(name, TensorProto.FLOAT, ("n", 3, 8, 8)) for name in "xy")
-    graph = helper.make_graph([helper.make_node("Relu", ["x"], ["y"])], "net", [given], [made])
+    inputs, outputs = (helper.make_tensor_value_info(name, TensorProto.FLOAT, ("n", 3, 8, 8)) for name in "xy")
+    graph = helper.make_graph([helper.make_node("Relu", ["x"], ["y"])], "net", [inputs], [outputs])
     onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8), path)
 
 
 def _write_run(root: Path, data: Path) -> None:
-    asked = {"kind": "folder", "root": str(data)}
+    data_settings = {"kind": "folder", "root": str(data)}
     request = {
         "format": 2,
         "task": {"name": "localization"},
         "seed": 0,
-        "data": asked,
+        "data": data_settings,
         "methods": {"objects": {"kind": "objects"}},
     }
     root.mkdir()
@@ -219,19 +219,27 @@ def _write_run(root: Path, data: Path) -> None:
 
 def write_reverie(root: Path) -> None:
     poses = {"a": (0, 0), "b": (2, 0), "c": (2, 2)}
-    listed = []
+    viewpoints = []
     for name, (x, y) in poses.items():
         pose = np.eye(4)
         pose[:2, 3] = x, y
         free = [other != name for other in poses]
-        listed.append(
+        viewpoints.append(
             {"image_id": name, "pose": pose.ravel().tolist(), "included": True, "unobstructed": free, "height": 1.5}
         )
-    write_json(root / "connectivity" / "s_connectivity.json", listed)
+    write_json(root / "connectivity" / "s_connectivity.json", viewpoints)
     for name in poses:
         boxes = {"7": {"name": "arm#chair", "visible_pos": [3, 4], "bbox2d": [[1, 2, 30, 40], [5, 6, 70, 80]]}}
         write_json(root / "reverie" / "BBox" / f"s_{name}.json", {name: boxes if name == "c" else {}})
-    task = {"path_id": 1, "scan": "s", "objId": 7, "path": ["a", "b", "c"], "heading": 0.5, "instructions": ["go"]}
+    task = {
+        "path_id": 1,
+        "scan": "s",
+        "objId": 7,
+        "path": ["a", "b", "c"],
+        "heading": 0.5,
+        "instructions": ["go", "come"],
+    }
     write_json(root / "reverie" / "REVERIE_val.json", [task])
-    walked = [["a", 0.5, 0.0], ["b", 0.0, 0.0], ["c", 0.0, 0.0]]
-    write_json(root / "answers.json", [{"instr_id": "1_7_0", "trajectory": walked, "predObjId": 7}])
+    trajectory = [["a", 0.5, 0.0], ["b", 0.0, 0.0], ["c", 0.0, 0.0]]
+    answers = [{"instr_id": f"1_7_{number}", "trajectory": trajectory, "predObjId": 7} for number in (0, 1)]
+    write_json(root / "answers.json", answers)

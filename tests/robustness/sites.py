@@ -38,7 +38,7 @@ EXPERIMENT = {
 
 
 @dataclass(frozen=True)
-class Said(Result):
+class SiteResult(Result):
     """What a command said, how often it changed what is in its folder, and the modules that it imported."""
 
     changes: int
@@ -63,8 +63,8 @@ class Site:
         (self._sound / "rooms.yaml").write_text(yaml.safe_dump(EXPERIMENT))
         (root / "numbers").mkdir()
         (root / "numbers" / "small.bin").write_bytes(NUMBERS)
-        done = self.call(("compare", "--methods", "reader", *ROOMS, "--runs", "done", *INLINE), self._sound)
-        assert done.code == 0, done
+        result = self.call(("compare", "--methods", "reader", *ROOMS, "--runs", "done", *INLINE), self._sound)
+        assert result.code == 0, result
 
     def fresh(self) -> Path:
         """A folder to run commands in, in the place of the one before."""
@@ -78,18 +78,18 @@ class Site:
         """The process id of a command that begins in a folder, and is killed at a `step` of its changes."""
         return start(partial(self._work, words, place, plugins, step, environment))
 
-    def end(self, child: int) -> Said | None:
+    def end(self, child: int) -> SiteResult | None:
         """What a command said that had begun; None where it was killed."""
-        return None if killed(child) else Said(*json.loads(self._said(child).read_text()))
+        return None if killed(child) else SiteResult(*json.loads(self._result_path(child).read_text()))
 
-    def call(self, words: Sequence[str], place: Path, plugins: str = PLUGINS, **environment: str) -> Said:
+    def call(self, words: Sequence[str], place: Path, plugins: str = PLUGINS, **environment: str) -> SiteResult:
         """What a command says in a folder."""
-        said = self.end(self.begin(words, place, plugins, **environment))
-        assert said is not None
-        return said
+        result = self.end(self.begin(words, place, plugins, **environment))
+        assert result is not None
+        return result
 
-    def _said(self, child: int) -> Path:
-        return self._root / f"said-{child}.json"
+    def _result_path(self, child: int) -> Path:
+        return self._root / f"result-{child}.json"
 
     def _work(
         self, words: Sequence[str], place: Path, plugins: str, step: int | None, environment: Mapping[str, str]
@@ -106,5 +106,7 @@ class Site:
         registry.cache_clear()
         with chdir(place):
             changes = kill_at(step, place)
-            said = run(*(str(next(Path().glob(word), word)) if "*" in word else word for word in words))
-        self._said(os.getpid()).write_text(json.dumps([said.code, said.out, said.err, len(changes), list(sys.modules)]))
+            result = run(*(str(next(Path().glob(word), word)) if "*" in word else word for word in words))
+        self._result_path(os.getpid()).write_text(
+            json.dumps([result.code, result.out, result.err, len(changes), list(sys.modules)])
+        )

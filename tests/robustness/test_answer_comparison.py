@@ -11,7 +11,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from answers import Told, another, is_plausible, says_more
+from answers import CommandOutput, has_new_remark, has_other_answer, is_plausible
 
 
 def located(place="kitchen", x_m=1.0, **more):
@@ -23,7 +23,7 @@ def table(**row):
 
 
 @pytest.mark.parametrize(
-    ("sound", "told", "differs"),
+    ("sound", "output", "expected"),
     [
         (located(), located(x_m=1.2), False),
         (located(), located(x_m=1.3), True),
@@ -32,15 +32,21 @@ def table(**row):
         (table(), table(bytes_per_scene=9.0), False),
         (table(), table(accuracy=0.5), True),
         (table(median_translation_m=0.1), table(median_translation_m=0.4), True),
+        (located(route=None), located(route={"nodes": ["here", "a"], "length_m": 2.0}), True),
+        (table(success_rate=1.0, path_m=4.0), table(success_rate=1.0, path_m=4.2), False),
+        (table(success_rate=1.0, path_m=4.0), table(success_rate=1.0, path_m=4.3), True),
+        (table(success_rate=1.0, path_m=4.0), table(success_rate=0.5, path_m=4.0), True),
+        ({"tables": {"a": table()}}, {"tables": {"a": table(accuracy=0.5)}}, True),
+        ({"queries": 3, "mapped_places": 2}, {"queries": 3, "mapped_places": 1}, True),
         ({"nodes": ["a", "b"], "length_m": 2.0}, {"nodes": ["a", "c", "b"], "length_m": 2.0}, True),
     ],
 )
-def test_another_answer(sound, told, differs):
-    assert another(Told(sound, ""), Told(told, "")) == differs
+def test_other_answers(sound, output, expected):
+    assert has_other_answer(CommandOutput(sound, ""), CommandOutput(output, "")) == expected
 
 
 @pytest.mark.parametrize(
-    ("told", "err", "says"),
+    ("output", "err", "expected"),
     [
         (table(), "", False),
         (table(accuracy=0.5), "", False),
@@ -52,8 +58,8 @@ def test_another_answer(sound, told, differs):
         ({**table(), "notes": ["a", "b"]}, "", True),
     ],
 )
-def test_a_line_that_tells(told, err, says):
-    assert says_more(Told(table(), ""), Told(told, err)) == says
+def test_new_remarks(output, err, expected):
+    assert has_new_remark(CommandOutput(table(), ""), CommandOutput(output, err)) == expected
 
 
 @pytest.mark.parametrize(
@@ -76,6 +82,34 @@ def test_damage_and_another_content(tmp_path, content, plausible):
     sound.write_text(json.dumps({"a": [1, "x"]}))
     if content is not None:
         damaged.write_text(content)
+    assert is_plausible(sound, damaged) == plausible
+
+
+@pytest.mark.parametrize(
+    ("content", "plausible"), [("t,x\n0,2\n", True), ("t,x\n0,nan\n", False), ("t,x\n0,\n", False), ("t,x\n0\n", False)]
+)
+def test_damage_of_words(tmp_path, content, plausible):
+    sound, damaged = tmp_path / "a.csv", tmp_path / "b.csv"
+    sound.write_text("t,x\n0,1\n")
+    damaged.write_text(content)
+    assert is_plausible(sound, damaged) == plausible
+
+
+@pytest.mark.parametrize(
+    ("content", "plausible"),
+    [
+        ([{"start": "a", "yaw_deg": 2.0}], True),
+        ([{"start": "a", "yaw_deg": 1.0}, {"start": "b", "yaw_deg": 1.0}], True),
+        ([], False),
+        ([{"start": "a"}], False),
+        ([{"start": "a", "yaw_deg": "1"}], False),
+    ],
+)
+def test_damage_of_records(tmp_path, content, plausible):
+    sound, damaged = tmp_path / "a" / "viewpoints" / "episodes.json", tmp_path / "b" / "viewpoints" / "episodes.json"
+    for path, records in ((sound, [{"start": "a", "yaw_deg": 1.0}]), (damaged, content)):
+        path.parent.mkdir(parents=True)
+        path.write_text(json.dumps(records))
     assert is_plausible(sound, damaged) == plausible
 
 

@@ -16,7 +16,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 
 from loopback import serving
-from sites import INLINE, ROOMS, Said, Site
+from sites import INLINE, ROOMS, Site, SiteResult
 from small_plugin import NUMBERS, SMALL_WEIGHTS
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="it forks")
@@ -29,7 +29,7 @@ def site(tmp_path_factory) -> Site:
     return Site(tmp_path_factory.mktemp("at-once"))
 
 
-def both(site: Site, place: Path, *commands: tuple[str, ...], **environment: str) -> list[Said | None]:
+def both(site: Site, place: Path, *commands: tuple[str, ...], **environment: str) -> list[SiteResult | None]:
     """What commands say that begin at once in a folder."""
     children = [site.begin(words, place, **environment) for words in commands]
     return [site.end(child) for child in children]
@@ -43,18 +43,18 @@ def test_a_run_that_another_process_has_in_hand_is_left_to_it(site):
         time.sleep(0.01)
     second = site.call(slow, place)
     assert second.code == 2
-    told = r"error: another process writes to runs/rooms-\w+: wait for it, or give the run another --name\n"
-    assert re.fullmatch(told, second.err), second.err
-    done = site.end(first)
-    assert (done.code, done.json["rows"][0]["accuracy"]) == (0, 1.0)
-    assert site.call(slow, place).content == done.content
+    message = r"error: another process writes to runs/rooms-\w+: wait for it, or give the run another --name\n"
+    assert re.fullmatch(message, second.err), second.err
+    result = site.end(first)
+    assert (result.code, result.json["rows"][0]["accuracy"]) == (0, 1.0)
+    assert site.call(slow, place).content == result.content
 
 
 def test_two_runs_share_a_cache_that_has_room_for_next_to_nothing(site):
     alone = site.call(COMPARE, site.fresh()).json["rows"][0]
     for limit_gb in ("20", "0.000001"):
-        done = both(site, site.fresh(), *((*COMPARE, "--name", name) for name in "ab"), SALFRAME_CACHE_GB=limit_gb)
-        assert [(said.code, said.json["rows"][0]["accuracy"]) for said in done] == [(0, alone["accuracy"])] * 2
+        results = both(site, site.fresh(), *((*COMPARE, "--name", name) for name in "ab"), SALFRAME_CACHE_GB=limit_gb)
+        assert [(result.code, result.json["rows"][0]["accuracy"]) for result in results] == [(0, alone["accuracy"])] * 2
 
 
 def test_two_processes_render_one_data_set(site):
@@ -109,13 +109,13 @@ def test_two_processes_fetch_weights_at_once(site, server):
 )
 def test_weights_that_did_not_come_whole_are_one_line(site, server, path, message):
     place = site.fresh()
-    said = site.call(FETCH, place, **{SMALL_WEIGHTS: f"{server}/{path}"})
-    assert said.code == 2
-    assert re.fullmatch(rf"small: MIT\nerror: .*{message}.*\n", said.err), said.err
+    result = site.call(FETCH, place, **{SMALL_WEIGHTS: f"{server}/{path}"})
+    assert result.code == 2
+    assert re.fullmatch(rf"small: MIT\nerror: .*{message}.*\n", result.err), result.err
     assert list((place / "cache" / "weights" / "small").iterdir()) == []
 
 
 def test_weights_for_a_folder_that_cannot_be_written_to_are_one_line(site):
-    said = site.call(FETCH, site.fresh(), SALFRAME_CACHE="/dev/null/cache")
-    assert (said.code, said.out) == (2, "")
-    assert re.fullmatch(r"small: MIT\nerror: cannot use /dev/null/cache.*: Not a directory\n", said.err), said.err
+    result = site.call(FETCH, site.fresh(), SALFRAME_CACHE="/dev/null/cache")
+    assert (result.code, result.out) == (2, "")
+    assert re.fullmatch(r"small: MIT\nerror: cannot use /dev/null/cache.*: Not a directory\n", result.err), result.err

@@ -70,10 +70,10 @@ def place(tmp_path_factory) -> Path:
 def test_strange_words_are_one_line(place, tmp_path, monkeypatch, words, message):
     monkeypatch.chdir(place)
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
-    done = run(*words)
-    assert (done.code, done.out) == (2, "")
-    assert re.fullmatch(f"error: .*({message}).*\n", done.err), done.err
-    assert len(done.err) < 12_000
+    result = run(*words)
+    assert (result.code, result.out) == (2, "")
+    assert re.fullmatch(f"error: .*({message}).*\n", result.err), result.err
+    assert len(result.err) < 12_000
 
 
 def test_a_table_of_objects_that_says_nothing_is_refused(tmp_path, monkeypatch):
@@ -89,9 +89,9 @@ def test_a_table_of_objects_that_says_nothing_is_refused(tmp_path, monkeypatch):
     }
     for message, columns in cases.items():
         write_objects(Path("objects.parquet"), columns)
-        done = run("build", ".", "-o", tmp_path / "map", "--method", "objects", "--set", "detector.kind=annotations")
-        assert done.code == 2
-        assert re.search(message, done.err), done.err
+        result = run("build", ".", "-o", tmp_path / "map", "--method", "objects", "--set", "detector.kind=annotations")
+        assert result.code == 2
+        assert re.search(message, result.err), result.err
 
 
 @pytest.mark.parametrize(("at", "number"), [(3, "NaN"), (3, float("nan")), (3, float("inf")), (3, None), (0, 1.1)])

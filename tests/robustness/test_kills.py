@@ -23,7 +23,7 @@ from salframe.framework.files.image_files import read_image
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from sites import INLINE, PLUGINS, ROOMS, Said, Site
+from sites import INLINE, PLUGINS, ROOMS, Site, SiteResult
 
 SEED = int(os.environ.get("SALFRAME_TEST_SEEDS", "1").split(",")[0])
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="it forks")
@@ -46,7 +46,7 @@ JOBS = {
     "compare, processes": Job(("compare", "--methods", "reader", *ROOMS, "--json"), look=RUNS),
     "ablate": Job(("ablate", "study.yaml", *INLINE)),
     "evaluate": Job(("evaluate", "done/*", "--json"), "done/*/methods/*/metrics.json"),
-    "experiment": Job(("experiment", "rooms.yaml", "--results", "kept", *INLINE), "kept/*.json"),
+    "experiment": Job(("experiment", "rooms.yaml", "--results", "results", *INLINE), "results/*.json"),
     "matching": Job(
         ("matching", "--methods", "points", "--data", "furnished", *INLINE),
         look=RUNS,
@@ -85,7 +85,7 @@ JOBS = {
 }
 
 
-def written(job: Job, place: Path) -> dict[str, Any]:
+def read_files(job: Job, place: Path) -> dict[str, Any]:
     """The files of a job that are there, without times; the pictures of objects tell the seconds: their size."""
 
     def read(path: Path) -> Any:
@@ -97,11 +97,11 @@ def written(job: Job, place: Path) -> dict[str, Any]:
     return {str(path.relative_to(place)): read(path) for path in paths}
 
 
-def is_part(found: Any, whole: Any) -> bool:
+def is_part(part: Any, whole: Any) -> bool:
     """Whether this is the whole, or tables of it, each whole."""
-    if isinstance(found, dict) and isinstance(whole, dict):
-        return all(key in whole and is_part(value, whole[key]) for key, value in found.items())
-    return found == whole
+    if isinstance(part, dict) and isinstance(whole, dict):
+        return all(key in whole and is_part(value, whole[key]) for key, value in part.items())
+    return part == whole
 
 
 def whole_rows(place: Path) -> dict[Path, bytes]:
@@ -116,17 +116,17 @@ class Trial:
     def __init__(self, site: Site, job: Job) -> None:
         self._site, self._job = site, job
         place = site.fresh()
-        said = self._call(job.words, place)
-        assert said.code == 0, said
-        self._steps, self._said, self._files = said.changes, said.content, written(job, place)
+        result = self._call(job.words, place)
+        assert result.code == 0, result
+        self._steps, self._content, self._files = result.changes, result.content, read_files(job, place)
         assert self._files or job.files == Job.files
         self._look = self._call(job.look, place).content if job.look else None
-        for module in said.modules:  # what this process has imported, its forks need not
+        for module in result.modules:  # what this process has imported, its forks need not
             if not module.endswith("_plugin"):
                 with suppress(Exception):
                     import_module(module)
         place, began = site.fresh(), time.monotonic()
-        assert (self._call(job.words, place).content, written(job, place)) == (self._said, self._files)
+        assert (self._call(job.words, place).content, read_files(job, place)) == (self._content, self._files)
         self._whole_s = time.monotonic() - began
 
     def kill(self, rng: random.Random) -> str | None:
@@ -140,26 +140,26 @@ class Trial:
             os.kill(child, signal.SIGKILL)
         if self._site.end(child) is not None:
             return None
-        rows, half = whole_rows(place), self._half(place)
-        said = self._call(self._job.words, place)
+        rows, incomplete = whole_rows(place), self._incomplete(place)
+        result = self._call(self._job.words, place)
         cost = [str(path) for path, content in rows.items() if not path.read_bytes().startswith(content)]
-        other = "" if said.content == self._said else f"said {said}, not {self._said}"
-        files = "" if written(self._job, place) == self._files else "other files"
-        return "; ".join(filter(None, (half, *cost, other, files)))
+        other = "" if result.content == self._content else f"printed {result}, not {self._content}"
+        files = "" if read_files(self._job, place) == self._files else "other files"
+        return "; ".join(filter(None, (incomplete, *cost, other, files)))
 
-    def _call(self, words: tuple[str, ...], place: Path) -> Said:
+    def _call(self, words: tuple[str, ...], place: Path) -> SiteResult:
         return self._site.call(words, place, self._job.plugins)
 
-    def _half(self, place: Path) -> str:
+    def _incomplete(self, place: Path) -> str:
         """What is there and is not whole."""
-        there = written(self._job, place)
-        half = [name for name, found in there.items() if not is_part(found, self._files[name])]
+        files = read_files(self._job, place)
+        incomplete = [name for name, part in files.items() if not is_part(part, self._files[name])]
         if self._look is not None:
-            seen = self._call(self._job.look, place)
-            nothing = re.fullmatch(r"error: .+\n", seen.err) if seen.code == 2 else "unfinished" in seen.out
-            if seen.content != self._look and not nothing:
-                half.append(str(seen))
-        return ", ".join(half)
+            result = self._call(self._job.look, place)
+            nothing = re.fullmatch(r"error: .+\n", result.err) if result.code == 2 else "unfinished" in result.out
+            if result.content != self._look and not nothing:
+                incomplete.append(str(result))
+        return ", ".join(incomplete)
 
 
 @pytest.fixture(scope="module")
@@ -169,15 +169,15 @@ def site(tmp_path_factory) -> Site:
 
 def kill_all(site: Site, jobs: list[str], kills: int) -> None:
     rng, trials = random.Random(SEED), {name: Trial(site, JOBS[name]) for name in jobs}
-    lost, count = [], Counter[str]()
+    losses, count = [], Counter[str]()
     while count.total() < kills:
         name = jobs[count.total() % len(jobs)]
-        found = next(filter(lambda one: one is not None, (trials[name].kill(rng) for _ in range(50))))
+        loss = next(filter(lambda one: one is not None, (trials[name].kill(rng) for _ in range(50))))
         count[name] += 1
-        if found:
-            lost.append(f"{name}: {found}")
-    print(f"seed {SEED}, {kills} kills of {len(jobs)} commands: {len(lost)} lost")
-    assert not lost, "\n".join(lost)
+        if loss:
+            losses.append(f"{name}: {loss}")
+    print(f"seed {SEED}, {kills} kills of {len(jobs)} commands: {len(losses)} lost")
+    assert not losses, "\n".join(losses)
 
 
 def test_kills_of_a_comparison_lose_nothing(site):

@@ -22,16 +22,16 @@ def test_20000_questions_take_no_more_memory(tmp_path):
     frames, queries = random_frames(1)
     config = configure_default("localizer", "saliency-places", [{"detector": {"kind": "annotations"}}])
     LocalizationMap.build(registry().build("localizer", config), frames).save(tmp_path / "map")
-    opened = salframe.open_map(tmp_path / "map")
-    described = [describe_frame(opened.localizer, query)[0] for query in [*queries, *query_frames()]]
+    map = salframe.open_map(tmp_path / "map")
+    descriptions = [describe_frame(map.localizer, query)[0] for query in [*queries, *query_frames()]]
     process, places = psutil.Process(), set()
 
     def ask(count: int) -> float:
         for number in range(count):
-            answer = opened.answer(described[number % len(described)])
-            places.update((number % len(described), ranked.place) for ranked in answer.places[:1])
+            answer = map.answer(descriptions[number % len(descriptions)])
+            places.update((number % len(descriptions), ranked.place) for ranked in answer.places[:1])
         return process.memory_info().rss / 1e6
 
     before_mb = ask(QUESTIONS // 10)
     assert ask(QUESTIONS) - before_mb < MAX_GROWTH_MB
-    assert len(places) <= len(described)  # the same question has the same answer
+    assert len(places) <= len(descriptions)  # the same question has the same answer

@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from commands import UNFORESEEN
 from mutator import damage
-from test_seen import json_file, text_file
+from test_once_failing_files import json_file, text_file
 
 from salframe.framework.components.registry import registry
 from salframe.framework.config import read_yaml
@@ -60,7 +60,7 @@ def yaml_file(change):
     return spoil
 
 
-SPOILT = {
+FAULTS = {
     "packages": (json_file("runs/*/env.json", lambda env: env.update(packages="NaN")), r"env\.json: packages"),
     "fingerprint": (json_file("runs/*/env.json", lambda env: env.update(dataset_fingerprint=[])), r"env\.json: data"),
     "believed": (json_file(ROWS + ".one", lambda row: row.update(believed=[[[1]]])), r"rows\.jsonl, line 1.*believed"),
@@ -89,7 +89,7 @@ def spoil(sound, tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.parametrize(("change", "message"), SPOILT.values(), ids=SPOILT.keys())
+@pytest.mark.parametrize(("change", "message"), FAULTS.values(), ids=FAULTS.keys())
 def test_a_spoilt_run_is_one_line(spoil, change, message):
     rows = next(spoil.glob(ROWS))
     one, *others = rows.read_text().splitlines(keepends=True)
@@ -97,9 +97,9 @@ def test_a_spoilt_run_is_one_line(spoil, change, message):
     change(spoil)
     rows.write_text("".join([rows.with_name("rows.jsonl.one").read_text().rstrip("\n") + "\n", *others]))
     for words in (("evaluate",), ("report", "-o", "page.html")):
-        done = run(*words, next(spoil.glob("runs/*")))
-        assert (done.code, done.out) == (2, ""), done
-        assert re.fullmatch(f"error: .*({message}).*\n", done.err), done.err
+        result = run(*words, next(spoil.glob("runs/*")))
+        assert (result.code, result.out) == (2, ""), result
+        assert re.fullmatch(f"error: .*({message}).*\n", result.err), result.err
 
 
 def check(folder: Path, cases: int, seed: int) -> None:
@@ -112,13 +112,13 @@ def check(folder: Path, cases: int, seed: int) -> None:
         path = files[rng.integers(len(files))]
         what = f"seed {seed}, case {case}: {damage(path, rng)} of {path}"
         words = (("evaluate",), ("report", "-o", "page.html"))[case % 2]
-        done = run(*words, next(folder.glob("runs/*")))
-        said = done.out + done.err
-        assert done.code in (0, 1, 2), f"{what}: {done}"
-        assert not re.search("Traceback", said), f"{what}: {said}"
-        assert not UNFORESEEN.search(said), f"{what}: {said}"
-        if done.code == 2:
-            assert re.fullmatch("(.*\n)?error: .*\n", done.err), f"{what}: {done.err}"
+        result = run(*words, next(folder.glob("runs/*")))
+        text = result.out + result.err
+        assert result.code in (0, 1, 2), f"{what}: {result}"
+        assert not re.search("Traceback", text), f"{what}: {text}"
+        assert not UNFORESEEN.search(text), f"{what}: {text}"
+        if result.code == 2:
+            assert re.fullmatch("(.*\n)?error: .*\n", result.err), f"{what}: {result.err}"
 
 
 def test_damaged_runs_of_navigation(spoil):

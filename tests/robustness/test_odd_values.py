@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import os
 import re
-import shutil
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +19,9 @@ from tiny_folder import write_tiny_folder
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from commands import UNFORESEEN, write_place
+from commands import UNFORESEEN, compute_once, write_place
 from odd_values import ODD, list_keys, list_parameters
-from readers import write_reverie
+from sound_copy import restore
 
 from salframe.framework.components.presets import configure
 from salframe.framework.components.registry import registry
@@ -29,16 +32,17 @@ MAX_LINE = 12_000
 RUN = {"data": "./data", "engine": "inline"}
 MAP = {"map": "map"}
 WAYS = {"map": "ways"}
+VIEWPOINTS = {"data": "matterport-annotations", "data_dir": "viewpoints"}
 ROUTE = WAYS | {"start": "a", "goal": "c"}
 BASE: dict[str, dict[str, str]] = {
     "compare": RUN | {"methods": "objects"},
     "ablate": RUN | {"file": "study.yaml"},
     "evaluate": {"run": "RUN"},
     "report": {"runs": "RUN", "output": "page.html"},
-    "experiment": {},
+    "experiment": {"name": "experiment.yaml", "engine": "inline"},
     "matching": RUN | {"methods": "proposed"},
     "detection": RUN | {"detectors": "annotations"},
-    "navigate": RUN | {"methods": "objects", "episodes": "1"},
+    "navigate": VIEWPOINTS | {"methods": "proposed", "episodes": "1", "engine": "inline"},
     "score": {"task": "reverie", "file": "reverie/answers.json", "data": "reverie"},
     "build": RUN | {"output": "built", "method": "objects"},
     "localize": MAP | {"range_image": "data/frames/kitchen-query.range.png"},
@@ -56,7 +60,7 @@ BASE: dict[str, dict[str, str]] = {
     "map merge": MAP | {"others": "map"},
     "map show": WAYS | {"output": "ways.png"},
     "map route": ROUTE,
-    "map query": MAP | {"frame": "kitchen-query", "data": "./data"},
+    "map query": {"map": "building", "frame": "kitchen-query", "data": "./data", "goal": "bedroom"},
     "map export": WAYS | {"file": "ways.geojson"},
     "data list": {},
     "data info": {"data": "./data"},
@@ -74,9 +78,9 @@ BASE: dict[str, dict[str, str]] = {
 def place(tmp_path_factory) -> Iterator[Path]:
     root = tmp_path_factory.mktemp("odd")
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("salframe.testing.rooms.HEIGHT_PX", 48)  # the calls are many, and about options
         patch.setenv("SALFRAME_CACHE", str(root / "cache"))
         write_place(root / "place", write_tiny_folder(root / "data"))
-        write_reverie(root / "place" / "reverie")
         yield root
 
 
@@ -86,35 +90,44 @@ def list_calls() -> Iterator[tuple[str, ...]]:
         for parameter in parameters:
             values = [f"data.query_fov_deg={value}" for value in ODD] if parameter.name == "overrides" else ODD
             for value in values:
-                given = BASE[command] | {parameter.name: value}
-                options = [one for one in parameters if one.param_type_name == "option" and one.name in given]
-                arguments = [one for one in parameters if one.param_type_name == "argument" and one.name in given]
-                words = [word for one in options for word in (one.opts[0], given[one.name])]
-                yield (*command.split(), *words, *(given[one.name] for one in arguments))
+                values = BASE[command] | {parameter.name: value}
+                options = [one for one in parameters if one.param_type_name == "option" and one.name in values]
+                arguments = [one for one in parameters if one.param_type_name == "argument" and one.name in values]
+                words = [word for one in options for word in (one.opts[0], values[one.name])]
+                yield (*command.split(), *words, *(values[one.name] for one in arguments))
 
 
 def check_call(place: Path, words: tuple[str, ...]) -> str | None:
-    """Return what is wrong with what a command says in a fresh place; None where nothing is."""
-    fresh = place / "fresh"
-    shutil.rmtree(fresh, ignore_errors=True)
-    shutil.copytree(place / "place", fresh)
+    """Return what is wrong with the output of a command in a copy of the sound files; None where nothing is."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(fresh)
+        patch.chdir(restore(place / "place", place / f"walk-{os.getpid()}"))
         try:
-            done = run(*(str(next(fresh.glob("runs/sound-*"))) if word == "RUN" else word for word in words))
+            result = run(*(str(next(Path().glob("runs/sound-*"))) if word == "RUN" else word for word in words))
         except BaseException as error:
             return f"{words}: {type(error).__name__}: {error}"
-    said = done.out + done.err
-    *notes, last = done.err.splitlines() or [""]
-    one_line = done.code != 2 or (last.startswith("error: ") and len(notes) < 3 and len(last) < MAX_LINE)
-    told_in_table = done.code != 1 or bool(done.out) or last.startswith("error: ")  # show-objects has a line per image
-    if done.code in (0, 1, 2) and one_line and told_in_table and not re.search("Traceback", said):
-        return None if not UNFORESEEN.search(said) else f"{words}: {said[-600:]}"
-    return f"{words}: exit status {done.code}: {said[-600:]}"
+    text = result.out + result.err
+    *notes, last = result.err.splitlines() or [""]
+    one_line = result.code != 2 or (last.startswith("error: ") and len(notes) < 3 and len(last) < MAX_LINE)
+    in_table = result.code != 1 or bool(result.out) or last.startswith("error: ")  # show-objects has a line per image
+    if result.code in (0, 1, 2) and one_line and in_table and not re.search("Traceback", text):
+        return None if not UNFORESEEN.search(text) else f"{words}: {text[-600:]}"
+    return f"{words}: exit status {result.code}: {text[-600:]}"
+
+
+def walk(place: Path, calls: list[tuple[str, ...]]) -> list[str]:
+    """Return the faults of calls, made with a cache of their own."""
+    os.environ["SALFRAME_CACHE"] = str(place / f"cache-{os.getpid()}")
+    compute_once()
+    return [fault for words in calls if (fault := check_call(place, words)) is not None]
 
 
 def check_options(place: Path, calls: list[tuple[str, ...]]) -> None:
-    faults = [fault for words in calls if (fault := check_call(place, words)) is not None]
+    """Make the calls in a process per core."""
+    count = os.cpu_count() or 1
+    with ProcessPoolExecutor(count, multiprocessing.get_context("fork")) as pool:
+        parts = [sorted(calls)[number::count] for number in range(count)]
+        faults = [fault for part in pool.map(partial(walk, place), parts) for fault in part]
+    print(f"{len(calls)} calls of {len(BASE)} commands: {len(faults)} faults")
     assert not faults, f"{len(faults)} of {len(calls)}:\n" + "\n".join(faults[:60])
 
 
@@ -138,6 +151,7 @@ def check_settings(settings: list[tuple[Any, str, str]]) -> None:
                 faults.append(f"{case}: {error}")
         except BaseException as error:
             faults.append(f"{case}: {type(error).__name__}: {error}")
+    print(f"{len(settings)} settings of {len(list(registry()))} components: {len(faults)} faults")
     assert not faults, f"{len(faults)} of {len(settings)}:\n" + "\n".join(faults[:60])
 
 

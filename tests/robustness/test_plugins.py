@@ -73,10 +73,10 @@ def salframe(folder: Path, *words: str, plugins: str) -> subprocess.CompletedPro
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300)
 
 
-def rows_of(done: subprocess.CompletedProcess[str]) -> dict[str, Any]:
+def rows_of(process: subprocess.CompletedProcess[str]) -> dict[str, Any]:
     """The rows by method; what plugins print is on stderr, and so is no traceback."""
-    assert not re.search("Traceback|Fatal Python error", done.stderr), done.stderr
-    return {row["method"]: row for row in json.loads(done.stdout)["rows"]}
+    assert not re.search("Traceback|Fatal Python error", process.stderr), process.stderr
+    return {row["method"]: row for row in json.loads(process.stdout)["rows"]}
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -85,11 +85,13 @@ def test_each_fault_costs_its_own_row(tmp_path, engine):
     for when, how in (*faults, ("query", "print")):
         (tmp_path / f"{when}-{how}.yaml").write_text(yaml.safe_dump({"kind": "deadly", "when": when, "how": how}))
     methods = [*(f"{when}-{how}.yaml" for when, how in faults), "query-print.yaml", "reader"]
-    asked = ("compare", "--methods", ",".join(methods), "--data", "rooms", "--engine", engine, "--json")
+    command = ("compare", "--methods", ",".join(methods), "--data", "rooms", "--engine", engine, "--json")
     rooms = ("--set", "data.rooms=3", "--set", "data.queries=1")
-    done = salframe(tmp_path, *asked, *rooms, *LIMITS[engine], plugins="fake_plugin,faulty_plugin,salframe_engines")
-    assert done.returncode == 1
-    rows = rows_of(done)
+    process = salframe(
+        tmp_path, *command, *rooms, *LIMITS[engine], plugins="fake_plugin,faulty_plugin,salframe_engines"
+    )
+    assert process.returncode == 1
+    rows = rows_of(process)
     for (when, how), reason in faults.items():
         row = rows[f"{when}-{how}"]
         if when == "query" and how != "leave":
@@ -101,21 +103,21 @@ def test_each_fault_costs_its_own_row(tmp_path, engine):
             assert re.fullmatch(reason, row["reason"]), row
     for method in ("query-print", "reader"):
         assert (rows[method]["accuracy"], rows[method]["status"]) == (1.0, {"ok": 3})
-    assert "{" in done.stderr
+    assert "{" in process.stderr
 
 
 def test_a_module_that_cannot_be_loaded_is_told_and_stops_nothing(tmp_path):
     for name, (code, provided, _) in MODULES.items():
         (tmp_path / f"{name}.py").write_text(PLUGIN.format(code, provided))
     plugins = ",".join(("fake_plugin", "salframe_engines", *MODULES))
-    asked = ("compare", "--methods", "reader", "--data", "rooms", "--set", "data.rooms=3", "--engine", "inline")
-    done = salframe(tmp_path, *asked, "--json", plugins=plugins)
-    assert done.returncode == 0
-    assert rows_of(done)["reader"]["accuracy"] == 1.0
-    checked = salframe(tmp_path, "doctor", "--json", plugins=plugins)
-    assert checked.returncode == 1
-    told = {failure["plugin"]: failure["reason"] for failure in json.loads(checked.stdout)["failures"]}
+    command = ("compare", "--methods", "reader", "--data", "rooms", "--set", "data.rooms=3", "--engine", "inline")
+    process = salframe(tmp_path, *command, "--json", plugins=plugins)
+    assert process.returncode == 0
+    assert rows_of(process)["reader"]["accuracy"] == 1.0
+    check = salframe(tmp_path, "doctor", "--json", plugins=plugins)
+    assert check.returncode == 1
+    reasons = {failure["plugin"]: failure["reason"] for failure in json.loads(check.stdout)["failures"]}
     expected = {name: reason for name, (_, _, reason) in MODULES.items() if reason}
-    assert told.keys() == expected.keys()
+    assert reasons.keys() == expected.keys()
     for name, reason in expected.items():
-        assert re.search(reason, told[name]), told[name]
+        assert re.search(reason, reasons[name]), reasons[name]

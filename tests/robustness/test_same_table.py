@@ -23,9 +23,9 @@ def test_hash_seeds_and_threads_change_no_table(tmp_path):
     for number, machine in enumerate(MACHINES):
         environment = os.environ | machine | {"SALFRAME_CACHE": str(tmp_path / f"cache-{number}")}
         command = [sys.executable, "-c", "from salframe.cli import main; main()", *ASKED, "--runs", f"runs-{number}"]
-        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, check=True, timeout=300)
+        process = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, check=True, timeout=300)
         rows = [path.read_text() for path in sorted((tmp_path / f"runs-{number}").glob("*/methods/*/rows.jsonl"))]
         answers = [[without_times(json.loads(line)) for line in text.splitlines()] for text in rows]
-        tables.append((without_times(json.loads(done.stdout))["rows"], answers))
+        tables.append((without_times(json.loads(process.stdout))["rows"], answers))
     assert len(tables[0][1]) == 4
     assert tables[0] == tables[1] == tables[2]

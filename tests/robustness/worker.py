@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import multiprocessing
-import shutil
 import sys
 import traceback
 import zlib
@@ -11,16 +10,25 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import psutil
 
-HANG_S, MEMORY_MB, MAX_LINE = 20.0, 1000.0, 12_000
+HANG_S, POLL_S, MEMORY_MB, MAX_LINE = 20.0, 0.5, 1000.0, 12_000
 _TESTS = Path(__file__).parent.parent
 
 
 class Finding(NamedTuple):
-    """What became of a damaged file, and what is to be said of it: "same" (read as if it were sound), "refused",
-    "changed" (read as something else, but a command's answer is the same, or differs and says so), "plausible" (a
-    command's answer differs, and the file could be a sound one), "wrong" (the answer differs though the file could
-    not, or changed though sealed), "traceback", "hang", "died" or "memory"."""
+    """The result of reading a damaged file, and what to report of it.
+
+    The verdict is one of:
+        "refused": One line says what is wrong.
+        "same": What was read is identical to the sound content.
+        "changed": Other content was read; the answer of a command is the same.
+        "reported": The answer of a command differs, and a line, note, status or reason says so.
+        "plausible": The answer differs without a line, and the file could be a sound one of other content.
+        "wrong": The answer differs without a line, though the file could not be a sound one, or though hashes protect
+            the file.
+        "traceback", "hang", "died", "memory": The reader failed.
+    """
 
     verdict: str
     what: str
@@ -40,17 +48,17 @@ class Workshop:
         self._process.start()
         theirs.close()
         self._ours.recv()
-        self._known: set[str] = set()
+        self._readers: set[str] = set()
 
     def judge(self, reader: str, seed: int) -> Finding:
         """Damage a file of a reader by a seed and have it read."""
-        if reader not in self._known:
-            self._known.add(reader)
+        if reader not in self._readers:
+            self._readers.add(reader)
             self._ours.send((reader, None))
             self._ours.recv()
         self._ours.send((reader, seed))
         try:
-            if self._ours.poll(HANG_S):
+            if self._has_reply():
                 return Finding(*self._ours.recv())
             finding = Finding("hang", f"{reader}, seed {seed}")
         except EOFError:
@@ -58,6 +66,18 @@ class Workshop:
         self.close()
         self._start()
         return finding
+
+    def _has_reply(self) -> bool:
+        """Wait for a reply; return whether it came before the process computed or slept for HANG_S. Time in which it
+        waits for a core, on a machine with other work, does not count."""
+        process, idle_s = psutil.Process(self._process.pid), 0.0
+        computed_s = sum(process.cpu_times()[:2])
+        while not self._ours.poll(POLL_S):
+            if process.status() != psutil.STATUS_RUNNING:
+                idle_s += POLL_S
+            if sum(process.cpu_times()[:2]) - computed_s + idle_s > HANG_S:
+                return False
+        return True
 
     def close(self) -> None:
         """End the process."""
@@ -68,28 +88,30 @@ class Workshop:
 def serve(pipe, sound: Path, scratch: Path) -> None:
     """Answer requests until the pipe closes: to read sound files, seed None, or files damaged by a seed."""
     sys.path[:0] = [str(_TESTS), str(_TESTS / "robustness")]
-    from answers import Told, another, is_plausible, says_more
-    from commands import COMMANDS
+    from answers import CommandOutput, has_new_remark, has_other_answer, is_plausible
+    from commands import COMMANDS, compute_once
     from mutator import damage
     from readers import READERS
+    from sound_copy import restore
 
     from salframe.framework.errors import SalframeError
 
     np.seterr(all="ignore")
+    compute_once()
 
-    def copied(reader) -> Path:
-        copy = scratch / reader.folder
-        shutil.rmtree(copy, ignore_errors=True)
-        return Path(shutil.copytree(sound / reader.folder, copy))
+    def copy_sound(reader) -> Path:
+        return restore(sound / reader.folder, scratch / reader.folder)
 
-    def compared(reader, sound_read, read, file: Path) -> str:
+    def compare(reader, sound_content, content, file: Path) -> str:
         if reader.sealed:
             return "wrong"
-        if not isinstance(read, Told) or not another(sound_read, read) or says_more(sound_read, read):
+        if not isinstance(content, CommandOutput) or not has_other_answer(sound_content, content):
             return "changed"
+        if has_new_remark(sound_content, content):
+            return "reported"
         return "plausible" if is_plausible(sound / reader.folder / file, scratch / reader.folder / file) else "wrong"
 
-    readers, known = {**READERS, **COMMANDS}, {}
+    readers, sound_results = {**READERS, **COMMANDS}, {}
     before_mb = _peak_mb()
     pipe.send("ready")
     while True:
@@ -99,11 +121,11 @@ def serve(pipe, sound: Path, scratch: Path) -> None:
             return
         reader = readers[name]
         if seed is None:
-            read = reader.read(copied(reader))
-            known[name] = read, repr(read)
+            content = reader.read(copy_sound(reader))
+            sound_results[name] = content, repr(content)
             pipe.send("known")
             continue
-        copy, rng = copied(reader), np.random.default_rng([seed, zlib.crc32(name.encode())])
+        copy, rng = copy_sound(reader), np.random.default_rng([seed, zlib.crc32(name.encode())])
         files = sorted(path for path in copy.glob(reader.files) if path.is_file())
         path = files[rng.integers(len(files))]
         how = damage(path, rng)
@@ -111,8 +133,8 @@ def serve(pipe, sound: Path, scratch: Path) -> None:
         if reader.reseal is not None and path.name != "map.json":
             reader.reseal(copy)
         try:
-            read = reader.read(copy)
-            text = repr(read)
+            content = reader.read(copy)
+            text = repr(content)
         except SalframeError as error:
             one_line = "\n" not in str(error) and len(str(error)) < MAX_LINE
             verdict = "refused" if one_line else "traceback"
@@ -120,11 +142,11 @@ def serve(pipe, sound: Path, scratch: Path) -> None:
         except BaseException:
             verdict, what = "traceback", f"{what}\n{traceback.format_exc()}"
         else:
-            sound_read, sound_text = known[name]
+            sound_content, sound_text = sound_results[name]
             if text in (sound_text, "None"):
                 verdict = "same"
             else:
-                verdict = compared(reader, sound_read, read, path.relative_to(copy))
+                verdict = compare(reader, sound_content, content, path.relative_to(copy))
                 what += f": {_difference(sound_text, text)}"
         peak_mb = _peak_mb()
         if peak_mb - before_mb > MEMORY_MB:

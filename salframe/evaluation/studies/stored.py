@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import os
 import platform
 from collections.abc import Sequence
 from datetime import date
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from salframe.evaluation.runs.method_row import MethodRow
 from salframe.evaluation.runs.run_folder import MethodStatus, Run
@@ -46,6 +47,16 @@ class StoredTable(Settings):
     settings: tuple[dict[str, Any], ...]
     rows: tuple[dict[str, Any], ...]
     seconds: float | None = None
+
+    @model_validator(mode="after")
+    def _check_rows(self) -> Self:
+        keys = {json.dumps([settings, row.get("method")]) for settings, row in zip(self.settings, self.rows)}  # noqa: B905
+        if not len(keys) == len(self.rows) == len(self.settings):
+            raise ValueError(
+                f"received {len(self.rows)} rows and {len(self.settings)} settings for {len(keys)} different methods "
+                "with settings, expected one of each; remove the table to measure it again"
+            )
+        return self
 
 
 class Results(Settings):

@@ -82,7 +82,7 @@ def parse_arrays(content: bytes) -> dict[str, np.ndarray]:
     except ValueError:
         raise
     except Exception as error:  # zipfile and zlib raise many types of exceptions
-        raise ValueError(f"{type(error).__name__}: {error}") from None
+        raise ValueError(f"the archive is damaged ({error})") from None
     if len(arrays) < len(members):
         raise ValueError("two arrays have the same name")
     return arrays

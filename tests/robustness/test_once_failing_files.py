@@ -16,10 +16,12 @@ import pytest
 from command_line import run
 from tiny_folder import write_tiny_folder
 
+from salframe.framework.files.array_files import pack_arrays
+
 sys.path.insert(0, str(Path(__file__).parent))
 
 from commands import write_place
-from readers import reseal, write_reverie
+from readers import reseal
 
 Spoil = Callable[[Path], object]
 ROUTE = ("map", "route", "ways", "a", "c")
@@ -36,8 +38,8 @@ def json_file(name: str, change: Callable[[Any], Any]) -> Spoil:
     def spoil(root: Path) -> None:
         path = next(root.glob(name))
         value = json.loads(path.read_text())
-        changed = change(value)
-        path.write_text(json.dumps(value if changed is None else changed))
+        new = change(value)
+        path.write_text(json.dumps(value if new is None else new))
 
     return spoil
 
@@ -58,12 +60,12 @@ def archive(change: Callable[[dict[str, np.ndarray]], dict[str, np.ndarray] | by
 
     def spoil(root: Path) -> None:
         path = next(root.glob("ways/parts-*/floors.npz"))
-        changed = change(dict(np.load(path)))
-        if isinstance(changed, bytes):
-            path.write_bytes(changed)
+        new = change(dict(np.load(path)))
+        if isinstance(new, bytes):
+            path.write_bytes(new)
         else:
             with path.open("wb") as file:
-                np.savez_compressed(file, **changed)
+                np.savez_compressed(file, **new)
         reseal(root / "ways")
 
     return spoil
@@ -79,10 +81,16 @@ def as_npy(array: np.ndarray) -> bytes:
     return file.getvalue()
 
 
+def with_other_compression(content: bytes) -> bytes:
+    """Declare compression method 99 for the first part of a zip archive."""
+    at = content.index(b"PK\x01\x02") + 10
+    return content[:at] + b"\x63\x00" + content[at + 2 :]
+
+
 HUGE = b"\x93NUMPY\x01\x00v\x00{'descr': '<f8', 'fortran_order': False, 'shape': (100000000000,), }".ljust(127) + b"\n"
 """The header of an array of 745 GiB."""
 
-SEEN: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
+FAULTS: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
     "npy for npz": (archive(lambda arrays: as_npy(arrays["0/free"])), ROUTE, r"floors\.npz is not an array archive"),
     "missing array": (
         archive(lambda arrays: {name: part for name, part in arrays.items() if name != "0/free"}),
@@ -176,6 +184,39 @@ SEEN: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
     "deep JSON": (text_file("data/manifest.json", "[" * 5000 + "]" * 5000), ("data", "info", "./data"), "5000 levels"),
     "deep YAML": (text_file("study.yaml", "- " * 5000), ("ablate", "study.yaml"), "levels of lists and mappings"),
     "long number": (text_file("labels.json", "9" * 5000), IMAGES, "at most 64 bits"),
+    "unknown compression": (
+        archive(lambda arrays: with_other_compression(pack_arrays(arrays))),
+        ROUTE,
+        r"floors\.npz is not an array archive: the archive is damaged \(That compression method is not supported\)",
+    ),
+    "view of a box": (
+        json_file("reverie/reverie/BBox/s_c.json", lambda boxes: boxes["c"]["7"].update(visible_pos=[3, 10**18])),
+        SCORE,
+        r"s_c\.json: c\.7\.visible_pos\.1: received 1000000000000000000, expected less than 36",
+    ),
+    "box beyond bounds": (
+        json_file("reverie/reverie/BBox/s_c.json", lambda boxes: boxes["c"]["7"]["bbox2d"][0].__setitem__(0, 1e300)),
+        SCORE,
+        r"s_c\.json: c\.7\.bbox2d\.0\.0: received 1e\+300, expected",
+    ),
+    "step of text": (
+        json_file("reverie/answers.json", lambda answers: answers[0]["trajectory"][1].__setitem__(2, "north")),
+        SCORE,
+        r"answer 0: a step has the heading and elevation \[0\.0, 'north'\], not two numbers",
+    ),
+    "stored row twice": (
+        json_file(
+            "results/experiment.json",
+            lambda results: results["whole"]["half"]["rows"].append(results["whole"]["half"]["rows"][0]),
+        ),
+        ("experiment", "experiment.yaml", "--engine", "inline", "--results", "results"),
+        r"experiment\.json: whole\.half: received 2 rows and 1 settings for 1 different methods",
+    ),
+    "complex outlines": (
+        array_file("building/parts-*/scenes/outline_mm.npy", lambda outlines: outlines.astype(np.complex64)),
+        ("map", "query", "building", "kitchen-query", "--data", "./data"),
+        r"building/parts-\w+ has arrays that saliency-places cannot use, expected the arrays that it wrote",
+    ),
     "base is a mapping": (text_file("study.yaml", "base: {a: 1}\n"), ("ablate", "study.yaml"), "base is .*name of a"),
     "set": (text_file("study.yaml", "vary: {a: !!set {b}}\n"), ("ablate", "study.yaml"), "tag .*set, expected none"),
 }
@@ -191,19 +232,18 @@ def _words(table: dict[str, Any], name: str, words: list[Any]) -> None:
 
 @pytest.fixture(scope="module")
 def sound(tmp_path_factory) -> Path:
-    root = tmp_path_factory.mktemp("seen")
+    root = tmp_path_factory.mktemp("faults")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SALFRAME_CACHE", str(root / "cache"))
         write_place(root / "place", write_tiny_folder(root / "data"))
-    write_reverie(root / "place" / "reverie")
     return root / "place"
 
 
-@pytest.mark.parametrize(("spoil", "words", "message"), SEEN.values(), ids=SEEN.keys())
-def test_what_was_once_seen_is_one_line(sound, tmp_path, monkeypatch, spoil, words, message):
+@pytest.mark.parametrize(("spoil", "words", "message"), FAULTS.values(), ids=FAULTS.keys())
+def test_a_fault_that_once_passed_is_one_line(sound, tmp_path, monkeypatch, spoil, words, message):
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path / "cache"))
     monkeypatch.chdir(shutil.copytree(sound, tmp_path / "place"))
     spoil(Path())
-    done = run(*(next(Path().glob(word)) if "*" in word else word for word in words))
-    assert (done.code, done.out) == (2, ""), done
-    assert re.fullmatch(f"error: .*({message}).*\n", done.err), done.err
+    result = run(*(next(Path().glob(word)) if "*" in word else word for word in words))
+    assert (result.code, result.out) == (2, ""), result
+    assert re.fullmatch(f"error: .*({message}).*\n", result.err), result.err

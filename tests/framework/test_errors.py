@@ -1,0 +1,33 @@
+"""Exceptions as one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from salframe.framework.errors import DataError, describe_error
+
+
+def missing_file(name: str) -> OSError:
+    try:
+        Path(name).read_text(encoding="utf-8")
+    except OSError as error:
+        return error
+    raise AssertionError(f"{name} was read")
+
+
+@pytest.mark.parametrize(
+    ("error", "line"),
+    [
+        (DataError("a is 1, expected 2"), "a is 1, expected 2"),
+        (ValueError("a\nb"), "ValueError: a b"),
+        (ValueError(), "ValueError:"),
+        (missing_file("no/file"), "cannot use no/file: No such file or directory"),
+        (missing_file("no/a\x07"), r"cannot use no/a\x07: No such file or directory"),
+        (missing_file("9" * 5000), f"cannot use {'9' * 100}... (5000 characters): File name too long"),
+        (OSError("without a file"), "OSError: without a file"),
+    ],
+)
+def test_an_exception_is_one_line(error, line):
+    assert describe_error(error) == line
