@@ -97,10 +97,13 @@ def draw_episodes(sites: Mapping[str, Site], count: int, seed: int) -> tuple[lis
 
 
 def _draw(site: Site, rng: np.random.Generator, number: int) -> Episode | None:
-    """Return a random episode; None where TRIES attempts fail."""
+    """Return a random episode; None where TRIES attempts fail, or the world has no place to start at."""
     world, guide = site
     for _ in range(TRIES):
-        start = world.draw_start(rng)
+        try:
+            start = world.draw_start(rng)
+        except DataError:
+            return None
         region = world.region(start)
         goals = [
             node.id

@@ -70,7 +70,11 @@ class World(ABC):
 
     @abstractmethod
     def draw_start(self, rng: np.random.Generator) -> np.ndarray:
-        """Return a random pose of an agent in a region, uniform over position and heading."""
+        """Return a random pose of an agent in a region, uniform over position and heading.
+
+        Raises:
+            DataError: No pose is in a region.
+        """
 
     @abstractmethod
     def region(self, T_world_pano: np.ndarray) -> str:
@@ -134,9 +138,10 @@ class FloorWorld(World):
         return bool(first == last)
 
     def draw_start(self, rng: np.random.Generator) -> np.ndarray:
-        x_m, y_m = self._grid.to_metres(
-            rng.choice(np.argwhere(self._free & self._grid.clear & (self._grid.label > 0))) + 0.5
-        )
+        pixels = np.argwhere(self._free & self._grid.clear & (self._grid.label > 0))
+        if not len(pixels):
+            raise DataError(f"{self.id} has no free floor in a region, expected some to start at")
+        x_m, y_m = self._grid.to_metres(rng.choice(pixels) + 0.5)
         return pose_2d(x_m, y_m, rng.uniform(-np.pi, np.pi), self._camera_z_m)
 
     def region(self, T_world_pano: np.ndarray) -> str:

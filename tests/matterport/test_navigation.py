@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -158,3 +159,12 @@ def test_a_real_building_is_connected_and_walked(real_root):
         )
         assert not stopped
         np.testing.assert_allclose(pose[:2, 3], b[:2])
+
+
+def test_a_building_whose_viewpoints_have_no_region_allows_no_episode(world):
+    nodes = tuple(replace(node, regions=()) for node in world.chart.map.nodes)
+    object.__setattr__(world.chart.map, "nodes", nodes)
+    with pytest.raises(DataError, match="fake has no viewpoint in a region"):
+        world.draw_start(np.random.default_rng(0))
+    with pytest.raises(DataError, match="fake allows no episode"):
+        draw_episodes({"fake": Site(world, Guide(world.chart, Dijkstra.Config()))}, 5, 0)
