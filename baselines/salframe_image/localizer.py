@@ -44,12 +44,20 @@ class ImageFeatures(Localizer):
 
     class Config(ComponentConfig):
         network: slot("image-network", "efficientnet-lite0")  # type: ignore[valid-type]
-        views: int = Field(12, ge=3, le=72, description="perspective views around the panorama")
-        hfov_deg: float = Field(120.0, gt=0, lt=150, description="field of view of each view")
+        views: int = Field(
+            12,
+            ge=3,
+            le=72,
+            description="number of perspective views that are cut from the panorama, evenly spaced in azimuth",
+        )
+        hfov_deg: float = Field(
+            120.0, gt=0, lt=150, description="horizontal field of view of each perspective view (degrees)"
+        )
         power: float = Field(
             3.0,
             ge=1,
-            description="exponent of the generalised mean that pools a view: 1 is the mean, large is the maximum",
+            description="exponent of the generalised mean over the pixels of a feature map, which gives the "
+            "descriptor of a view: 1 is the mean; a large exponent approaches the maximum",
         )
 
     def __init__(self, config: ComponentConfig | None = None) -> None:

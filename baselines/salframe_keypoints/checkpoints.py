@@ -25,7 +25,7 @@ class TrainedMatcher(FeatureMatcher):
 
     class Config(ComponentConfig):
         checkpoint: UserFile | None = Field(
-            None, description="local weights (a file, or a folder with the files); null: the downloaded weights"
+            None, description="path of local weights: a file, or a folder with the files; null: the downloaded weights"
         )
 
     @classmethod

@@ -24,7 +24,10 @@ class ImageMatcher(TrainedMatcher):
 
     class Config(TrainedMatcher.Config):
         max_keypoints: int = match_only(
-            512, ge=16, description="maximum number of SIFT keypoints per view for the shortlist"
+            512,
+            ge=16,
+            description="maximum number of SIFT keypoints per view that describe the view for the selection of "
+            "reference frames",
         )
 
     def __init__(self, config: Config | None = None) -> None:

@@ -41,7 +41,8 @@ class Loftr(ImageMatcher):
     class Config(ImageMatcher.Config):
         architecture: dict[str, Any] = Field(
             {"coarse": {"temp_bug_fix": True}},
-            description="differences of the checkpoint's architecture from kornia's default_cfg",
+            description="mapping with the values of the checkpoint's architecture that differ from kornia's "
+            "default_cfg",
         )
         fine: bool = match_only(True, description="whether the checkpoint has a fine stage")
 

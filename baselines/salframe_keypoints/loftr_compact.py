@@ -139,7 +139,9 @@ class LoftrCompact(ImageMatcher):
 
     class Config(ImageMatcher.Config):
         pooled: Literal["sift", "tokens"] = match_only(
-            "tokens", description="local descriptors of the shortlist: the tokens of the network, or RootSIFT"
+            "tokens",
+            description="local descriptors that select the reference frames to match: the tokens of the network, or "
+            "RootSIFT",
         )
 
     def __init__(self, config: Config | None = None) -> None:

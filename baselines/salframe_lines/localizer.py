@@ -65,25 +65,43 @@ class Lines(Localizer):
     class Config(ComponentConfig):
         range: range_slot()  # type: ignore[valid-type]
         max_lines: int = Field(
-            100, ge=1, description="maximum number of segments along each of the three directions, the longest first"
+            100,
+            ge=1,
+            description="maximum number of line segments along each of the three dominant directions; the longest are "
+            "used",
         )
         sphere_points: int = match_only(
-            162, ge=1, le=100_000, description="number of points on the sphere at which distance functions are compared"
+            162,
+            ge=1,
+            le=100_000,
+            description="number of points on the unit sphere at which line distance functions are compared",
         )
         step_m: float = match_only(
-            0.35, ge=0.01, description="spacing of the candidate positions around a reference frame"
+            0.35, ge=0.01, description="spacing of the grid of candidate positions around a reference frame (m)"
         )
         reach_m: float = match_only(
-            5.0, ge=0, description="maximum distance of candidate positions from a reference frame along x and y"
+            5.0,
+            ge=0,
+            description="maximum distance of candidate positions from a reference frame along x and along y (m)",
         )
         inlier_rad: float = match_only(
-            0.1, gt=0, le=0.3, description="maximum difference of distance functions that agree"
+            0.1,
+            gt=0,
+            le=0.3,
+            description="maximum difference between two values of the line distance functions of query and candidate "
+            "that are counted as equal (radians)",
         )
         shortlist: int = match_only(
-            8, ge=1, description="number of pairs of reference frame and rotation to align, best by distance functions"
+            8,
+            ge=1,
+            description="number of pairs of a reference frame and a rotation that are aligned, those with the best "
+            "agreement of line distance functions",
         )
         min_agreement: float = match_only(
-            0.1, ge=0, le=1, description="minimum share of the query's lines that a pose must explain"
+            0.1,
+            ge=0,
+            le=1,
+            description="minimum share of the query's lines that must agree with lines of the map under a pose",
         )
 
     uses: ClassVar[frozenset[str]] = frozenset({"range"})

@@ -27,7 +27,9 @@ class ObjectSetLocalizer(WeightedLabels):
         range: range_slot()  # type: ignore[valid-type]
         detector: slot("detector", "auto")  # type: ignore[valid-type]
         labels: Literal["set", "multiset"] = match_only(
-            "set", description="compare the set of labels, or the multiset with the number of each"
+            "set",
+            description="how the labels of two panoramas are compared: as sets, or as multisets, which count the "
+            "objects of each label",
         )
         posterior: posterior_slot()  # type: ignore[valid-type]
 

@@ -29,7 +29,8 @@ class SalientObjects(Localizer):
             1 / 3,
             ge=0,
             le=100,
-            description="exponent p of the weight S^p: 1 share of volume, 1/3 of length, 0 equal weights",
+            description="exponent p of the weight S^p of an object of saliency S: 1: proportional to its volume; 1/3: "
+            "to its length; 0: equal weights",
         )
         posterior: posterior_slot()  # type: ignore[valid-type]
 

@@ -28,12 +28,15 @@ class GraphLocalizerConfig(ComponentConfig):
     saliency: slot("saliency", "volumetric")  # type: ignore[valid-type]
     graph: GraphConfig = GraphConfig.model_validate({})
     odometry: OdometryNoise = added(
-        OdometryNoise(), match_only=True, description="errors of the motion between the views of a query"
+        OdometryNoise(),
+        match_only=True,
+        description="expected errors of the measured motion between the views of a query",
     )
     view_objects: ViewObjects = added(
         ViewObjects(),
         match_only=True,
-        description="errors of objects in the views of a query, which decide what is merged",
+        description="expected position errors of objects in the views of a query; nearby objects within these "
+        "errors are merged into one",
     )
 
 

@@ -44,15 +44,19 @@ class Matterport3D(Dataset):
     provides = frozenset({"rgb", "range", "annotations"})
 
     class Config(QueryView):
-        root: Path | None = Field(None, description="folder of the release: v1/scans/<scan>/...")
-        scans: Literal["all"] | tuple[str, ...] = Field("all", description="buildings to use")
+        root: Path | None = Field(
+            None, description="path of the folder of the Matterport3D release, which contains v1/scans/<scan>/..."
+        )
+        scans: Literal["all"] | tuple[str, ...] = Field(
+            "all", description="list of the ids of the buildings to use, or all"
+        )
         color: Color = Field(
             "skybox",
-            description="source of the colour. skybox: the six skybox faces, evenly exposed; "
-            "pictures: the 18 colour pictures of the depth images",
+            description="images that give the colour of a panorama. skybox: the six skybox faces, evenly exposed; "
+            "pictures: the 18 colour pictures that belong to the depth images",
         )
         height: int = Field(512, ge=64, description="height of a panorama in pixels; its width is twice the height")
-        seed: int = Field(0, description="random seed of the yaw of queries")
+        seed: int = Field(0, description="random seed of the yaws of queries")
         hide_query_place: bool = hide_query_place_setting()
 
     def __init__(self, config: ComponentConfig | None = None) -> None:

@@ -28,15 +28,22 @@ it, answers that can be separated without an error have no optimal weights."""
 class Head(Settings):
     """A logistic model: the log-odds that the query is in a place of the map, a weighted sum of features."""
 
-    bias: float = Field(description="log-odds where all features are 0")
-    top_score: float = Field(description="log-odds per unit of the best score")
+    bias: float = Field(description="log-odds that the query is in the map, if all features are 0")
+    top_score: float = Field(
+        description="change of the log-odds that the query is in the map, per unit of the best score"
+    )
     top_probability: float = Field(
-        description="log-odds per unit of the best place's probability (given a query in the map)"
+        description="change of the log-odds that the query is in the map, per unit of the best place's "
+        "probability (under the condition that it is in the map)"
     )
     margin: float = Field(
-        description="log-odds per unit of the difference between the two best scores; a single score is compared with 0"
+        description="change of the log-odds that the query is in the map, per unit of the difference between the "
+        "two best scores; a single score is compared with 0"
     )
-    log_objects: float = Field(description="log-odds per unit of ln(1 + number of objects of the query)")
+    log_objects: float = Field(
+        description="change of the log-odds that the query is in the map, per unit of ln(1 + number of objects of "
+        "the query)"
+    )
 
 
 class Posterior(Settings):
@@ -46,13 +53,16 @@ class Posterior(Settings):
     query is in one of them. The probability of a place is the product.
     """
 
-    temperature: float = Field(gt=0, description="difference in score that makes a place e times as probable")
+    temperature: float = Field(
+        gt=0, description="difference between the scores of two places that makes one e times as probable as the second"
+    )
     head: Head
     max_out_of_map_probability: float = Field(
         MAX_OUT_OF_MAP_PROBABILITY,
         ge=0,
         le=1,
-        description="maximum out-of-map probability; above it, the answer is out-of-map",
+        description="maximum out-of-map probability of a localized query; above it, the status of the answer is "
+        "out-of-map",
     )
 
     def apply(self, localization: Localization, objects: int = 0) -> Localization:

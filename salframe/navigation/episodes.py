@@ -47,12 +47,16 @@ class Episode:
 class EpisodeRequest(Settings):
     """An episode as requested in a file."""
 
-    start: str | tuple[float, float] = Field(description="id of a node, or x and y in metres")
+    start: str | tuple[float, float] = Field(
+        description="start of the episode: id of a node of the map, or x and y in the world frame (m)"
+    )
     goal: str = Field(description="id of a node")
     yaw_deg: float | None = Field(
-        None, description="initial heading, counter-clockwise from the world's x axis; random by default"
+        None, description="heading at the start in degrees, counter-clockwise from the world's x axis; null: random"
     )
-    world: str | None = Field(None, description="id of the world, required where the dataset has several")
+    world: str | None = Field(
+        None, description="id of the building (world) of the episode; required if the dataset has several"
+    )
 
 
 class Site(NamedTuple):

@@ -27,7 +27,7 @@ class FolderDataset(Dataset):
     version = "1"
 
     class Config(QueryView):
-        root: Path | None = Field(None, description="folder with the manifest.json")
+        root: Path | None = Field(None, description="path of the folder that contains the manifest.json")
         hide_query_place: bool = hide_query_place_setting()
 
     @property

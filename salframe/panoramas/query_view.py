@@ -37,33 +37,39 @@ class QueryView(ComponentConfig):
         match_only=True,
         gt=0,
         le=360,
-        description="field of view of queries around their heading in degrees, at all elevations",
+        description="horizontal field of view of queries (degrees), centred on their heading; all elevations are "
+        "visible; 360: the whole panorama",
     )
     query_focal: float | None = added(
         None,
         match_only=True,
         gt=0,
-        description="focal length, relative to half the image width: queries show one 4:3 perspective view along their "
-        "heading; 1, 2, 3 are 90, 53, 37 deg wide and 74, 41, 28 deg high; null: whole panoramas",
+        description="focal length of queries, relative to half the image width: a query is one 4:3 perspective "
+        "view along its heading; 1, 2, 3 are 90, 53, 37 deg wide and 74, 41, 28 deg high; null: no "
+        "perspective view",
     )
     query_noise: AnnotationNoise = added(
-        AnnotationNoise(), match_only=True, description="errors in the annotations of queries, not of reference frames"
+        AnnotationNoise(),
+        match_only=True,
+        description="simulated errors in the annotations of queries; reference frames have none",
     )
-    query_views: int = added(1, match_only=True, ge=1, le=100, description="number of views of a query")
+    query_views: int = added(1, match_only=True, ge=1, le=100, description="number of views that each query has")
     query_motion: Literal["turned", "driven"] = added(
         "turned",
         match_only=True,
-        description="motion between the views of a query: turned: to the left on the spot, by 60 % of the field of "
-        "view; driven: along a path, in datasets that have other views near the query",
+        description="motion of the camera between the views of a query. turned: to the left on the spot, by 60 % "
+        "of the field of view; driven: along a path, in datasets that have other views near the query",
     )
     query_odometry: OdometryErrors = added(
-        OdometryErrors(), match_only=True, description="errors of the motion between the views of a query"
+        OdometryErrors(),
+        match_only=True,
+        description="simulated errors of the measured motion between the views of a query",
     )
     query_errors: Literal["stretch", "view"] = added(
         "stretch",
         match_only=True,
-        description="simulated errors of an object in the views of a query: stretch: the same in all views; view: new "
-        "errors in each view",
+        description="how the simulated errors of an object vary over the views of a query. stretch: the same "
+        "errors in all views; view: new errors in each view",
     )
 
 

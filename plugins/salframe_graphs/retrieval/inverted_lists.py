@@ -27,9 +27,13 @@ class InvertedLists(SceneIndex):
     version = "1"
 
     class Config(ComponentConfig):
-        height_scale_m: float = match_only(0.2, gt=0, description="difference in height (m) that halves similarity")
+        height_scale_m: float = match_only(
+            0.2, gt=0, description="difference in height (m) at which the similarity of two objects is halved"
+        )
         size_scale: tuple[float, float] = match_only(
-            (0.8, 0.5), description="log ratios of box length and box height that halve similarity"
+            (0.8, 0.5),
+            description="log ratios of two box lengths and of two box heights at which the similarity of two objects "
+            "is halved",
         )
 
     def build(self, graphs: Iterable[SaliencyGraph], folder: Path) -> None:

@@ -33,8 +33,8 @@ DATA, ARM, SEED = "data", "arm", "data.seed"
 class StudiedMethod(Settings):
     """A method with its settings."""
 
-    method: str = Field(description="a preset, a component or a YAML file")
-    set: dict[str, Any] = Field({}, description="settings of the method, by dotted key")
+    method: str = Field(description="name of a preset or component, or path of a YAML file")
+    set: dict[str, Any] = Field({}, description="mapping from dotted keys to values: the settings of the method")
 
 
 class Study(Settings):
@@ -45,18 +45,30 @@ class Study(Settings):
 
     model_config = ConfigDict(extra="allow")
 
-    task: str = Field(DEFAULT, description="the task")
-    method: str | None = Field(None, description="the method to study; a detector of the tasks detection and sensor")
+    task: str = Field(DEFAULT, description="name of the task that measures the methods, such as localization")
+    method: str | None = Field(None, description="method to study; in the tasks detection and sensor, a detector")
     methods: tuple[str, ...] | dict[str, str | StudiedMethod] = Field(
-        (), description="several methods to study; by name where a method has settings"
+        (),
+        description="methods to study: a list of names, or a mapping from the name of a row to a method with its "
+        "settings",
     )
-    data: str | tuple[str, ...] | None = Field(None, description="dataset or datasets; null: the default dataset")
-    seeds: tuple[int, ...] = Field((), description="values of data.seed to pool in one row")
-    set: dict[str, Any] = Field({}, description="settings of all rows")
+    data: str | tuple[str, ...] | None = Field(
+        None, description="name of the dataset, or a list of names; null: the default dataset"
+    )
+    seeds: tuple[int, ...] = Field(
+        (), description="list of the values of data.seed whose results are pooled in one row"
+    )
+    set: dict[str, Any] = Field(
+        {}, description="mapping from dotted keys to values: settings that all rows of the table have"
+    )
     vary: dict[str, tuple[Any, ...]] = Field(
-        {}, description="values by key; every combination is a row, for the methods that have the key"
+        {},
+        description="mapping from dotted keys to lists of values; each combination of values is a row, for the "
+        "methods that have the keys",
     )
-    arms: dict[str, dict[str, Any]] = Field({}, description="named groups of settings of the data; each is a row")
+    arms: dict[str, dict[str, Any]] = Field(
+        {}, description="mapping from row names to settings of the data; each entry is a row of the table"
+    )
 
     @model_validator(mode="after")
     def _check(self) -> Study:

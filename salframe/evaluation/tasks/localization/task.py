@@ -62,7 +62,9 @@ class LocalizationOptions(TaskOptions):
     """Options of a localization study."""
 
     views: tuple[Fusion, ...] = Field(
-        (), description="how several views of a query give one answer: joined, product or surest; each is a row"
+        (),
+        description="list of the ways to get one answer from several views of a query (joined, product, surest); "
+        "each is a row of the table",
     )
 
 

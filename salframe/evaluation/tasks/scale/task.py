@@ -59,7 +59,7 @@ class ScaleOptions(TaskOptions):
     """Options of a scale study."""
 
     scenes: tuple[NumScenes, ...] = Field(
-        min_length=1, description="map sizes in scenes; one row of the table for each"
+        min_length=1, description="list of map sizes, each a number of scenes; each is a row of the table"
     )
 
 
