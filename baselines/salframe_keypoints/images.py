@@ -71,5 +71,7 @@ def decode(view: ViewFeatures) -> np.ndarray:
 
     image = cv2.imdecode(view.features, cv2.IMREAD_GRAYSCALE)
     if image is None:
-        raise DataError(f"a view of the map holds {len(view.features)} bytes that are no JPEG: build the map again")
+        raise DataError(
+            f"an image stored in the map has {len(view.features)} bytes that are not a JPEG: build the map again"
+        )
     return image

@@ -57,7 +57,10 @@ class Loftr(ImageMatcher):
         try:
             self._model = loftr.LoFTR(pretrained=None, config=settings).eval()
         except (ValueError, KeyError, TypeError) as error:
-            raise ConfigError(f"kornia does not support this architecture: {' '.join(str(error).split())}") from None
+            raise ConfigError(
+                f"kornia does not support the LoFTR architecture in the setting `architecture`: "
+                f"{' '.join(str(error).split())}"
+            ) from None
         if not self.config.fine:
             _remove_fine_stage(self._model)
         load_strictly(self._model, checkpoint_state(read_checkpoint(path), path), path)

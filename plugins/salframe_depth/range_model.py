@@ -107,12 +107,13 @@ class OnnxDepth(RangeModel):
         settings = self.config
         if not (settings.metric or settings.camera_height_m):
             raise ConfigError(
-                f"{self.name} has no metric scale, expected metric: true for a network that gives metres, "
+                f"the range model {self.name!r} has no metric scale, expected metric: true for a network that "
+                "gives metres, "
                 "or camera_height_m, the height of the camera above the floor"
             )
         if settings.input == "equirectangular" and settings.gives == "z-depth":
             raise ConfigError(
-                f"{self.name}: the setting gives is z-depth and the setting input is equirectangular, but a panorama "
+                f"the range model {self.name!r} has gives: z-depth and input: equirectangular, but a panorama "
                 "has no axis along which to measure depth; expected gives: range, inverse or points"
             )
         width, height = settings.size_px or (None, None)
@@ -138,7 +139,10 @@ class OnnxDepth(RangeModel):
     def check(cls, config: Any) -> None:
         super().check(config)
         if config.model is None:
-            raise WeightsError(f"{cls.name} has no network, expected the path of an ONNX file as `model`", "model=PATH")
+            raise WeightsError(
+                f"the range model {cls.name!r} has no network, expected the path of an ONNX file as `model`",
+                "model=PATH",
+            )
         if not config.model.is_file():
             raise WeightsError(f"no file {config.model}, expected the path of an ONNX file")
 

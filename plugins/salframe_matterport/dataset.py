@@ -103,7 +103,8 @@ class MatterportAnnotations(NavigableDataset):
     def _root(self) -> Path:
         if self.config.root is None:
             raise DataError(
-                f"{self.name} has no folder, expected the folder of the official files (salframe docs matterport): "
+                f"the dataset {self.name} has no folder, expected the folder of the official files (salframe "
+                "docs matterport): "
                 "pass --data-dir DIR"
             )
         return self.config.root
@@ -149,7 +150,7 @@ class MatterportAnnotations(NavigableDataset):
         try:
             return self._truths[query_id]
         except KeyError:
-            raise DataError(f"{self.name} has no query {query_id!r}") from None
+            raise DataError(f"the dataset {self.name} has no query {query_id!r}") from None
 
     def room_types(self) -> Mapping[str, str]:
         """Return the room type of each region, in the words of its annotators."""

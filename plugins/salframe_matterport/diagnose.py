@@ -31,7 +31,7 @@ def diagnose(run: Run, method: str) -> dict[str, list[str]]:
     """
     config = run.data()
     if not isinstance(config, MatterportAnnotations.Config):
-        raise DataError(f"{run.directory} is a run on {config.kind}, expected {MatterportAnnotations.name}")
+        raise DataError(f"{run.directory} is a run on the dataset {config.kind}, expected {MatterportAnnotations.name}")
     dataset = MatterportAnnotations(config)
     answers = {(row.fold, row.query): row.places for row in run.rows(method, AnswerRow)}
     scenes = dataset.scenes()

@@ -68,7 +68,7 @@ class HabitatMaps(MatterportAnnotations):
             )
         if len(scans) > 1:  # each building has its own world frame
             raise DataError(
-                f"{self._root} has maps of {', '.join(scans)}, "
+                f"{self._root} has top-down maps of {', '.join(scans)}, "
                 f"expected one building: select one with --set data.scans=[{scans[0]}]"
             )
         return scans

@@ -67,7 +67,7 @@ class Matterport3D(Dataset):
     def _buildings(self) -> dict[str, Path]:
         if self.config.root is None:
             raise DataError(
-                f"{self.name} has no folder, expected the folder of the Matterport3D release "
+                f"the dataset {self.name} has no folder, expected the folder of the Matterport3D release "
                 "(salframe docs real-buildings): pass --data-dir DIR"
             )
         buildings = find_buildings(self.config.root)
@@ -148,7 +148,7 @@ class Matterport3D(Dataset):
         try:
             fold, truth = self._folds[query_id]
         except KeyError:
-            raise DataError(f"{self.name} has no query {query_id!r}") from None
+            raise DataError(f"the dataset {self.name} has no query {query_id!r}") from None
         if fold.id in self._broken:
             return truth
         return replace(

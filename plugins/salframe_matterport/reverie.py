@@ -317,7 +317,7 @@ def _object_id(named: Any, where: str) -> str:
 def viewpoints(trajectory: Any) -> Iterator[str]:
     """Yield the viewpoints of a trajectory in order; steps are [viewpoint, heading, elevation], viewpoints or lists."""
     if not isinstance(trajectory, list):
-        raise TypeError(f"the trajectory is {type(trajectory).__name__}, not a list")
+        raise TypeError(f"the trajectory is {type(trajectory).__name__}, expected a list")
     if len(trajectory) == 3 and isinstance(trajectory[0], str) and not isinstance(trajectory[1], str):
         yield trajectory[0]
         return

@@ -75,7 +75,7 @@ class MeshDataset(RenderedDataset[FrameSpec]):
     def _source(self) -> Path:
         if self.config.root is None:
             raise DataError(
-                f"{self.name} has no folder, expected one with a mesh (salframe docs real-buildings): "
+                f"the dataset {self.name} has no folder, expected the folder of a mesh (salframe docs real-buildings): "
                 "pass --data-dir DIR"
             )
         if not self.config.root.is_dir():
@@ -205,7 +205,7 @@ def read_frames(path: Path) -> list[FrameSpec]:
                 )
             specs[spec.id] = spec
     if not any(spec.role == "map" for spec in specs.values()):
-        raise DataError(f"{path} has no row with role map, expected at least one reference frame")
+        raise DataError(f"{path} has no row with the role 'map', expected at least one reference frame")
     return list(specs.values())
 
 

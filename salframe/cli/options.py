@@ -176,7 +176,10 @@ def range_options(
         from salframe.framework.errors import ConfigError
 
         option = next(iter(chosen)).removesuffix("_m").replace("_", "-")
-        raise ConfigError(f"received --{option} without --range, expected the range image that it describes")
+        raise ConfigError(
+            f"received --{option} without --range, expected also --range FILE, the range image "
+            f"that --{option} describes"
+        )
     return chosen
 
 

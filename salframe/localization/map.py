@@ -238,7 +238,9 @@ class LocalizationMap:
         """
         if views is not None:
             if any(part is not None for part in (query, rgb, range_m, annotations)):
-                raise DataError("received both views and another query, expected only one of them")
+                raise DataError(
+                    "received both `views` and a query (a frame, a panorama or arrays), expected only one of them"
+                )
             answer = self._localize_views([view.panorama for view in views], motions(views), warn)
             return answer.moved(views[-1].position_m)
         if isinstance(query, QueryFrame) and query.earlier:

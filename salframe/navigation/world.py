@@ -183,7 +183,7 @@ def open_worlds(dataset: Dataset) -> Sequence[World]:
         return dataset.worlds()
     if type(dataset).observe is Dataset.observe:
         raise InputMissing(
-            f"{dataset.name} cannot render, and navigation needs panoramas from any position of the agent"
+            f"the dataset {dataset.name} cannot render, and navigation needs panoramas at any position of the agent"
         )
     return floor_worlds(dataset)
 

@@ -154,7 +154,8 @@ def _with_motion(query: QueryFrame, config: Any, content: str) -> QueryFrame:
             fov_deg = min(fov_deg, 2 * np.degrees(np.arctan(1 / config.query_focal)))
         if fov_deg >= 360:
             raise DataError(
-                f"query_views is {config.query_views} for whole panoramas, expected a narrower view, such as "
+                f"query_views is {config.query_views} for queries that are whole panoramas, expected queries "
+                "with a narrower field of view, such as "
                 "query_fov_deg=90"
             )
         query = turned_query(query, config.query_views, fov_deg, content)

@@ -237,8 +237,8 @@ def _check_places(sources: Iterable[_Source], frames: Sequence[ReferenceFrame], 
     for other, other_frames in sources:
         if both := sorted(places & {frame.place for frame in other_frames}):
             raise DataError(
-                f"both {other} and {folder} have {shorten(', '.join(both))}, expected places of different names: "
-                "remove them from one of the two maps, or build it again with other names"
+                f"both maps, {other} and {folder}, contain {shorten(', '.join(both))}, expected places of "
+                "different names: remove these places from one of the two maps, or build one again with other names"
             )
 
 

@@ -126,7 +126,7 @@ def find_route(topology: TopologicalMap, start: str, goal: str, planner: str | N
                 routes.append(prepared.route(*pair))
         if routes:
             return min(routes, key=lambda route: route.length_m)
-    raise NoRoute(f"no route from {start} to {goal}: they lie in parts of the map that no edge joins")
+    raise NoRoute(f"no route from {start} to {goal}: no path of edges connects them in the map")
 
 
 def with_position(topology: TopologicalMap, xyz_m: np.ndarray) -> TopologicalMap:

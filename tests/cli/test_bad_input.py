@@ -296,7 +296,7 @@ def test_a_detector_that_lacks_something_is_named_and_others_that_could_look(dat
     done = compare("./data", "--json", "--set", "detector.kind=annotations")
     (row,) = done.json["rows"]
     assert (done.code, row["available"]) == (1, False)
-    needs = "its detector 'annotations' needs annotations, which folder does not have"
+    needs = "the detector 'annotations' of the method needs annotations, which the dataset folder does not have"
     hint = re.fullmatch(f"{needs}; to work without: (.*)", row["reason"])
     assert hint, row["reason"]
     offered = hint[1].split(" or ")

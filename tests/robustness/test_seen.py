@@ -98,7 +98,7 @@ SEEN: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
     "ragged poses": (
         array_file("map/parts-*/frames/pose.npy", lambda poses: poses.ravel()[:-1]),
         LOCALIZE,
-        r"pose\.npy has values \(14,\), expected the number in .*columns\.json",
+        r"pose\.npy has values of shape \(14,\), expected the number of values in .*columns\.json",
     ),
     "poses of text": (
         array_file("map/parts-*/frames/pose.npy", lambda poses: poses.astype("U9")),
@@ -171,13 +171,17 @@ SEEN: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
             '{"c": {"7": {"name": "x", "visible_pos": [3], "bbox2d": [[Infinity, 1, 2, 3]]}}}',
         ),
         SCORE,
-        r"s_c\.json is not JSON: the number Infinity, expected a finite one",
+        r"s_c\.json is not JSON: received the number Infinity, expected a finite number",
     ),
     "deep JSON": (text_file("data/manifest.json", "[" * 5000 + "]" * 5000), ("data", "info", "./data"), "5000 levels"),
     "deep YAML": (text_file("study.yaml", "- " * 5000), ("ablate", "study.yaml"), "levels of lists and mappings"),
     "long number": (text_file("labels.json", "9" * 5000), IMAGES, "at most 64 bits"),
     "base is a mapping": (text_file("study.yaml", "base: {a: 1}\n"), ("ablate", "study.yaml"), "base is .*name of a"),
-    "set": (text_file("study.yaml", "vary: {a: !!set {b}}\n"), ("ablate", "study.yaml"), "tag .*set, expected none"),
+    "set": (
+        text_file("study.yaml", "vary: {a: !!set {b}}\n"),
+        ("ablate", "study.yaml"),
+        "tag .*set, expected values without tags",
+    ),
 }
 
 

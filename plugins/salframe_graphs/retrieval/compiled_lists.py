@@ -69,7 +69,7 @@ class CompiledLists(SceneIndex):
     def open(self, folder: Path) -> None:
         self._postings = read_postings(folder)
         if self._postings.position is None:
-            raise DataError(f"{folder} has no positions of objects: build the scene index again")
+            raise DataError(f"the scene index in {folder} has no positions of objects: build the scene index again")
         if len(self._postings.scene):
             self._compile()
 

@@ -134,7 +134,9 @@ def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = (
         variant = method if isinstance(method, Variant) else Variant(method)
         if requested.setdefault(variant.label, variant) != variant:
             both = f"{requested[variant.label].method} and {variant.method}"
-            raise ConfigError(f"received the methods {both}, which would both be labelled {variant.label}")
+            raise ConfigError(
+                f"received the methods {both}, which have the same label {variant.label}: rename one of the two"
+            )
     contents = {variant.name: settings(role, variant.method) for variant in requested.values()}
     pairs = map(parse_override, request.settings)
     overrides = Overrides(pairs, contents, role=role, scopes=("data", "engine", *scopes))

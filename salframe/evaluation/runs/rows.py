@@ -91,7 +91,10 @@ class RowWriter:
         try:
             text = json.dumps(row, allow_nan=False)
         except ValueError:
-            raise InvalidAnswer(f"an answer holds a number that is not finite: {str(row)[:200]}") from None
+            raise InvalidAnswer(
+                f"the answer of the method has a number that is NaN or infinite, expected "
+                f"finite numbers: {str(row)[:200]}"
+            ) from None
         with naming(Path(self._file.name)):
             self._file.write(text + "\n")
             self._file.flush()

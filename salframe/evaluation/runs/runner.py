@@ -93,7 +93,10 @@ def _resume(
         run.reuse(label, digest({**key, **map_format}))
     run.set_notes([*resolved.notes, *data_notes(dataset)])
     if request.limits and not engine.isolates:
-        raise ConfigError(f"the engine {engine.name!r} has no worker processes, which --timeout and --memory need")
+        raise ConfigError(
+            f"the engine {engine.name!r} has no worker processes, which --timeout and --memory "
+            "need: choose another --engine"
+        )
     with _watch(task, run, task.total(survey), progress):
         work = _Work(task, run, survey, engine, request.limits)
         for label, config in resolved.methods.items():

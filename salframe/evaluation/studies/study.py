@@ -73,10 +73,12 @@ class Study(Settings):
     @model_validator(mode="after")
     def _check(self) -> Study:
         if (self.method is None) == (not self.methods):
-            raise ValueError("expected either method or methods")
+            raise ValueError(
+                "received both or neither of the keys method and methods, expected either method or methods"
+            )
         empty = [key for key, values in self.vary.items() if not values]
         if empty:
-            raise ValueError(f"vary.{', '.join(empty)} holds no value, expected at least one")
+            raise ValueError(f"the list vary.{', '.join(empty)} has no value, expected at least one")
         try:
             kind = self.kind
         except UnknownName as error:
@@ -133,11 +135,13 @@ class Study(Settings):
                 varied.append(choice)
         for key in keys:
             if key.split(".")[0] not in known_keys:
-                raise ConfigError(f"vary holds {key}: {unknown('key', key.split('.')[0], sorted(known_keys))}")
+                raise ConfigError(
+                    f"the mapping vary has the key {key}: {unknown('key', key.split('.')[0], sorted(known_keys))}"
+                )
         labels = [variant.label for variant in variants]
         twice = [label for label in labels if labels.count(label) > 1]
         if twice:
-            raise ConfigError(f"vary gives {twice[0]} twice, expected distinct values")
+            raise ConfigError(f"vary gives two rows with the label {twice[0]}, expected distinct values")
         return variants, varied
 
     def _methods(self) -> dict[str, StudiedMethod]:

@@ -247,7 +247,9 @@ def read_columns(folder: Path, expected: Mapping[str, ArrayKind] | None = None) 
         for axis, length in enumerate(column.shape):
             shapes[:, axis] = next(lengths) if length is None else min(length, MAX_AXIS)
         if values.ndim != 1 or shapes.prod(1, dtype=float).sum() != len(values):
-            raise DataError(f"{path} has values {values.shape}, expected the number in {folder / TABLE}")
+            raise DataError(
+                f"{path} has values of shape {values.shape}, expected the number of values in {folder / TABLE}"
+            )
         if expected is not None and column.words is None:
             _check_values(path, values, expected[column.name])
         if column.words is not None:
@@ -261,7 +263,7 @@ def _read_lengths(path: Path, shape: tuple[int, int]) -> np.ndarray:
     with reading(path, "a numpy array"):
         lengths = np.asarray(map_array(path))
     if lengths.shape != shape or lengths.dtype.kind != "u" or lengths.max(initial=0) > MAX_AXIS:
-        raise DataError(f"{path} is {lengths.dtype} {lengths.shape}, expected lengths {shape}")
+        raise DataError(f"{path} is {lengths.dtype} {lengths.shape}, expected integer lengths of shape {shape}")
     return lengths.T
 
 

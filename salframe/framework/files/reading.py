@@ -86,7 +86,7 @@ def read_model(path: Path, model: type[_Model]) -> _Model:
     """Read JSON as an instance of a pydantic model. Raises DataError if it is invalid."""
     content = read_json(path)
     if not isinstance(content, Mapping):
-        raise DataError(f"{path} holds {type(content).__name__}, expected an object")
+        raise DataError(f"{path} contains {type(content).__name__}, expected a JSON object")
     try:
         return validate(model, content, f"{path}:")
     except ConfigError as error:
@@ -150,7 +150,7 @@ def read_table(path: Path, row: type[_Model]) -> list[_Model]:
             if absent:
                 raise DataError(f"{path} has no column {' and no column '.join(sorted(absent))}")
             if table.metadata.num_rows > _MAX_ROWS:
-                raise ValueError(f"{table.metadata.num_rows} rows, expected at most {_MAX_ROWS}")
+                raise ValueError(f"the table has {table.metadata.num_rows} rows, expected at most {_MAX_ROWS}")
             rows = table.read(columns=list(row.model_fields), use_threads=False).to_pylist()
     except (pa.ArrowException, MemoryError, KeyError) as error:
         raise DataError(f"{path} is not a Parquet table: {one_line(error)}") from None

@@ -110,7 +110,7 @@ class _Matching(Worker[FramePair]):
         )
         matches = self._localizer.correspond(query, reference)
         if matches is None:
-            raise MethodUnavailable("matches neither points nor objects")
+            raise MethodUnavailable("the method matches neither points nor objects")
         if not isinstance(matches, PointMatches | NodeMatches):
             raise InvalidAnswer(f"correspond gave {type(matches).__name__}, expected PointMatches, NodeMatches or None")
         if self._kind not in (None, type(matches)):

@@ -124,7 +124,7 @@ def _matcher_config(method: Localizer) -> ComponentConfig:
     for _, config in components_in(method.config):
         if issubclass(config.component, GraphMatcher) and config.component.uses_scene_index:
             return config
-    raise MethodUnavailable("has no matcher that uses a scene index")
+    raise MethodUnavailable("the method has no matcher that uses a scene index")
 
 
 class _ScaleWorker(Worker[int]):

@@ -144,7 +144,7 @@ def test_rows_of_points_and_of_nodes(furnished):
     assert nodes.recall.value == pytest.approx((5 / 7 + 5 / 6) / 2)
     assert (nodes.recall.low, nodes.recall.high) == pytest.approx((5 / 7, 5 / 6))
     assert nodes.mma_3 is None
-    assert (neither.available, neither.reason) == (False, "matches neither points nor objects")
+    assert (neither.available, neither.reason) == (False, "the method matches neither points nor objects")
     assert result.measured
     assert not result.crashed
 
@@ -237,7 +237,7 @@ def test_the_command_prints_two_tables_and_resumes(furnished):
     pixels, counts = first.out.split("precision %")
     assert "MMA@3 %" in pixels
     assert "MMA" not in counts
-    assert "neither: matches neither points nor objects" in counts
+    assert "neither: the method matches neither points nor objects" in counts
     again = run(*options, "--json")
     assert again.json["rows"][0]["mma_1"] == 1
     assert again.json["run"] in first.out

@@ -160,7 +160,7 @@ def test_the_command_prints_the_table_and_the_report(read):
     [
         (
             ("--data", "still"),
-            "error: still cannot render, and navigation needs panoramas from any position of the agent\n",
+            "error: the dataset still cannot render, and navigation needs panoramas at any position of the agent\n",
         ),
         (
             ("--data", "unmasked"),
