@@ -101,7 +101,7 @@ class ClipRooms(Localizer):
 
     @classmethod
     def weights_in_use(cls, config: Any) -> tuple[NetworkWeights, ...]:
-        """Return no weights if the user's checkpoint replaces them."""
+        """Return the downloaded weights; none if the user's checkpoint replaces them."""
         return cls.weights if config.checkpoint is None else ()
 
     def describe(self, panorama: Panorama) -> Description:

@@ -85,7 +85,7 @@ class Keypoints(Localizer):
             self._global = NetworkDescriptors(network, self.config.views, np.deg2rad(self.config.hfov_deg))
 
     uses: ClassVar[frozenset[str]] = frozenset({"range"})
-    """A pose requires range; a place does not."""
+    """Parts of a panorama that a pose requires and a place does not: the range."""
 
     @property
     def needs(self) -> frozenset[str]:
@@ -181,7 +181,7 @@ class Keypoints(Localizer):
     def _verify(self, views: Sequence[ViewFeatures], frame: int, turn: int) -> tuple[np.ndarray | None, int]:
         """Return the pose of the query in the frame and its number of inliers, for a relative heading of `turn` views.
 
-        A frame without range gives no pose, and all its matches count.
+        A frame without range gives no pose; all its matches are counted as inliers.
         """
         view_bearings, points = [], []
         for bearings, j, matched in self._match_views(views, self._map_views[frame], turn):

@@ -39,7 +39,7 @@ class _MapLines(NamedTuple):
     Attributes:
         T_world_principal: (4, 4) pose of the principal frame.
         lines: Lines along each axis.
-        has_range: Whether the distances of the lines are reference.
+        has_range: Whether the distances of the lines are known.
         positions_m: (T, 3) candidate positions of a query in the principal frame.
     """
 
@@ -105,7 +105,7 @@ class Lines(Localizer):
         )
 
     uses: ClassVar[frozenset[str]] = frozenset({"range"})
-    """A pose requires reference frames with range."""
+    """Parts of a panorama that reference frames need for a pose: the range."""
 
     @property
     def needs(self) -> frozenset[str]:
@@ -116,7 +116,7 @@ class Lines(Localizer):
 
         The entries are `yaw_rad` (), the yaw of the principal frame; `axis` (N,) uint8; `around_rad` (N,) and
         `along_rad` (N, 2) float32, see salframe_lines.arcs; and `distance_m` (N,) float32, the distance of the camera
-        from the line, NaN where unreference.
+        from the line, NaN where unknown.
         """
         if panorama.rgb is None:
             raise InputMissing(f"panorama {panorama.id} has no colour; {self.name} requires rgb")

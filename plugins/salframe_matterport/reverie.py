@@ -160,7 +160,7 @@ class BuildingGraph:
     """Shortest paths between the viewpoints of a building, and the objects that each viewpoint shows."""
 
     def __init__(self, root: Path, scan: str) -> None:
-        """Raises DataError on a missing or malformed connectivity file."""
+        """Read the graph. Raises DataError if the connectivity file is missing or malformed."""
         self._root, self._scan = root, scan
         self.number, self._distance_m = walking_distances(connectivity_path(root, scan))
         self._visible: dict[str, frozenset[int]] = {}
@@ -307,7 +307,8 @@ def read_answers(content: Any, path: Path) -> dict[str, Answer]:
 
 
 def _object_id(named: Any, where: str) -> str:
-    """Raises DataError unless it is an integer of at most 9 digits, such an integer as text, "None" or null."""
+    """Return the object id of an answer as text. Raises DataError unless it is an integer of at most 9 digits, such an
+    integer as text, "None" or null."""
     is_typed = isinstance(named, int | str | None) and not isinstance(named, bool)
     if not is_typed or not re.fullmatch("-?[0-9]{1,9}|None", str(named)):
         raise DataError(f"{where} names the object {named!r:.60}, expected its id, an integer, or null for none")

@@ -108,7 +108,8 @@ def _open(folder: Path, progress: Progress | None) -> _Opened:
 
 
 def _pool(opened: Sequence[_Opened], entries: Sequence[tuple[Entry, ...]]) -> list[MethodRow]:
-    """Return the row of each arm. Arms of the same runs are measured together and tested against the first of them."""
+    """Return the row of each arm (a method with its settings, on one data set). Arms of the same runs are measured
+    together and tested against the first of them."""
     rows: dict[int, MethodRow] = {}
     together: dict[tuple[int, ...], list[int]] = {}
     for number, alike in enumerate(entries):

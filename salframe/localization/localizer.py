@@ -115,7 +115,7 @@ class Localizer(Role):
     def join(
         self, descriptions: Sequence[Description], T_last_view: np.ndarray, odometry: OdometryNoise
     ) -> Description | None:
-        """Return one description of several views of a query, in the frame of the last view.
+        """Return one description of several views of a query, in the coordinates of the last view.
 
         The default is None: the localizer cannot join these views. They are then matched one by one, and their answers
         are fused.

@@ -68,8 +68,8 @@ class Posterior(Settings):
     def apply(self, localization: Localization, objects: int = 0) -> Localization:
         """Return an answer with probabilities.
 
-        The status is `out-of-map`, without a pose, where the out-of-map probability is larger than
-        `max_out_of_map_probability`. An answer without places is returned unchanged.
+        If the out-of-map probability is larger than `max_out_of_map_probability`, the status becomes
+        LocalizationStatus.OUT_OF_MAP and the pose is removed. An answer without places is returned unchanged.
 
         Args:
             localization: The answer.
@@ -163,11 +163,12 @@ class Fit:
         posterior: The posterior.
         answers: Number of answers.
         place_answers: Number of answers that rank the true place.
-        place_nll_before: Of the share of the true place in these answers, with temperature 1.
-        place_nll_after: Of the share of the true place in these answers, with the fitted temperature.
-        here_nll_before: Of whether the query is in the map, in all answers, with the same probability for all: the
-            share of queries in the map.
-        here_nll_after: Of whether the query is in the map, in all answers, with the fitted head.
+        place_nll_before: Mean negative log-likelihood of the true place in these answers, with temperature 1.
+        place_nll_after: Mean negative log-likelihood of the true place in these answers, with the fitted temperature.
+        here_nll_before: Mean negative log-likelihood of whether the query is in the map, in all answers, with one
+            probability for all of them: the share of queries in the map.
+        here_nll_after: Mean negative log-likelihood of whether the query is in the map, in all answers, with the fitted
+            head.
     """
 
     posterior: Posterior

@@ -1,10 +1,10 @@
 """Photo Sphere XMP: the part of the sphere that a picture shows, and the tilt of its camera.
 
 The metadata is defined in https://developers.google.com/streetview/spherical-metadata (namespace GPano). The angles of
-the camera are heading, pitch and roll, each about the axes that the angles before left behind. `PosePitchDegrees` is
-the elevation of the centre of the full panorama. "As roll increases, the horizon rotates counterclockwise in the
-image", so that a positive `PoseRollDegrees` lowers the right side of the camera. The heading is not used: after
-levelling, the centre of the picture still has the azimuth 0.
+the camera are heading, pitch and roll, each about the axes after the preceding rotations. `PosePitchDegrees` is the
+elevation of the centre of the full panorama. "As roll increases, the horizon rotates counterclockwise in the image", so
+that a positive `PoseRollDegrees` lowers the right side of the camera. The heading is not used: after levelling, the
+centre of the picture still has the azimuth 0.
 """
 
 from __future__ import annotations

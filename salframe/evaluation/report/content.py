@@ -1,4 +1,4 @@
-"""The content of a page that is shown on load."""
+"""The content of an HTML page that is shown when the page is opened."""
 
 from __future__ import annotations
 

@@ -24,9 +24,10 @@ Amount = Annotated[float, Field(ge=0, le=MAX_NUMBER)]
 
 
 class PieceStatus(StrEnum):
-    """How the work on one piece ended.
+    """How the work on one piece, such as a query, ended.
 
-    It is done, the piece lacks a part that the method needs, the piece cannot be read, or the method crashed.
+    The work is done, the panorama lacks an input that the method needs, the panorama cannot be read, or the method
+    crashed.
     """
 
     OK = "ok"

@@ -152,7 +152,7 @@ class Study(Settings):
         return {short_name(name): StudiedMethod(method=name) for name in self.methods or (str(self.method),)}
 
     def varied(self, *, of_data: bool) -> list[str]:
-        """Return the varied keys: those of the data set, or the others."""
+        """Return the varied keys: settings of the data set if `of_data`, otherwise all other settings."""
         return [key for key in self.vary if key.startswith(f"{DATA}.") == of_data]
 
 

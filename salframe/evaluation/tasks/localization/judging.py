@@ -30,13 +30,14 @@ class Judged:
             otherwise the best score; -inf for an answer without places.
         confidence: (Q,) float64: probability of the answer, a place or the rejection of the query; NaN without one.
         correct: (Q,) bool: whether the first place is the true one, or an out-of-map query is rejected.
-        correct_scene: (Q,) bool: the same without transition frames among the places.
+        correct_scene: (Q,) bool: as `correct`, after transition frames are removed from the places.
         in_top_2: (Q,) bool: whether the true place is among the first 2, or an out-of-map query is rejected.
-        in_top_5: (Q,) bool: the same for the first 5.
+        in_top_5: (Q,) bool: whether the true place is among the first 5, or an out-of-map query is rejected.
         translation_m: (Q,) float64: translation error; infinite where the method failed or has no pose, NaN where the
             true pose is unknown or the map lacks the place.
-        rotation_deg: (Q,) float64: rotation error, likewise.
-        heading_deg: (Q,) float64: error of the heading, likewise; an answer may have a heading without a pose.
+        rotation_deg: (Q,) float64: rotation error; infinite and NaN as in `translation_m`.
+        heading_deg: (Q,) float64: error of the heading; infinite and NaN as in `translation_m`. An answer may have a
+            heading without a pose.
         true_place: Q names of places.
         first_place: Q names of places; None where no place was answered.
         right_type: (Q,) float64: 1 where the room type of the first place is correct, otherwise 0; NaN where it is

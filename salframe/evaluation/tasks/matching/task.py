@@ -33,8 +33,8 @@ from salframe.panoramas.opening import Progress
 
 @dataclass(frozen=True, eq=False)
 class FramePair:
-    """A query of a fold, a map frame of the same place, and the true pose T_reference_query (4, 4) of the query in the
-    axes of the reference frame.
+    """A query of a fold, a reference frame of the same place, and the true pose T_reference_query (4, 4) of the query
+    in the axes of the reference frame.
     """
 
     fold: str

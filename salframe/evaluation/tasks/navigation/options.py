@@ -16,7 +16,7 @@ TRUE_PLACE = "true place"
 
 
 class Positioning(StrEnum):
-    """Arms to run: each method with its poses (ON), with place and odometry only (OFF), or both (BOTH).
+    """Agents to run for each method: with the estimated poses (ON), with place and odometry only (OFF), or both (BOTH).
 
     ALL adds an agent that knows its true place and uses it with odometry.
     """
