@@ -69,7 +69,7 @@ def write_report(
     """
     folders = list(dict.fromkeys(Path(run).resolve() for run in runs))
     if not folders:
-        raise ConfigError("received no run, expected at least one")
+        raise ConfigError("received no run folder, expected at least one")
     opened = [_open(folder, progress) for folder in folders]
     views = [one.view for one in opened]
     tasks = sorted({view.result.task for view in views})

@@ -200,7 +200,9 @@ def floor_worlds(dataset: Dataset, actual: Sequence[FloorMasks] | None = None) -
     """
     floors = dataset.floors()
     if not floors:
-        raise DataError(f"{dataset.name} has no floor masks, and navigation needs them to detect collisions")
+        raise DataError(
+            f"the dataset {dataset.name} has no floor masks, and navigation needs them to detect collisions"
+        )
     order = sorted(range(len(floors)), key=lambda number: floors[number].z_m)
     by_height = [floors[number] for number in order]
     frames_by_floor: list[list[ReferenceFrame]] = [[] for _ in floors]
@@ -211,7 +213,8 @@ def floor_worlds(dataset: Dataset, actual: Sequence[FloorMasks] | None = None) -
     without_frames = [floor.z_m for floor, frames in zip(floors, frames_by_floor, strict=True) if not frames]
     if without_frames:
         raise DataError(
-            f"{dataset.name} has no reference frame on its floor at z = {without_frames[0]:g} m, expected at least one"
+            f"the dataset {dataset.name} has no reference frame on its floor at z = {without_frames[0]:g} m, "
+            "expected at least one"
         )
     names = ["floor" if len(floors) == 1 else f"floor-{number}" for number in range(len(floors))]
     return [

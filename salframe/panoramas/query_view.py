@@ -141,7 +141,8 @@ def _with_motion(query: QueryFrame, config: Any, content: str) -> QueryFrame:
     if config.query_motion == "driven":
         if not query.earlier:
             raise DataError(
-                f"{config.kind} has no other views near the query {query.id}, which query_motion=driven requires; "
+                f"the dataset {config.kind} has no other views near the query {query.id}, which "
+                "query_motion=driven requires; "
                 "expected query_motion=turned"
             )
     elif query.earlier:

@@ -95,7 +95,9 @@ def build_map(
     name, dataset, localizer = prepare(data, method, data_dir, overrides, engine, progress, tell)
     floors, frames = dataset.floors() if topology else (), reference_frames(dataset)
     if choose and not floors:
-        raise DataError(f"{dataset.name} has no floor masks, expected a dataset with floor masks to build the topology")
+        raise DataError(
+            f"the dataset {dataset.name} has no floor masks, expected a dataset with floor masks to build the topology"
+        )
     topological_map = None
     if floors:
         try:

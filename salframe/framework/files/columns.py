@@ -54,10 +54,13 @@ class _Table(Settings):
     def _check(self) -> _Table:
         names = [column.name for column in self.columns]
         if duplicates := [name for name in names if names.count(name) > 1]:
-            raise ValueError(f"the column {duplicates[0]!r} is listed twice")
+            raise ValueError(f"the column {duplicates[0]!r} is listed twice, expected different names")
         for column in self.columns:
             if len(set(column.absent)) < len(column.absent) or max(column.absent, default=-1) >= self.rows:
-                raise ValueError(f"{column.name} has invalid absent rows, expected distinct rows below {self.rows}")
+                raise ValueError(
+                    f"the column {column.name} has repeated or invalid absent rows, expected "
+                    f"distinct rows below {self.rows}"
+                )
         return self
 
 

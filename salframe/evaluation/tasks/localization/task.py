@@ -105,7 +105,7 @@ class LocalizationTask(PagedTask[Query, LocalizationSurvey, AnswerRow, Localizat
     def survey(self, dataset: Dataset) -> LocalizationSurvey:
         queries = [Query(fold, frame) for fold in dataset.folds() for frame in fold.queries]
         if not queries:
-            raise DataError(f"{dataset.name} has no query, expected at least one")
+            raise DataError(f"the dataset {dataset.name} has no query, expected at least one")
         survey = LocalizationSurvey(dataset, queries)
         absent = int((~survey.present()).sum())
         note = f"{absent} of {len(queries)} queries are out-of-map queries: out-of-map is correct"

@@ -67,7 +67,9 @@ class MatchingTask(Task[FramePair, Survey[FramePair], PairRow, MatchingRow]):
 
     def survey(self, dataset: Dataset) -> Survey[FramePair]:
         if "range" not in dataset.provides:
-            raise InputMissing(f"matching accuracy needs panoramas with range, which {dataset.name} does not have")
+            raise InputMissing(
+                f"matching accuracy needs panoramas with range, which the dataset {dataset.name} does not have"
+            )
         pairs = choose_pairs(dataset)
         left_out = sum(len(fold.queries) for fold in dataset.folds()) - len(pairs)
         note = f"{left_out} queries left out: their place has no scene frame in the map"
@@ -134,7 +136,10 @@ def choose_pairs(dataset: Dataset) -> list[FramePair]:
         for query in fold.queries:
             truth = dataset.truth(query.id)
             if truth.T_world_pano is None:
-                raise DataError(f"the true pose of {query.id} is not known, expected one for every query")
+                raise DataError(
+                    f"the true pose of the query {query.id} is not known, expected one for every "
+                    "query of the task matching"
+                )
             if truth.place in scenes:
                 at_m, near = truth.T_world_pano[:3, 3], scenes[truth.place]
                 distances_m = [float(np.linalg.norm(frame.T_world_pano[:3, 3] - at_m)) for frame in near]
@@ -142,6 +147,6 @@ def choose_pairs(dataset: Dataset) -> list[FramePair]:
                 T_reference_query = invert_pose(reference.T_world_pano) @ truth.T_world_pano
                 pairs.append(FramePair(fold.id, query, reference, T_reference_query))
     if not pairs:
-        reason = f"{dataset.name} has no query whose place has a scene frame, expected at least one"
+        reason = f"the dataset {dataset.name} has no query whose place has a scene frame, expected at least one"
         raise DataError("; ".join([reason, *places_notes(dataset)]))
     return pairs

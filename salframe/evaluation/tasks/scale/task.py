@@ -234,7 +234,9 @@ def rooms_of(method: Localizer, dataset: Dataset) -> tuple[SaliencyGraph, ...]:
     described = (describe_frame(method, frame, cache, dataset.content_key)[0] for frame in frames.values())
     rooms = tuple(graph for one in described if len(graph := graph_from_arrays(one)) >= MIN_OBJECTS)
     if not rooms:
-        raise DataError(f"{dataset.name} has no scene frame with {MIN_OBJECTS} objects, expected at least one")
+        raise DataError(
+            f"the dataset {dataset.name} has no scene frame with {MIN_OBJECTS} objects, expected at least one"
+        )
     return rooms
 
 
