@@ -56,8 +56,8 @@ class NodeMatcherConfig(ComponentConfig):
         0.25,
         ge=0,
         le=1,
-        description="minimum Jaccard index between the labels of a candidate and of the query, as a fraction of "
-        "the best candidate's (paper: 0.6)",
+        description="minimum Jaccard index between the labels of a candidate and of the query, divided by "
+        "that of the best candidate (paper: 0.6)",
     )
     max_candidates: int | None = Field(
         100,

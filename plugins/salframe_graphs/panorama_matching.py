@@ -80,7 +80,8 @@ class PanoramaMatching:
 
     @property
     def is_equivariant(self) -> bool:
-        """Whether the pose turns with the panorama of the query. That of a reference frame does not."""
+        """Whether the pose turns with the panorama of the query. Without a positioner it does not: the answer then has
+        the pose of a reference frame."""
         return self.positioner is not None and self.positioner.is_equivariant
 
     @property

@@ -33,7 +33,8 @@ NAMED = 5
 
 
 class Reverie(Scorer):
-    """REVERIE: reach the viewpoint that shows the target object (SR, OSR, SPL), and name the object (RGS, RGSPL)."""
+    """The task REVERIE: an agent reaches the viewpoint that shows the target object (SR, OSR, SPL), and names the
+    object (RGS, RGSPL)."""
 
     name = "reverie"
     version = "1"

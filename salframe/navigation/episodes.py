@@ -176,5 +176,5 @@ def _place(request: EpisodeRequest, sites: Mapping[str, Site], rng: np.random.Ge
         else world.stand(*request.start, yaw_rad)
     )
     if not world.joined(start, world.stand_at(goal, 0.0)):
-        raise DataError(f"obstacles in {name} block every path from the start to {goal.id}")
+        raise DataError(f"obstacles in the world {name} block every path from the start to {goal.id}")
     return Episode(number, name, tuple(start.ravel().tolist()), goal.id, guide.way(start[:3, 3], goal.id).length_m)

@@ -278,7 +278,8 @@ class Camera:
 
     @cached_property
     def _radial(self) -> tuple[Polynomial, Polynomial]:
-        """The distorted radius by the radius without distortion (fisheye: by the angle): numerator and denominator."""
+        """The distorted radius as a ratio of two polynomials in the radius without distortion (fisheye: in the
+        angle)."""
         k = dict(zip(COEFFICIENTS[self._model], self.distortion, strict=True))
         num_powers = 4 if self._model is DistortionModel.FISHEYE else 3
         numerator = [1.0, *(k.get(f"k{power}", 0.0) for power in range(1, num_powers + 1))]

@@ -128,7 +128,7 @@ class PhotoSphere:
 
 @contextmanager
 def _naming(path: Path) -> Iterator[None]:
-    """Replace a ValueError of the block by a DataError that names the picture."""
+    """Replace a ValueError of the `with` block by a DataError that names the picture."""
     try:
         yield
     except ValueError as error:
@@ -182,7 +182,9 @@ def _gpano(packets: tuple[bytes, ...]) -> dict[str, str]:
                 if namespace.strip("{/") != _NAMESPACE:
                     continue
                 if values.setdefault(name, value.strip()) != value.strip():
-                    raise ValueError(f"{name} {values[name][:40]!r} and {value.strip()[:40]!r}, expected one value")
+                    raise ValueError(
+                        f"two values of {name}, {values[name][:40]!r} and {value.strip()[:40]!r}, expected one value"
+                    )
     return values
 
 

@@ -203,7 +203,7 @@ class _RandomMap:
             self.check_query(changed, other, number, world)
 
     def check_query(self, changed: str, other: LocalizationMap, number: int, world: np.ndarray | None = None) -> None:
-        """Check as `check` the answer to one query."""
+        """Check that the answer to one query did not change; with `world`, that its pose moved with the world."""
         _, description, before = self.queries[number]
         checked = f"match of query {number} in {self}, with {changed}"
         _expect_same(checked, before, attempt(checked, other.answer, description), world)

@@ -44,7 +44,8 @@ class BuildingMap:
 
 
 def by_place(frames: Iterable[ReferenceFrame]) -> list[ReferenceFrame]:
-    """Return frames in the order of their places and ids: a topology does not depend on how its map came about."""
+    """Return frames sorted by place and id, so that a topology does not depend on the changes by which its map was
+    made."""
     return sorted(frames, key=lambda frame: (frame.place, frame.id))
 
 

@@ -210,7 +210,7 @@ def _places(frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks]) -> l
 
 
 def _check_alike(first: Localizer, folder: Path, other: Localizer, other_folder: Path) -> None:
-    """Check that the descriptions of two localizers belong in one map.
+    """Check that the descriptions of two localizers can be in one map: method, settings and weights are equal.
 
     Raises:
         DataError: Methods, settings or weights differ.

@@ -78,7 +78,7 @@ def directions(route: Route, heading_rad: float | None = None) -> list[Step]:
 
 
 def find_nodes(topology: TopologicalMap, name: str, doors: bool = False) -> list[str]:
-    """Return the ids of the nodes of a node id or place.
+    """Return the ids of the nodes that a name stands for: the node with this id, or the nodes of the place.
 
     Args:
         topology: The map.

@@ -244,7 +244,10 @@ def test_a_broken_plugin_is_told_and_stops_nothing(data, monkeypatch, code, reas
 def test_a_yaml_with_an_unknown_key(data):
     for content, message in (
         ("method: objects\nvary: {labels: [set]}\nverbose: true", r"sweep\.yaml: unknown key verbose \(known: .*vary"),
-        ("method: objects\nvary: {lables: [set]}", r"vary holds lables: unknown key 'lables', did you mean 'labels'"),
+        (
+            "method: objects\nvary: {lables: [set]}",
+            r"the mapping vary has the key lables: unknown key 'lables', did you mean 'labels'",
+        ),
         (
             "method: objects\nset: {detector.noize: none}\nvary: {labels: [set]}",
             r"unknown key detector\.noize, did you mean 'noise' \(known: noise, seed\)",

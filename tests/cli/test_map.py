@@ -262,7 +262,10 @@ def test_floors_above_each_other_are_said_to_be_apart(rooms):
         (["add", "map", "doored", "--set", "offset=1"], "received the setting offset, expected data.KEY"),
         (["remove", "map", "rom-1"], "unknown place 'rom-1', did you mean 'room-1'?"),
         (["remove", "new", "room-1"], "new holds no map: make one with salframe build DATA -o new"),
-        (["merge", "map", "map"], "both map and map have room-0, room-1, room-2, room-3, room-4, expected places of"),
+        (
+            ["merge", "map", "map"],
+            "both maps, map and map, contain room-0, room-1, room-2, room-3, room-4, expected places of",
+        ),
         (["merge", "map", "new"], "new holds no map: make one with salframe build DATA -o new"),
         (
             ["export", "map", "map.dot"],

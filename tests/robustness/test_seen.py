@@ -93,7 +93,7 @@ SEEN: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
     "745 GiB": (
         lambda root: (next(root.glob("ways/parts-*/edges/length_m.npy")).write_bytes(HUGE), reseal(root / "ways")),
         ROUTE,
-        r"length_m\.npy is not .*: 0 bytes of values, expected 800000000000",
+        r"length_m\.npy is not .*: the file has 0 bytes of values, expected 800000000000",
     ),
     "ragged poses": (
         array_file("map/parts-*/frames/pose.npy", lambda poses: poses.ravel()[:-1]),

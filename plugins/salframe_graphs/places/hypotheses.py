@@ -56,10 +56,10 @@ def best_poses(scorer: PlaceLikelihood, max_poses: int) -> Poses:
 
 
 def _support(scorer: PlaceLikelihood, i: np.ndarray, j: np.ndarray, poses: Poses) -> np.ndarray:
-    """Return the part of the score of poses (C,) that pairs of similar objects contribute.
+    """Return the contribution (C,) of the pairs of similar objects to the score of each pose.
 
-    Pairs and poses are sorted by place. Each pose is evaluated with the pairs of its place only, in single precision,
-    because this takes much of a query's time.
+    Pairs and poses are sorted by place. To save time, each pose is evaluated with the pairs of its place only, in
+    single precision.
     """
     if not len(poses):
         return np.zeros(0)

@@ -259,7 +259,8 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         return Localization(places, T_world_query, LocalizationStatus.OK, covariance)
 
     def _without_pose(self, places: tuple[RankedPlace, ...], name: int) -> Localization:
-        """Return an answer without a pose, with a note where the place with this number of a name is not one room."""
+        """Return an answer without a pose. It has a note if the frames of the first place lie on several storeys;
+        `name` is the number of the place's name."""
         heights_m = self._map.heights_m(name)
         divided = np.diff(heights_m).max(initial=0) > MAX_STEP_M
         note = (

@@ -96,7 +96,7 @@ class Resolved:
         engine: Configuration of the engine.
         scopes: Settings of anything else, by scope.
         notes: Notes on methods that replace a requested one, and on the components that `auto` selected.
-        replacements: Those of the notes that say that a method replaces a requested one.
+        replacements: Notes on methods that replace a requested one; they are also in `notes`.
         requested_as: The requested label of each method, by its label in the run.
         changes: The settings of methods that differ from the preset or component of their name, "key=value" each, by
             label. Methods without such settings are missing.

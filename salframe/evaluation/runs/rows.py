@@ -43,7 +43,7 @@ class Line(BaseModel):
 
 
 class PieceRow(Line):
-    """The row of a piece of any task."""
+    """The row of a piece of work, such as a query, of any task."""
 
     status: str
     error: str | None

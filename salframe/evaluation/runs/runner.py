@@ -37,9 +37,10 @@ from salframe.panoramas.opening import Progress, open_dataset, reference_frames
 _log = logging.getLogger(__name__)
 POLL_SECONDS = 0.5
 TRIES, DEATHS = 2, 3
-"""Number of deaths of a process after which a piece is skipped, and number of skipped pieces that end a method."""
+"""Number of deaths of a process after which a piece of work is skipped, and number of skipped pieces that end a
+method."""
 Key = tuple[Any, ...]
-"""Key of a piece: the values of its key fields."""
+"""Key of a piece of work, such as a query: the values of its key fields."""
 
 
 def run_task(
@@ -266,7 +267,7 @@ def _record(task: AnyTask, run: Run, label: str, survey: Survey[Any]) -> Record[
 
 @contextmanager
 def _watch(task: AnyTask, run: Run, total: int, progress: Progress | None) -> Iterator[None]:
-    """Report the progress of each method while the block runs, from the number of lines in its folder."""
+    """Report the progress of each method during the `with` block, from the number of lines in its folder."""
     if progress is None:
         yield
         return

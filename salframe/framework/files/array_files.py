@@ -99,7 +99,8 @@ def map_array(path: Path) -> np.ndarray:
     """Return the array of a .npy file: in memory if the file is smaller than MAX_READ_BYTES, else as a memory map.
 
     Another program that changes the file later does not change an array that was read. A memory map does change, and
-    the process ends if the file is truncated: its user compares the file with a `FileStamp` before each use.
+    the process ends if the file is truncated: code that uses a memory map compares the file with a `FileStamp` before
+    each use.
 
     Returns:
         The array, read-only.
@@ -165,7 +166,7 @@ def _header(file: BinaryIO, size: int) -> tuple[np.dtype[Any], tuple[int, ...], 
         read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, by_columns, dtype = read(file)
     except Exception as error:  # numpy raises many types of exceptions
-        raise ValueError(f"the content is not a numpy array: {' '.join(str(error).split())[:100]}") from None
+        raise ValueError(f"the header is not that of a numpy array: {' '.join(str(error).split())[:100]}") from None
     if dtype.hasobject or dtype.kind in "mM":
         content = "Python objects" if dtype.hasobject else dtype
         raise ValueError(f"the file has an array of {content}, expected numbers or text")

@@ -33,7 +33,7 @@ _MAX_ROWS = 1 << 20
 
 @contextmanager
 def reading(path: Path, expected: str) -> Iterator[None]:
-    """Replace an OSError or ValueError of the block by a DataError that names the file and what was expected."""
+    """Replace an OSError or ValueError of the `with` block by a DataError with the file and the expected content."""
     try:
         yield
     except OSError as error:

@@ -94,7 +94,7 @@ NONSENSE = {
     "poseless": "a localization has the status ok and no pose, expected a pose only with the status ok",
     "placeless": "a localization has the status no-pose and no place, expected a place",
     "elsewhere": r"match gave RankedPlace\(frame='map-9', .*, expected the id of a reference frame of the map, .*",
-    "misplaced": r"match gave RankedPlace\(frame='map-0', place='room-1', .*, expected a frame of the map and its .*",
+    "misplaced": r"match gave RankedPlace\(frame='map-0', place='room-1', .*, expected the id of a reference frame .*",
     "mapping": "match gave dict, expected a Localization",
     "nothing": "match gave NoneType, expected a Localization",
     "text": "match gave str, expected a Localization",

@@ -43,7 +43,7 @@ def measure_detection(request: Request, *, progress: Progress | None = None) -> 
 
 @dataclass(frozen=True)
 class DetectionTask(Task[QueryFrame, Survey[QueryFrame], PanoramaRow, DetectionRow]):
-    """Which annotated objects does a detector detect in each query panorama?"""
+    """The task `detection`: which annotated objects does a detector detect in each query panorama?"""
 
     name = "detection"
     version = "2"

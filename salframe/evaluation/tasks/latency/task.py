@@ -46,7 +46,7 @@ class LatencySurvey(Survey[QueryFrame]):
 
 @dataclass(frozen=True)
 class LatencyTask(Task[QueryFrame, LatencySurvey, ProgramRow, LatencyRow]):
-    """How much time and memory do opening a map and querying it take?"""
+    """The task `latency`: how much time and memory do opening a map and querying it take?"""
 
     name = "latency"
     prefix = "latency-"

@@ -70,7 +70,7 @@ class LocalizationOptions(TaskOptions):
 
 @dataclass(frozen=True)
 class LocalizationTask(PagedTask[Query, LocalizationSurvey, AnswerRow, LocalizationRow]):
-    """Where was each query taken?"""
+    """The task `localization`: in which place and at which pose was each query taken?"""
 
     name = "localization"
     counts = "queries"

@@ -54,7 +54,7 @@ def measure_matching(request: Request, *, progress: Progress | None = None) -> R
 
 @dataclass(frozen=True)
 class MatchingTask(Task[FramePair, Survey[FramePair], PairRow, MatchingRow]):
-    """Which points or objects are the same in a query and in the nearest frame of its place?"""
+    """The task `matching`: which points or objects are the same in a query and in the nearest frame of its place?"""
 
     name = "matching"
     prefix = "matching-"
@@ -116,7 +116,10 @@ class _Matching(Worker[FramePair]):
         if not isinstance(matches, PointMatches | NodeMatches):
             raise InvalidAnswer(f"correspond gave {type(matches).__name__}, expected PointMatches, NodeMatches or None")
         if self._kind not in (None, type(matches)):
-            raise InvalidAnswer(f"correspond gave {type(matches).__name__}, expected one kind of matches for all pairs")
+            raise InvalidAnswer(
+                f"correspond gave {type(matches).__name__}, expected the same kind of matches "
+                "(PointMatches or NodeMatches) for all pairs"
+            )
         self._kind = type(matches)
         row = check_matches(matches, piece.query.load(), piece.reference.load(), piece.T_reference_query)
         return {"reference": piece.reference.id, **row, "status": PieceStatus.OK, "error": None}

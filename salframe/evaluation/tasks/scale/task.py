@@ -65,7 +65,8 @@ class ScaleOptions(TaskOptions):
 
 @dataclass(frozen=True)
 class ScaleTask(Task[int, Survey[int], SceneRow, ScaleRow]):
-    """Which of many scenes does a query show? The scenes are made of the rooms of a data set (`City`).
+    """The task `scale`: which of many scenes does a query show? The scenes are generated from the rooms of a data set
+    (`City`).
 
     A piece is the number of a scene.
     """

@@ -28,7 +28,7 @@ Frame = ReferenceFrame | QueryFrame
 
 @dataclass(frozen=True)
 class SensorTask(Task[Frame, Survey[Frame], LookRow, SensorRow]):
-    """Which annotated objects does a detector detect in each panorama, of the map and of the queries?"""
+    """The task `sensor`: which annotated objects does a detector detect in reference frames and queries?"""
 
     name = "sensor"
     role = "detector"

@@ -202,7 +202,7 @@ def test_data_that_tells_no_truth_is_refused(furnished):
     with pytest.raises(DataError, match="the true pose of bedroom-query is not known"):
         measure(["points"], "data.posed=false")
     rows, _ = measure(["nodes", "points"], "data.instances=false")
-    assert rows["nodes"].reason == "needs annotations, which furnished does not have"
+    assert rows["nodes"].reason == "the method needs annotations, which the dataset furnished does not have"
     assert rows["points"].mma_1.value == 1
 
 
