@@ -45,13 +45,13 @@ class SalientObjects(Localizer):
 
     @property
     def column_step(self) -> int | None:  # type: ignore[override]
-        """Step of the detector."""
+        """The `column_step` of the detector."""
         step: int = self._detector.column_step
         return step
 
     @property
     def turn_tolerance_m(self) -> float:  # type: ignore[override]
-        """Tolerance of the detector, in metres."""
+        """The `turn_tolerance_m` of the detector."""
         tolerance_m: float = self._detector.turn_tolerance_m
         return tolerance_m
 

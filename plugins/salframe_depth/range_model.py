@@ -107,9 +107,8 @@ class OnnxDepth(RangeModel):
         settings = self.config
         if not (settings.metric or settings.camera_height_m):
             raise ConfigError(
-                f"the range model {self.name!r} has no metric scale, expected metric: true for a network that "
-                "gives metres, "
-                "or camera_height_m, the height of the camera above the floor"
+                f"the range model {self.name!r} has no metric scale, expected metric: true for a network that gives "
+                "metres, or camera_height_m, the height of the camera above the floor"
             )
         if settings.input == "equirectangular" and settings.gives == "z-depth":
             raise ConfigError(

@@ -32,9 +32,8 @@ class HouseConfig(QueryView):
         0.7,
         ge=0,
         le=2,
-        description="mean distance (m) of the queries from the nearest reference frame of their room, as far as "
-        "the rooms allow; single distances are 0.43 to 1.57 times the mean. 0: queries are at "
-        "reference frames",
+        description="mean distance (m) of the queries from the nearest reference frame of their room, as far as the "
+        "rooms allow; single distances are 0.43 to 1.57 times the mean. 0: queries are at reference frames",
     )
     query_yaw: Literal["uniform", "normal", "same"] = Field(
         "uniform",
@@ -52,8 +51,7 @@ class HouseConfig(QueryView):
     changes: Literal["uniform", "by-class"] = added(
         "uniform",
         description="which objects change. uniform: all with equal probability, fixed ones such as fittings last; "
-        "by-class: movable objects more often (chairs and bins 10 times as often as wardrobes, "
-        "fittings never)",
+        "by-class: movable objects more often (chairs and bins 10 times as often as wardrobes, fittings never)",
     )
     change_kinds: tuple[Literal["removed", "moved", "added"], ...] = added(
         ("removed", "moved", "added"),

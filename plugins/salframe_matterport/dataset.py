@@ -103,9 +103,8 @@ class MatterportAnnotations(NavigableDataset):
     def _root(self) -> Path:
         if self.config.root is None:
             raise DataError(
-                f"the dataset {self.name} has no folder, expected the folder of the official files (salframe "
-                "docs matterport): "
-                "pass --data-dir DIR"
+                f"the dataset {self.name} has no folder, expected the folder of the official files (salframe docs "
+                "matterport): pass --data-dir DIR"
             )
         return self.config.root
 

@@ -35,7 +35,7 @@ def navigate(
     ] = "100",
     positioning: Annotated[
         Literal["on", "off", "both", "all"],
-        typer.Option(help="Agents use estimated poses: on, off, both, or all (also one with true places)"),
+        typer.Option(help="Agents to run: pose on, off, both, or all (both, and one that knows its place)"),
     ] = "on",
     *,
     options: CommonOptions,

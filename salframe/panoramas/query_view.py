@@ -44,9 +44,8 @@ class QueryView(ComponentConfig):
         None,
         match_only=True,
         gt=0,
-        description="focal length of queries, relative to half the image width: a query is one 4:3 perspective "
-        "view along its heading; 1, 2, 3 are 90, 53, 37 deg wide and 74, 41, 28 deg high; null: no "
-        "perspective view",
+        description="focal length of queries, relative to half the image width: a query is one 4:3 perspective view "
+        "along its heading; 1, 2, 3 are 90, 53, 37 deg wide and 74, 41, 28 deg high; null: no perspective view",
     )
     query_noise: AnnotationNoise = added(
         AnnotationNoise(),
@@ -131,19 +130,19 @@ def view_queries(folds: Sequence[Fold], config: ComponentConfig, stored_key: str
 
 
 def _with_motion(query: QueryFrame, config: Any, content: str) -> QueryFrame:
-    """Return a query with the views and the odometry of the settings.
+    """Return a query with several views, whose motion is measured with errors, as the settings say.
 
     Raises:
-        DataError: The queries are sequences already, cannot be driven, or turn with the view of a whole panorama.
+        DataError: The query has several views in the data already; or the data have no views near the query, which
+            driven queries need; or the camera turns, but each view is a whole panorama.
     """
     if config.query_views == 1:
         return query
     if config.query_motion == "driven":
         if not query.earlier:
             raise DataError(
-                f"the dataset {config.kind} has no other views near the query {query.id}, which "
-                "query_motion=driven requires; "
-                "expected query_motion=turned"
+                f"the dataset {config.kind} has no other views near the query {query.id}, which query_motion=driven "
+                "requires; expected query_motion=turned"
             )
     elif query.earlier:
         raise DataError(
@@ -155,9 +154,8 @@ def _with_motion(query: QueryFrame, config: Any, content: str) -> QueryFrame:
             fov_deg = min(fov_deg, 2 * np.degrees(np.arctan(1 / config.query_focal)))
         if fov_deg >= 360:
             raise DataError(
-                f"query_views is {config.query_views} for queries that are whole panoramas, expected queries "
-                "with a narrower field of view, such as "
-                "query_fov_deg=90"
+                f"query_views is {config.query_views} for queries that are whole panoramas, expected queries with a "
+                "narrower field of view, such as query_fov_deg=90"
             )
         query = turned_query(query, config.query_views, fov_deg, content)
     if query.T_last_view is None:

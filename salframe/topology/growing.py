@@ -165,7 +165,7 @@ def _read(parts: MapParts) -> tuple[LocalizationMap, TopologicalMap | None]:
     """Read a map that can be changed, and its topology.
 
     Raises:
-        DataError: The map has no method.
+        DataError: The map has no localizer, so that places cannot be added to it.
     """
     return LocalizationMap.read(parts, indexed=False), read_topology(parts) if parts.has(TOPOLOGY) else None
 

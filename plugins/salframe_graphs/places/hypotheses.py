@@ -25,7 +25,7 @@ def best_poses(scorer: PlaceLikelihood, max_poses: int) -> Poses:
     """Return at most `max_poses` poses of each place, sorted by place, then best first.
 
     All pairs of similar objects score the two-point hypotheses. The probability of detecting an object of the place is
-    approximated by that from the place's first camera.
+    approximated by the probability of detecting it from the place's first camera.
     """
     index, position, rates = scorer.index, scorer.position, scorer.rates
     i, j = np.nonzero(scorer.same_label & (scorer.log_ratio > MIN_LOG_RATIO))

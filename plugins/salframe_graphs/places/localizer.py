@@ -129,8 +129,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         ] = Field(
             default_factory=shipped_posterior,
             description="parameters that convert scores to probabilities, or a file written by `salframe fit`; the "
-            "default never answers out-of-map (to enable: max_out_of_map_probability=0.5); null: no "
-            "probabilities",
+            "default never answers out-of-map (to enable: max_out_of_map_probability=0.5); null: no probabilities",
             json_schema_extra={"match_only": True},
         )
         candidates: int = match_only(
@@ -183,7 +182,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
 
     @property
     def column_step(self) -> int | None:  # type: ignore[override]
-        """Step of the detector; None if the pose does not turn with the panorama."""
+        """The `column_step` of the detector; None if the pose does not turn with the panorama."""
         return super().column_step if self._matching.is_equivariant else None
 
     def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> None:

@@ -141,7 +141,7 @@ def judge(
 def _right_type(
     answers: Sequence[AnswerRow | None], truths: Sequence[Truth], room_types: Mapping[str, str]
 ) -> np.ndarray:
-    """Return `right_type` of Judged."""
+    """Return the field `right_type` of Judged."""
     right = np.full(len(truths), np.nan)
     for i, (answer, truth) in enumerate(zip(answers, truths, strict=True)):
         if truth.place in room_types:
@@ -151,7 +151,7 @@ def _right_type(
 
 
 def _evidence(answers: Sequence[AnswerRow | None]) -> np.ndarray:
-    """Return `evidence` of Judged."""
+    """Return the field `evidence` of Judged."""
     scores = [answer.places[0].score if answer and answer.places else None for answer in answers]
     out_of_map_probability = [answer.out_of_map_probability if answer else None for answer in answers]
     if any(value is not None for value in out_of_map_probability):
@@ -160,7 +160,7 @@ def _evidence(answers: Sequence[AnswerRow | None]) -> np.ndarray:
 
 
 def _confidence(answer: AnswerRow | None) -> float:
-    """Return `confidence` of Judged for one answer."""
+    """Return the field `confidence` of Judged for one answer."""
     if answer is None or answer.out_of_map_probability is None:
         return np.nan
     if answer.status == LocalizationStatus.OUT_OF_MAP:
