@@ -276,7 +276,7 @@ class _Stages:
         detections = self._detector.detect(panorama)
         seconds = time.perf_counter() - start
         if not isinstance(detections, Detections):
-            raise InvalidAnswer(f"detect gave {type(detections).__name__}, expected Detections")
+            raise InvalidAnswer(f"detect returned {type(detections).__name__}, expected Detections")
         return detections, seconds
 
     def link(self, detections: Detections) -> tuple[np.ndarray | None, SaliencyGraph | None]:

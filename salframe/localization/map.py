@@ -314,7 +314,7 @@ class LocalizationMap:
                 self._is_checked = True
             answer = self.localizer.match(description)
         if not isinstance(answer, Localization):
-            raise InvalidAnswer(f"match gave {type(answer).__name__}, expected a Localization")
+            raise InvalidAnswer(f"match returned {type(answer).__name__}, expected a Localization")
         if labels := self.localizer.unknown_labels(description):
             answer = replace(answer, notes=(*answer.notes, unknown_labels_note(labels)))
         posterior = self.localizer.posterior

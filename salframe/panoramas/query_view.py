@@ -1,4 +1,4 @@
-"""Restricted queries: a part of the sphere, and annotations with simulated errors."""
+"""Queries that show only a part of the sphere, or whose annotations have simulated errors."""
 
 from __future__ import annotations
 

@@ -117,7 +117,8 @@ def whole_lines_bytes(path: Path) -> int:
 
 
 def copy_log(path: Path, target: Path) -> None:
-    """Copy a .jsonl or JSON file. Raises DataError if it is no regular file or too large: a device has no end."""
+    """Copy a .jsonl or JSON file. Raises DataError if it is too large or no regular file, such as a device, which has
+    no end."""
     with reading(path, "a file of JSON"):
         check_regular(path, _MAX_LOG)
         shutil.copyfile(path, target)

@@ -85,7 +85,7 @@ class Answering(Worker[Query]):
         for ranked in answer.places:
             if self._places.get(ranked.frame) != ranked.place:
                 raise InvalidAnswer(
-                    f"match gave {ranked}, expected the id of a reference frame of the map, "
+                    f"match returned {ranked}, expected the id of a reference frame of the map, "
                     "with the place of this frame"
                 )
         return {**answer_row(answer, describe_ms, query_ms), "status": answer.status, "error": None}

@@ -39,7 +39,7 @@ Json = dict[str, Any]
 
 @dataclass(frozen=True, eq=False)
 class QuerySet:
-    """A data set and its queries: the fold and the frame of each, in the order of a view."""
+    """A data set and its queries: the fold and the frame of each, in the order of LocalizationView."""
 
     dataset: Dataset
     queries: Sequence[tuple[Fold, QueryFrame]]

@@ -114,10 +114,12 @@ class _Matching(Worker[FramePair]):
         if matches is None:
             raise MethodUnavailable("the method matches neither points nor objects")
         if not isinstance(matches, PointMatches | NodeMatches):
-            raise InvalidAnswer(f"correspond gave {type(matches).__name__}, expected PointMatches, NodeMatches or None")
+            raise InvalidAnswer(
+                f"correspond returned {type(matches).__name__}, expected PointMatches, NodeMatches or None"
+            )
         if self._kind not in (None, type(matches)):
             raise InvalidAnswer(
-                f"correspond gave {type(matches).__name__}, expected the same kind of matches "
+                f"correspond returned {type(matches).__name__}, expected the same kind of matches "
                 "(PointMatches or NodeMatches) for all pairs"
             )
         self._kind = type(matches)

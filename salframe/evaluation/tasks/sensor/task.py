@@ -93,5 +93,5 @@ class _Looking(Worker[Frame]):
         truth, shown = annotated(panorama)
         detections = self._detector.detect(panorama)
         if not isinstance(detections, Detections):
-            raise InvalidAnswer(f"detect gave {type(detections).__name__}, expected Detections")
+            raise InvalidAnswer(f"detect returned {type(detections).__name__}, expected Detections")
         return {**pack_look(SensorSample(truth, shown, detections)), "status": PieceStatus.OK, "error": None}

@@ -224,7 +224,7 @@ def test_a_method_that_exits_costs_its_own_row(furnished, engine):
 
 def test_what_is_no_match_costs_its_own_row(furnished):
     rows, result = measure(["confused", "points"])
-    assert rows["confused"].reason == "correspond gave list, expected PointMatches, NodeMatches or None"
+    assert rows["confused"].reason == "correspond returned list, expected PointMatches, NodeMatches or None"
     assert not rows["confused"].measured
     assert result.crashed
     assert rows["points"].mma_1.value == 1

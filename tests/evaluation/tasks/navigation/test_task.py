@@ -107,7 +107,7 @@ def test_an_episode_that_crashes_costs_only_itself():
 @pytest.mark.parametrize(
     ("match", "reason"),
     [
-        (lambda self, description: {"status": "ok"}, "match gave dict, expected a Localization"),
+        (lambda self, description: {"status": "ok"}, "match returned dict, expected a Localization"),
         (lambda self, description: sys.exit("it leaves"), "SystemExit: it leaves"),
     ],
 )
