@@ -86,7 +86,8 @@ def floor_masks(
     """Compute the floor masks of the rooms of one level.
 
     A cell is free if a vertical ray from above hits the floor. It is an obstacle if the ray hits something 0.1 to 1.5 m
-    above the floor, or if horizontal cuts of the mesh in between pass through it.
+    above the floor, or if a horizontal cut of the mesh at one of several heights in this interval passes through the
+    cell.
 
     Args:
         surface: Mesh.

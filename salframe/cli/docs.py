@@ -1,4 +1,4 @@
-"""docs: the pages of the documentation, which are installed with salframe."""
+"""The command `docs`: shows the pages of the documentation, which are installed with salframe."""
 
 from __future__ import annotations
 

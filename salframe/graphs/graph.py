@@ -92,7 +92,7 @@ class SaliencyGraph:
 
 
 def without_positions(centroid_m: np.ndarray) -> bool:
-    """Return whether there are objects, none of which has a known position; centroid_m (N, 3)."""
+    """Return whether there are objects and none of their centroids (N, 3) is known."""
     return len(centroid_m) > 0 and bool(np.isnan(centroid_m).any(1).all())
 
 

@@ -362,7 +362,7 @@ class Camera:
 
 
 def _first_root(polynomials: Sequence[Polynomial], limit: float) -> float:
-    """Return the smallest positive real root of polynomials; the limit where there is none below it."""
+    """Return the smallest positive real root of polynomials; the limit if no root is below it."""
     roots = np.concatenate([polynomial.roots() for polynomial in polynomials])
     real = roots.real[np.abs(roots.imag) < 1e-9]
     return float(real[(real > 0) & (real < limit)].min(initial=limit))
