@@ -65,16 +65,30 @@ class ClipRooms(Localizer):
 
     class Config(LevelledConfig):
         checkpoint: UserFile | None = Field(
-            None, description="local folder with CLIP's files, named as in the download; null: the downloaded files"
+            None,
+            description="path of a local folder with CLIP's files, named as in the download; null: the downloaded "
+            "files",
         )
         room_types: tuple[str, ...] | None = match_only(
-            None, min_length=1, description="room types; null: those in the place names of the map"
+            None,
+            min_length=1,
+            description="list of the room types that CLIP tells apart; null: the room types in the place names of the "
+            "map",
         )
         prompt: str = match_only(
-            "a photo of a {}", pattern=r"\{\}", description="prompt that CLIP compares a view with; {} is the room type"
+            "a photo of a {}",
+            pattern=r"\{\}",
+            description="text that CLIP compares each view with; {} stands for the room type",
         )
-        views: int = Field(12, ge=1, le=72, description="perspective views around the panorama")
-        hfov_deg: float = Field(90.0, gt=0, lt=150, description="field of view of each view")
+        views: int = Field(
+            12,
+            ge=1,
+            le=72,
+            description="number of perspective views that are cut from the panorama, evenly spaced in azimuth",
+        )
+        hfov_deg: float = Field(
+            90.0, gt=0, lt=150, description="horizontal field of view of each perspective view (degrees)"
+        )
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
@@ -87,7 +101,7 @@ class ClipRooms(Localizer):
 
     @classmethod
     def weights_in_use(cls, config: Any) -> tuple[NetworkWeights, ...]:
-        """Return no weights if the user's checkpoint replaces them."""
+        """Return the downloaded weights; none if the user's checkpoint replaces them."""
         return cls.weights if config.checkpoint is None else ()
 
     def describe(self, panorama: Panorama) -> Description:

@@ -22,8 +22,8 @@ from salframe_image.image_network import ImageNetwork
 from salframe_image.network_input import cut_views
 
 FLAT = 1e-3
-"""Minimum variation of the similarity over the headings for a pose. Features are stored as float16, which cannot
-resolve less."""
+"""Minimum variation of the similarity over all headings; with less, there is no pose. Features are stored as float16,
+which cannot resolve less."""
 
 
 class ImageFeatures(Localizer):
@@ -31,10 +31,10 @@ class ImageFeatures(Localizer):
 
     The paper names image features (ResNet-101) without details. This is the strongest simple use of them that we know.
     Each view's feature map is pooled by the generalised mean (Radenovic et al. 2019) and normalised to unit length. The
-    score of a reference frame is the mean cosine between the query's views and its views at the best relative
-    heading; invalid views count 0. The pose is that of the best frame, rotated by the best heading, which is refined by
-    a parabola through it and its neighbours. So the heading is measured, and the accuracy of the position depends on
-    the density of the map. There is no pose if all headings fit equally well.
+    score of a reference frame is the mean cosine between the views of the query and the views of the frame, at the best
+    relative heading; invalid views count 0. The pose is that of the best frame, rotated by the best heading, which is
+    refined by a parabola through it and its neighbours. So the heading is measured, and the accuracy of the position
+    depends on the density of the map. There is no pose if all headings fit equally well.
     """
 
     name = "image"
@@ -44,12 +44,20 @@ class ImageFeatures(Localizer):
 
     class Config(LevelledConfig):
         network: slot("image-network", "efficientnet-lite0")  # type: ignore[valid-type]
-        views: int = Field(12, ge=3, le=72, description="perspective views around the panorama")
-        hfov_deg: float = Field(120.0, gt=0, lt=150, description="field of view of each view")
+        views: int = Field(
+            12,
+            ge=3,
+            le=72,
+            description="number of perspective views that are cut from the panorama, evenly spaced in azimuth",
+        )
+        hfov_deg: float = Field(
+            120.0, gt=0, lt=150, description="horizontal field of view of each perspective view (degrees)"
+        )
         power: float = Field(
             3.0,
             ge=1,
-            description="exponent of the generalised mean that pools a view: 1 is the mean, large is the maximum",
+            description="exponent of the generalised mean over the pixels of a feature map, which gives the "
+            "descriptor of a view: 1 is the mean; a large exponent approaches the maximum",
         )
 
     def __init__(self, config: ComponentConfig | None = None) -> None:

@@ -41,7 +41,7 @@ class OnnxImageNetwork(ImageNetwork):
     """Base class of networks that run in onnxruntime. Subclasses define the file, the output and the colour scaling."""
 
     class Config(ComponentConfig):
-        size_px: int = Field(224, ge=32, le=1024, description="width and height of the network's input")
+        size_px: int = Field(224, ge=32, le=1024, description="width and height of the network's input (pixels)")
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         """Load the network. Raises WeightsError if it does not accept images of this size."""
@@ -118,13 +118,17 @@ class OwnNetwork(OnnxImageNetwork):
     class Config(OnnxImageNetwork.Config):
         model: SingleFile | None = Field(None, description="path of the ONNX file (required)")
         output: str | None = Field(
-            None, description="output tensor with features of shape (N, C, h, w) or (N, C); null: the first output"
+            None,
+            description="name of the output tensor, which has features of shape (N, C, h, w) or (N, C); null: the "
+            "first output",
         )
         mean: Colour = Field(
-            (127.0, 127.0, 127.0), description="mean that is subtracted from red, green and blue (0 to 255)"
+            (127.0, 127.0, 127.0),
+            description="mean values of red, green and blue (0 to 255), which are subtracted from the image",
         )
         std: Colour = Field(
-            (128.0, 128.0, 128.0), description="divisor of red, green and blue after `mean` is subtracted"
+            (128.0, 128.0, 128.0),
+            description="divisors of red, green and blue, applied after the subtraction of the mean values",
         )
 
     @classmethod

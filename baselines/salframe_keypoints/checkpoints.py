@@ -25,7 +25,7 @@ class TrainedMatcher(FeatureMatcher):
 
     class Config(ComponentConfig):
         checkpoint: UserFile | None = Field(
-            None, description="local weights (a file, or a folder with the files); null: the downloaded weights"
+            None, description="path of local weights: a file, or a folder with the files; null: the downloaded weights"
         )
 
     @classmethod
@@ -35,7 +35,7 @@ class TrainedMatcher(FeatureMatcher):
 
     @classmethod
     def weights_in_use(cls, config: Any) -> tuple[NetworkWeights, ...]:
-        """Return no weights if the user's checkpoint replaces them."""
+        """Return the downloaded weights; none if the user's checkpoint replaces them."""
         return cls.weights if config.checkpoint is None else ()
 
     @classmethod

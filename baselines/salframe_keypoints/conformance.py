@@ -18,7 +18,8 @@ RIG = ViewRig(3, 256, 192, np.pi / 2)
 ODD_PX = 333, 111
 """Size of views that a matcher must either support or reject in `prepare`."""
 SELF_SHARE, SELF_PX = 0.9, 1.0
-"""Minimum share of the matches of a view with itself that lead back to the point, and the maximum distance for that."""
+"""A view is matched with itself: minimum share of the matches whose two points coincide, and the maximum distance of
+such points in pixels."""
 UNIT_SLACK = 1e-3
 """Maximum deviation of a descriptor's length from 1. Network descriptors are stored as float16."""
 

@@ -24,7 +24,10 @@ class ImageMatcher(TrainedMatcher):
 
     class Config(TrainedMatcher.Config):
         max_keypoints: int = match_only(
-            512, ge=16, description="maximum number of SIFT keypoints per view for the shortlist"
+            512,
+            ge=16,
+            description="maximum number of SIFT keypoints per view that describe the view for the selection of "
+            "reference frames",
         )
 
     def __init__(self, config: Config | None = None) -> None:
@@ -68,5 +71,7 @@ def decode(view: ViewFeatures) -> np.ndarray:
 
     image = cv2.imdecode(view.features, cv2.IMREAD_GRAYSCALE)
     if image is None:
-        raise DataError(f"a view of the map holds {len(view.features)} bytes that are no JPEG: build the map again")
+        raise DataError(
+            f"an image stored in the map has {len(view.features)} bytes that are not a JPEG: build the map again"
+        )
     return image

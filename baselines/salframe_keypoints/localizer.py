@@ -38,27 +38,39 @@ class Keypoints(Localizer):
     class Config(LevelledConfig):
         features: slot("feature-matcher", "xfeat")  # type: ignore[valid-type]
         range: range_slot()  # type: ignore[valid-type]
-        views: int = Field(6, ge=3, description="perspective views around the panorama")
+        views: int = Field(
+            6, ge=3, description="number of perspective views that are cut from the panorama, evenly spaced in azimuth"
+        )
         view_width_px: int = Field(480, ge=64, le=4096)
         view_height_px: int = Field(352, ge=64, le=4096)
-        hfov_deg: float = Field(90.0, gt=0, lt=150, description="horizontal field of view of each view")
+        hfov_deg: float = Field(
+            90.0, gt=0, lt=150, description="horizontal field of view of each perspective view (degrees)"
+        )
         shortlist_network: slot(  # type: ignore[valid-type]
             "image-network",
             optional=True,
-            description="image network for the global descriptors of the shortlist; null: the matcher's local "
-            "descriptors, pooled with a vocabulary of the map",
+            description="image network whose global descriptors select the reference frames to match; null: the local "
+            "descriptors of the matcher, pooled with a vocabulary of the map",
         )
         words: int = match_only(
             64, ge=1, description="number of visual words in the vocabulary that pools local descriptors"
         )
         shortlist: int | None = match_only(
-            5, ge=1, description="number of reference frames to match, best by global descriptor; null: all"
+            5,
+            ge=1,
+            description="number of reference frames to match, those with the most similar global descriptors; null: "
+            "all",
         )
         inlier_deg: float = match_only(
-            1.0, gt=0, description="maximum error of the bearing of a match that is an inlier of a pose"
+            1.0,
+            gt=0,
+            description="maximum angle between the observed bearing of a matched point and its bearing under the "
+            "pose, for the match to be an inlier (degrees)",
         )
-        hypotheses: int = match_only(500, ge=1, description="number of three-point samples for pose hypotheses")
-        min_inliers: int = match_only(20, ge=4, description="minimum number of inliers of a pose")
+        hypotheses: int = match_only(
+            500, ge=1, description="number of random samples of three points from which poses are computed"
+        )
+        min_inliers: int = match_only(20, ge=4, description="minimum number of inliers for a pose to be accepted")
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         """Create the matcher. Raises ConfigError if it does not support views of this size."""
@@ -73,7 +85,7 @@ class Keypoints(Localizer):
             self._global = NetworkDescriptors(network, self.config.views, np.deg2rad(self.config.hfov_deg))
 
     uses: ClassVar[frozenset[str]] = frozenset({"range"})
-    """A pose requires range; a place does not."""
+    """Parts of a panorama that a pose requires and a place does not: the range."""
 
     @property
     def needs(self) -> frozenset[str]:
@@ -169,7 +181,7 @@ class Keypoints(Localizer):
     def _verify(self, views: Sequence[ViewFeatures], frame: int, turn: int) -> tuple[np.ndarray | None, int]:
         """Return the pose of the query in the frame and its number of inliers, for a relative heading of `turn` views.
 
-        A frame without range gives no pose, and all its matches count.
+        A frame without range gives no pose; all its matches are counted as inliers.
         """
         view_bearings, points = [], []
         for bearings, j, matched in self._match_views(views, self._map_views[frame], turn):

@@ -41,7 +41,8 @@ class Loftr(ImageMatcher):
     class Config(ImageMatcher.Config):
         architecture: dict[str, Any] = Field(
             {"coarse": {"temp_bug_fix": True}},
-            description="differences of the checkpoint's architecture from kornia's default_cfg",
+            description="mapping with the values of the checkpoint's architecture that differ from kornia's "
+            "default_cfg",
         )
         fine: bool = match_only(True, description="whether the checkpoint has a fine stage")
 
@@ -56,7 +57,10 @@ class Loftr(ImageMatcher):
         try:
             self._model = loftr.LoFTR(pretrained=None, config=settings).eval()
         except (ValueError, KeyError, TypeError) as error:
-            raise ConfigError(f"kornia does not support this architecture: {' '.join(str(error).split())}") from None
+            raise ConfigError(
+                f"kornia does not support the LoFTR architecture in the setting `architecture`: "
+                f"{' '.join(str(error).split())}"
+            ) from None
         if not self.config.fine:
             _remove_fine_stage(self._model)
         load_strictly(self._model, checkpoint_state(read_checkpoint(path), path), path)

@@ -34,7 +34,8 @@ ARCHITECTURE = {
     "match_coarse": {"border_rm": 0, "thr": THRESHOLD},
     "fine": {"d_model": 16, "d_ffn": 16, "nhead": 2},
 }
-"""Differences from kornia's default_cfg. `loftr` runs STATE in kornia with this value as its `architecture`."""
+"""Values of the architecture that differ from kornia's default_cfg. `loftr` runs STATE in kornia with this value as its
+`architecture`."""
 
 STRIDE_PX, FINE_STRIDE_PX, WINDOW = 8, 2, 5
 """Stride of the coarse and the fine grid, and side of the fine stage's window in cells. These are kornia's defaults."""
@@ -76,10 +77,11 @@ class Features:
 
 
 class Network:
-    """The three parts of the network, and the steps of kornia's LoFTR between them in numpy."""
+    """The network: three ONNX networks (features, coarse and fine stage), and the steps of kornia's LoFTR between them
+    in numpy."""
 
     def __init__(self, paths: tuple[Path, ...]) -> None:
-        """Load the network. Raises WeightsError if a file does not hold its part."""
+        """Load the network. Raises WeightsError if a file does not contain the expected ONNX network."""
         features, coarse, fine = paths
         self._features = open_model(features, [(1, 1, None, None)])
         self._coarse = open_model(coarse, [(1, None, None)] * 2)
@@ -139,7 +141,9 @@ class LoftrCompact(ImageMatcher):
 
     class Config(ImageMatcher.Config):
         pooled: Literal["sift", "tokens"] = match_only(
-            "tokens", description="local descriptors of the shortlist: the tokens of the network, or RootSIFT"
+            "tokens",
+            description="local descriptors that select the reference frames to match: the tokens of the network, or "
+            "RootSIFT",
         )
 
     def __init__(self, config: Config | None = None) -> None:

@@ -39,7 +39,7 @@ class _MapLines(NamedTuple):
     Attributes:
         T_world_principal: (4, 4) pose of the principal frame.
         lines: Lines along each axis.
-        has_range: Whether the distances of the lines are reference.
+        has_range: Whether the distances of the lines are known.
         positions_m: (T, 3) candidate positions of a query in the principal frame.
     """
 
@@ -65,29 +65,47 @@ class Lines(Localizer):
     class Config(LevelledConfig):
         range: range_slot()  # type: ignore[valid-type]
         max_lines: int = Field(
-            100, ge=1, description="maximum number of segments along each of the three directions, the longest first"
+            100,
+            ge=1,
+            description="maximum number of line segments along each of the three dominant directions; the longest are "
+            "used",
         )
         sphere_points: int = match_only(
-            162, ge=1, le=100_000, description="number of points on the sphere at which distance functions are compared"
+            162,
+            ge=1,
+            le=100_000,
+            description="number of points on the unit sphere at which line distance functions are compared",
         )
         step_m: float = match_only(
-            0.35, ge=0.01, description="spacing of the candidate positions around a reference frame"
+            0.35, ge=0.01, description="spacing of the grid of candidate positions around a reference frame (m)"
         )
         reach_m: float = match_only(
-            5.0, ge=0, description="maximum distance of candidate positions from a reference frame along x and y"
+            5.0,
+            ge=0,
+            description="maximum distance of candidate positions from a reference frame along x and along y (m)",
         )
         inlier_rad: float = match_only(
-            0.1, gt=0, le=0.3, description="maximum difference of distance functions that agree"
+            0.1,
+            gt=0,
+            le=0.3,
+            description="maximum difference between two values of the line distance functions of query and candidate "
+            "that are counted as equal (radians)",
         )
         shortlist: int = match_only(
-            8, ge=1, description="number of pairs of reference frame and rotation to align, best by distance functions"
+            8,
+            ge=1,
+            description="number of pairs of a reference frame and a rotation that are aligned, those with the best "
+            "agreement of line distance functions",
         )
         min_agreement: float = match_only(
-            0.1, ge=0, le=1, description="minimum share of the query's lines that a pose must explain"
+            0.1,
+            ge=0,
+            le=1,
+            description="minimum share of the query's lines that must agree with lines of the map under a pose",
         )
 
     uses: ClassVar[frozenset[str]] = frozenset({"range"})
-    """A pose requires reference frames with range."""
+    """Parts of a panorama that reference frames need for a pose: the range."""
 
     @property
     def needs(self) -> frozenset[str]:
@@ -98,7 +116,7 @@ class Lines(Localizer):
 
         The entries are `yaw_rad` (), the yaw of the principal frame; `axis` (N,) uint8; `around_rad` (N,) and
         `along_rad` (N, 2) float32, see salframe_lines.arcs; and `distance_m` (N,) float32, the distance of the camera
-        from the line, NaN where unreference.
+        from the line, NaN where unknown.
         """
         if panorama.rgb is None:
             raise InputMissing(f"panorama {panorama.id} has no colour; {self.name} requires rgb")

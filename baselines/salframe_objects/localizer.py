@@ -27,7 +27,9 @@ class ObjectSetLocalizer(WeightedLabels):
         range: range_slot()  # type: ignore[valid-type]
         detector: slot("detector", "auto")  # type: ignore[valid-type]
         labels: Literal["set", "multiset"] = match_only(
-            "set", description="compare the set of labels, or the multiset with the number of each"
+            "set",
+            description="how the labels of two panoramas are compared: as sets, or as multisets, which count the "
+            "objects of each label",
         )
         posterior: posterior_slot()  # type: ignore[valid-type]
 
@@ -41,13 +43,13 @@ class ObjectSetLocalizer(WeightedLabels):
 
     @property
     def column_step(self) -> int | None:  # type: ignore[override]
-        """Step of the detector."""
+        """The `column_step` of the detector."""
         step: int = self._detector.column_step
         return step
 
     @property
     def turn_tolerance_m(self) -> float:  # type: ignore[override]
-        """Tolerance of the detector, in metres."""
+        """The `turn_tolerance_m` of the detector."""
         tolerance_m: float = self._detector.turn_tolerance_m
         return tolerance_m
 

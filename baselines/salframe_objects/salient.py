@@ -29,7 +29,8 @@ class SalientObjects(Localizer):
             1 / 3,
             ge=0,
             le=100,
-            description="exponent p of the weight S^p: 1 share of volume, 1/3 of length, 0 equal weights",
+            description="exponent p of the weight S^p of an object of saliency S: 1: proportional to its volume; 1/3: "
+            "to its length; 0: equal weights",
         )
         posterior: posterior_slot()  # type: ignore[valid-type]
 
@@ -44,13 +45,13 @@ class SalientObjects(Localizer):
 
     @property
     def column_step(self) -> int | None:  # type: ignore[override]
-        """Step of the detector."""
+        """The `column_step` of the detector."""
         step: int = self._detector.column_step
         return step
 
     @property
     def turn_tolerance_m(self) -> float:  # type: ignore[override]
-        """Tolerance of the detector, in metres."""
+        """The `turn_tolerance_m` of the detector."""
         tolerance_m: float = self._detector.turn_tolerance_m
         return tolerance_m
 

@@ -26,9 +26,12 @@ from salframe_annotations.sensed import SENSORS, SensedNoise
 class Noise(ObjectNoise):
     """Rates and sizes of the simulated errors of a detector."""
 
-    split: float = Field(0.0, ge=0, le=1, description="share of the objects detected as two halves")
+    split: float = Field(0.0, ge=0, le=1, description="share of objects that are detected as two halves (0 to 1)")
     merged: float = Field(
-        0.0, ge=0, le=1, description="share of the objects merged with the nearest object of the same label"
+        0.0,
+        ge=0,
+        le=1,
+        description="share of objects that are merged with the nearest object of the same label (0 to 1)",
     )
 
 
@@ -61,7 +64,7 @@ class AnnotationDetector(Detector):
             "none; auto: panoseg on rendered panoramas, whose annotations are perfect, and none on real panoramas, "
             "whose annotations have errors",
         )
-        seed: int = Field(0, ge=0, description="seed of the simulated errors")
+        seed: int = Field(0, ge=0, description="random seed of the simulated detector errors")
 
         @field_validator("noise", mode="before")
         @classmethod

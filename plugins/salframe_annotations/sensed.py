@@ -29,8 +29,8 @@ CORNERS = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3
 class SensedNoise:
     """Simulates the errors of a measured detector.
 
-    The random numbers of an object depend only on the seed, the `error_id` of the panorama and its key, those of false
-    positives on the seed and the id of the panorama. Azimuths of false positives are
+    The random numbers of an object depend only on the seed, the `error_id` of the panorama and the key of the object.
+    Those of false positives depend only on the seed and the id of the panorama. Azimuths of false positives are
     relative to the first annotated object, so that they rotate with the panorama. A partial view has false positives in
     proportion to the part of the sphere that it sees.
     """

@@ -40,39 +40,58 @@ class OnnxDepth(RangeModel):
     version = "1"
 
     class Config(ComponentConfig):
-        model: SingleFile | None = Field(None, description="path of an ONNX file")
+        model: SingleFile | None = Field(None, description="path of the network, an ONNX file (required)")
         gives: Literal["inverse", "z-depth", "range", "points"] = Field(
             "inverse",
-            description="output of the network: 1 / depth, depth along the view's axis, range, or points (x, y, z)",
+            description="quantity that the network outputs: inverse: 1 / depth; z-depth: depth along the view's axis; "
+            "range: distance along the ray; points: points (x, y, z)",
         )
         metric: bool = Field(
             False,
-            description="the output is in metres; false: its scale is unknown, and the shift of 1 / depth or z-depth",
+            description="true: the output of the network is in metres; false: the output has an unknown scale and, if "
+            "it is 1 / depth or z-depth, also an unknown shift",
         )
         camera_height_m: float | None = Field(
-            None, gt=0, description="height of the camera above the floor, which determines the scale"
+            None,
+            gt=0,
+            description="height of the camera above the floor (m), from which the scale of the ranges is computed; "
+            "null: the network gives metres",
         )
         input: Literal["views", "equirectangular"] = Field(
-            "views", description="input of the network: perspective views or the whole panorama"
+            "views", description="input of the network: views: perspective views; equirectangular: the whole panorama"
         )
         size_px: tuple[int, int] | None = Field(
-            None, description="width and height of the network's input; null: read from the file"
+            None, description="width and height of the network's input (pixels); null: read from the file"
         )
-        channels: Literal["bgr", "rgb"] = Field("rgb", description="order of the colour channels")
-        scale: float = Field(1 / 255, gt=0, description="a colour from 0 to 255 becomes (colour * scale - mean) / std")
+        channels: Literal["bgr", "rgb"] = Field(
+            "rgb", description="order of the colour channels of the network's input"
+        )
+        scale: float = Field(
+            1 / 255,
+            gt=0,
+            description="factor that multiplies colours (0 to 255) before normalisation: (colour * scale - mean) / std",
+        )
         mean: tuple[float, float, float] = Field(
             (0.485, 0.456, 0.406),
-            description="mean of each channel, subtracted after scaling, in the order of `channels`",
+            description="mean of each colour channel, subtracted from the scaled colours, in the order of `channels`",
         )
         std: tuple[float, float, float] = Field(
             (0.229, 0.224, 0.225),
-            description="standard deviation that each channel is divided by, in the order of `channels`",
+            description="standard deviation of each colour channel, by which the colours are divided, in the order of "
+            "`channels`",
         )
         views: int = Field(
-            MIN_VIEWS, ge=MIN_VIEWS, le=24, description="number of horizontal views, in addition to eight tilted ones"
+            MIN_VIEWS,
+            ge=MIN_VIEWS,
+            le=24,
+            description="number of horizontal perspective views cut from the panorama, in addition to eight tilted "
+            "ones",
         )
         fov_deg: float = Field(
-            90.0, ge=MIN_FOV_DEG, le=120, description="field of view across the shorter side of a view"
+            90.0,
+            ge=MIN_FOV_DEG,
+            le=120,
+            description="field of view across the shorter side of each perspective view (degrees)",
         )
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
@@ -88,12 +107,12 @@ class OnnxDepth(RangeModel):
         settings = self.config
         if not (settings.metric or settings.camera_height_m):
             raise ConfigError(
-                f"{self.name} has no metric scale, expected metric: true for a network that gives metres, "
-                "or camera_height_m, the height of the camera above the floor"
+                f"the range model {self.name!r} has no metric scale, expected metric: true for a network that gives "
+                "metres, or camera_height_m, the height of the camera above the floor"
             )
         if settings.input == "equirectangular" and settings.gives == "z-depth":
             raise ConfigError(
-                f"{self.name}: the setting gives is z-depth and the setting input is equirectangular, but a panorama "
+                f"the range model {self.name!r} has gives: z-depth and input: equirectangular, but a panorama "
                 "has no axis along which to measure depth; expected gives: range, inverse or points"
             )
         width, height = settings.size_px or (None, None)
@@ -119,7 +138,10 @@ class OnnxDepth(RangeModel):
     def check(cls, config: Any) -> None:
         super().check(config)
         if config.model is None:
-            raise WeightsError(f"{cls.name} has no network, expected the path of an ONNX file as `model`", "model=PATH")
+            raise WeightsError(
+                f"the range model {cls.name!r} has no network, expected the path of an ONNX file as `model`",
+                "model=PATH",
+            )
         if not config.model.is_file():
             raise WeightsError(f"no file {config.model}, expected the path of an ONNX file")
 

@@ -50,27 +50,49 @@ class OnnxDetector(Detector):
         )
         decoder: slot("detection-decoder", "yolox")  # type: ignore[valid-type]
         labels: Literal["coco-80"] | tuple[str, ...] = Field(
-            "coco-80", description="class labels in the network's order"
+            "coco-80",
+            description="list of the class labels in the order of the network's outputs, or coco-80 for the 80 "
+            "classes of COCO",
         )
         size_px: tuple[int, int] | None = Field(
-            None, description="width and height of the network's input; null: read from the file"
+            None, description="width and height of the network's input (pixels); null: read from the file"
         )
-        channels: Literal["bgr", "rgb"] = Field("bgr", description="order of the colour channels")
-        scale: float = Field(1.0, gt=0, description="a colour from 0 to 255 becomes (colour * scale - mean) / std")
+        channels: Literal["bgr", "rgb"] = Field(
+            "bgr", description="order of the colour channels of the network's input"
+        )
+        scale: float = Field(
+            1.0,
+            gt=0,
+            description="factor that multiplies colours (0 to 255) before normalisation: (colour * scale - mean) / std",
+        )
         mean: tuple[float, float, float] = Field(
-            (0.0, 0.0, 0.0), description="mean of each channel, subtracted after scaling, in the order of `channels`"
+            (0.0, 0.0, 0.0),
+            description="mean of each colour channel, subtracted from the scaled colours, in the order of `channels`",
         )
         std: tuple[float, float, float] = Field(
             (1.0, 1.0, 1.0),
-            description="standard deviation that each channel is divided by, in the order of `channels`",
+            description="standard deviation of each colour channel, by which the colours are divided, in the order of "
+            "`channels`",
         )
-        fill: int = Field(114, ge=0, le=255, description="grey value of invalid pixels of a partial panorama")
-        min_score: float = Field(0.3, gt=0, le=1, description="minimum score of a detection")
+        fill: int = Field(
+            114,
+            ge=0,
+            le=255,
+            description="grey value (0 to 255) that replaces the pixels without image content in a partial panorama",
+        )
+        min_score: float = Field(0.3, gt=0, le=1, description="minimum confidence score of a detection (0 to 1)")
         overlap: float = Field(
-            0.45, gt=0, lt=1, description="minimum intersection over union of boxes of one object in a view"
+            0.45,
+            gt=0,
+            lt=1,
+            description="minimum intersection over union of two boxes in a view that count as the same object, so "
+            "that only the better one remains",
         )
         fov_deg: float = Field(
-            90.0, ge=MIN_FOV_DEG, le=120, description="field of view across the shorter side of a view"
+            90.0,
+            ge=MIN_FOV_DEG,
+            le=120,
+            description="field of view across the shorter side of each perspective view (degrees)",
         )
 
     def __init__(self, config: ComponentConfig | None = None) -> None:

@@ -114,7 +114,7 @@ class _Rays:
     def _evaluate(self, position_m: np.ndarray, yaw_rad: np.ndarray | None = None):
         """Return support (G, K), heading (G, K) and kernel (G, P) at positions (G, K, 2).
 
-        Headings are refined from yaw_rad (K,), or from the headings with the most votes where that is None.
+        Headings are refined from yaw_rad (K,), or, if yaw_rad is None, from the headings with the most votes.
         """
         k = self._candidate
         offset_m = self._node_m[:, :2] - position_m.astype(np.float32)[:, k]

@@ -49,28 +49,39 @@ class GeometricMatcher(NodeMatcher):
 
     class Config(NodeMatcherConfig):
         similarity_score: float = Field(
-            1.0, ge=0, description="weight of the Jaccard index over similar nodes in the score"
+            1.0,
+            ge=0,
+            description="weight, in the score of a match, of the Jaccard index that counts the pairs of similar nodes",
         )
         geometry_score: float = Field(
             2.0,
             ge=0,
-            description="weight of the Jaccard index over nodes consistent with one pose; 0: no geometric verification",
+            description="weight, in the score of a match, of the Jaccard index that counts the node pairs consistent "
+            "with one pose; 0: no geometric verification",
         )
         tolerance_m: float = Field(
-            0.3, gt=0, description="verification: maximum distance (m) between two nodes of the same object, at range 0"
+            0.3,
+            gt=0,
+            description="geometric verification: maximum distance (m), at range 0, between two nodes that are taken "
+            "for the same object",
         )
         tolerance_share: float = Field(
-            0.05, ge=0, description="verification: increase of tolerance_m per metre of range"
+            0.05,
+            ge=0,
+            description="geometric verification: increase of the maximum distance between two nodes of the same "
+            "object per metre of range",
         )
         max_scale_error: float = Field(
             0.0,
             ge=0,
             lt=1,
-            description="verification: maximum relative scale error of a query's ranges; one scale per query is "
-            "estimated with the pose; 0: ranges are metric, as from a depth sensor",
+            description="geometric verification: maximum relative error of the scale of a query's ranges, whose scale "
+            "is estimated with the pose; 0: ranges are metric, as from a depth sensor",
         )
         max_shift_m: float = Field(
-            6.0, gt=0, description="verification: maximum distance (m) between a query and a matching reference frame"
+            6.0,
+            gt=0,
+            description="geometric verification: maximum distance (m) between a query and a matching reference frame",
         )
 
     @property

@@ -28,12 +28,15 @@ class GraphLocalizerConfig(LevelledConfig):
     saliency: slot("saliency", "volumetric")  # type: ignore[valid-type]
     graph: GraphConfig = GraphConfig.model_validate({})
     odometry: OdometryNoise = added(
-        OdometryNoise(), match_only=True, description="errors of the motion between the views of a query"
+        OdometryNoise(),
+        match_only=True,
+        description="expected errors of the measured motion between the views of a query",
     )
     view_objects: ViewObjects = added(
         ViewObjects(),
         match_only=True,
-        description="errors of objects in the views of a query, which decide what is merged",
+        description="expected position errors of objects in the views of a query; nearby objects within these "
+        "errors are merged into one",
     )
 
 
@@ -54,13 +57,13 @@ class GraphLocalizer(Localizer):
 
     @property
     def column_step(self) -> int | None:  # type: ignore[override]
-        """Step of the detector."""
+        """The `column_step` of the detector."""
         step: int = self._detector.column_step
         return step
 
     @property
     def turn_tolerance_m(self) -> float:  # type: ignore[override]
-        """Tolerance of the detector, in metres."""
+        """The `turn_tolerance_m` of the detector."""
         tolerance_m: float = self._detector.turn_tolerance_m
         return tolerance_m
 

@@ -43,32 +43,59 @@ class NodeMatcherConfig(ComponentConfig):
     """Settings of the selection of candidates and of node similarity."""
 
     rarity: bool = Field(
-        True, description="weight labels by rarity: ln((1 + S) / (1 + s)) + 1, of S graphs s have the label"
+        True,
+        description="true: rare labels have a larger weight: ln((1 + S) / (1 + s)) + 1, if s of the map's S "
+        "graphs have the label; false: equal weights",
     )
-    confidence: bool = Field(True, description="weight nodes by the detector's confidence score")
+    confidence: bool = Field(
+        True,
+        description="true: the weight of a node is multiplied by the confidence score of its detection; false: it "
+        "is not",
+    )
     min_candidate_ratio: float = Field(
-        0.25, ge=0, le=1, description="minimum Jaccard index of a candidate's labels, relative to the best (paper: 0.6)"
+        0.25,
+        ge=0,
+        le=1,
+        description="minimum Jaccard index between the labels of a candidate and of the query, divided by "
+        "that of the best candidate (paper: 0.6)",
     )
     max_candidates: int | None = Field(
         100,
         ge=1,
-        description="maximum number of candidates, taken from the scene index; null: all graphs (as in the paper)",
+        description="maximum number of candidate graphs for a query, selected by the scene index; null: all "
+        "graphs (as in the paper)",
     )
     scene_index: slot("scene-index", "by-size")  # type: ignore[valid-type]
     height_scale_m: float | None = Field(
-        0.2, gt=0, description="difference in height (m) that halves node similarity; null: ignore height"
+        0.2,
+        gt=0,
+        description="difference in height (m) at which the similarity of two nodes is halved; null: heights are "
+        "ignored",
     )
     size_scale: tuple[float, float] | None = Field(
-        (0.8, 0.5), description="log ratios of box length and box height that halve node similarity; null: ignore size"
+        (0.8, 0.5),
+        description="log ratios of two box lengths and of two box heights at which the similarity of two nodes is "
+        "halved; null: sizes are ignored",
     )
     ring_edges_m: Annotated[tuple[float, ...], AfterValidator(_ascending)] = Field(
-        (1.0, 2.0, 4.0), description="outer radii (m) of the distance rings around a node, ascending"
+        (1.0, 2.0, 4.0), description="list of the outer radii (m) of the distance rings around a node, ascending"
     )
-    hops: int = Field(2, ge=0, le=16, description="count the labels of neighbours up to this number of edges away")
+    hops: int = Field(
+        2,
+        ge=0,
+        le=16,
+        description="maximum number of edges between a node and the neighbours whose labels are counted in its "
+        "structural feature",
+    )
     structure_weight: float = Field(
-        0.3, ge=0, description="weight of the structural feature in node similarity (weight of the label: 1)"
+        0.3,
+        ge=0,
+        description="weight of the structural feature (labels of the neighbours) in the similarity of two nodes; "
+        "the label has weight 1",
     )
-    min_similarity: float = Field(0.1, ge=0, le=1, description="minimum similarity of a node pair")
+    min_similarity: float = Field(
+        0.1, ge=0, le=1, description="minimum similarity of two nodes that can be matched (0 to 1)"
+    )
 
 
 @dataclass(frozen=True, eq=False)

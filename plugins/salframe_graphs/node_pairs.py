@@ -102,8 +102,8 @@ def shared_weight(
 ) -> np.ndarray:
     """Return the weighted Jaccard index over the nodes of the query and each graph, (K,) float64.
 
-    The shared part of a node is its weight times its similarity to the most similar node of the other graph. The sums
-    of the two sides may differ; the smaller one is used.
+    Each node of the query contributes its weight times its similarity to the most similar node of the graph, and vice
+    versa. The intersection is the smaller of the two sums.
 
     Args:
         pairs: The node pairs to compare.

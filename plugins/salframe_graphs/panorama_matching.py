@@ -35,22 +35,26 @@ class PanoramaMatchingConfig(ComponentConfig):
         "robust",
         match_only=True,
         optional=True,
-        description="estimates the pose from matched objects; null: answer with the pose of the reference frame",
+        description="positioner, which estimates the query pose from matched objects; null: the answer has the "
+        "pose of the reference frame",
     )
     top_k: int = match_only(20, ge=1, description="maximum number of graphs that the matcher returns")
     min_score: float = match_only(
-        0.0, ge=0, description="minimum score of the best match; below it the query has no answer"
+        0.0, ge=0, description="minimum score of the best match; with a lower score, the query has no answer"
     )
     agreement: float = match_only(
         0.5,
         ge=0,
-        description="share of the scores of agreeing matches (same query pose in the world) to add to a match's score",
+        description="factor on the scores of agreeing matches (which give a similar query pose in the world) that "
+        "are added to the score of a match; 0: off",
     )
     agreement_radius_m: float = match_only(
-        1.5, gt=0, description="maximum distance (m) between the poses of two agreeing matches"
+        1.5, gt=0, description="maximum distance (m) between the query poses of two agreeing matches"
     )
     nearest_scene: bool = match_only(
-        True, description="if the best match is a transition frame (doorway), answer with the nearest scene frame"
+        True,
+        description="true: if the best match is a transition frame (doorway), the answer is the nearest scene "
+        "frame; false: the transition frame itself",
     )
 
 
@@ -76,7 +80,8 @@ class PanoramaMatching:
 
     @property
     def is_equivariant(self) -> bool:
-        """Whether the pose turns with the panorama of the query. That of a reference frame does not."""
+        """Whether the pose turns with the panorama of the query. Without a positioner it does not: the answer then has
+        the pose of a reference frame."""
         return self.positioner is not None and self.positioner.is_equivariant
 
     @property

@@ -59,15 +59,18 @@ class RobustPositioner(Positioner):
 
     class Config(ComponentConfig):
         group: Literal["SE(2)", "SE(3)"] = Field(
-            "SE(2)", description="motion to estimate: x, y and yaw (SE(2)), or all six degrees of freedom (SE(3))"
+            "SE(2)", description="motion to estimate: SE(2): x, y and yaw; SE(3): all six degrees of freedom"
         )
-        tolerance_m: float = Field(0.8, gt=0, description="maximum residual (m) of a match that supports a pose")
-        min_inliers: int = Field(2, ge=2, description="minimum number of consistent matches of a pose")
+        tolerance_m: float = Field(
+            0.8, gt=0, description="maximum residual (m) of a matched object that is an inlier of a pose"
+        )
+        min_inliers: int = Field(2, ge=2, description="minimum number of matched objects that are inliers of a pose")
         ambiguity: float = Field(
             0.95,
             gt=0,
             le=1,
-            description="the pose is ambiguous if a different pose has at least this share of its support",
+            description="share of the inliers of the best pose; if a different pose has at least this share, the "
+            "result is ambiguous",
         )
 
     _separate_m: ClassVar[float] = 0.5
@@ -196,16 +199,23 @@ class LeastSquaresPositioner(Positioner):
 
     class Config(ComponentConfig):
         norms: Literal["squared", "literal"] = Field(
-            "squared", description="norms in the vector b: squared as in the proof, or as printed in the theorem"
+            "squared", description="norms in the vector b: squared: as in the proof; literal: as printed in the theorem"
         )
         angle: Literal["atan2", "arccos"] = Field(
-            "atan2", description="turn of a node: signed by atan2, or unsigned by arccos as in the paper"
+            "atan2",
+            description="rotation angle of each matched node between query and map: atan2: signed; arccos: unsigned, "
+            "as in the paper",
         )
         mean: Literal["circular", "arithmetic"] = Field(
-            "circular", description="mean of the turns: circular, or arithmetic as in the paper (wrong near 180 deg)"
+            "circular",
+            description="mean of the rotation angles of the matched nodes: circular; or arithmetic, as in the paper "
+            "(wrong near 180 deg)",
         )
         max_condition: float = Field(
-            1e3, gt=1, description="condition number of the matrix B above which the nodes are considered collinear"
+            1e3,
+            gt=1,
+            description="maximum condition number of the matrix B; above it, the nodes are considered collinear and "
+            "there is no pose",
         )
 
     @property

@@ -49,7 +49,7 @@ class RandomSaliency(SaliencyModel):
     version = "1"
 
     class Config(ComponentConfig):
-        seed: int = Field(0, ge=0, description="seed of the random saliency")
+        seed: int = Field(0, ge=0, description="random seed of the saliency values")
 
     def score(self, detections: Detections) -> np.ndarray:
         height = np.where(

@@ -30,25 +30,37 @@ class TripletMatcher(NodeMatcher):
 
     class Config(NodeMatcherConfig):
         labels: Literal["set", "multiset"] = Field(
-            "multiset", description="Jaccard index of candidates: of the sets of labels, or of their counts (multiset)"
+            "multiset",
+            description="Jaccard index that selects candidates: set: of the sets of labels; multiset: of the labels "
+            "with their counts",
         )
         structure: Literal["rings", "node2vec"] = Field(
-            "rings", description="structural feature of a node: label counts in rings and hops, or a node2vec embedding"
+            "rings",
+            description="structural feature of a node: rings: label counts in distance rings and by number of edges; "
+            "node2vec: an embedding",
         )
         saliency_weight: float = Field(
-            0.0, ge=0, description="weight of the saliency ratio in node similarity (weight of the label: 1)"
+            0.0,
+            ge=0,
+            description="weight of the ratio of saliencies in the similarity of two nodes; the label has weight 1",
         )
         normalise: bool = Field(
-            True, description="divide the triplet score by the sum of the query's edge weights (paper: off)"
+            True,
+            description="true: the triplet score is divided by the sum of the query's edge weights; false: it is not, "
+            "as in the paper",
         )
         edge_weights: Literal["saliency", "unit"] = Field(
             "saliency",
-            description="weight of a triplet: sqrt(S_a S_b) from the saliencies of its nodes, or 1 (unweighted graph)",
+            description="weight of a triplet: saliency: sqrt(S_a S_b) of the saliencies of its two nodes; unit: 1 "
+            "(unweighted graph)",
         )
         similarity_score: float = Field(
-            0.0, ge=0, description="weight of the Jaccard index over similar nodes in the score (weight of triplets: 1)"
+            0.0,
+            ge=0,
+            description="weight, in the score of a match, of the Jaccard index that counts the pairs of similar "
+            "nodes; the triplets have weight 1",
         )
-        seed: int = Field(0, ge=0, description="seed of the node2vec training")
+        seed: int = Field(0, ge=0, description="random seed of the node2vec training")
 
     @classmethod
     def check(cls, config: Any) -> None:

@@ -19,9 +19,16 @@ from salframe_graphs.sightings import concatenate_sightings, merge_sightings, si
 class ViewObjects(Settings):
     """Errors of the position of an object in a view, along each axis."""
 
-    position_error_m: float = Field(0.15, gt=0, description="standard deviation at range 0 (m)")
+    position_error_m: float = Field(
+        0.15,
+        gt=0,
+        description="standard deviation (m) of the position of an object in a view along each axis, at range 0",
+    )
     range_error_share: float = Field(
-        0.05, ge=0, description="standard deviation that grows with the range, relative to the range"
+        0.05,
+        ge=0,
+        description="standard deviation of the position of an object in a view along each axis, relative to its "
+        "range, in addition to the constant position error",
     )
 
 

@@ -99,7 +99,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--style", default="office", choices=get_args(Style))
     parser.add_argument("--rooms", type=int, default=42)
-    parser.add_argument("--seeds", default="0..9", help="Range of seeds, first..last")
+    parser.add_argument("--seeds", default="0..9", help="Seeds of the buildings: FIRST..LAST or one number")
     arguments = parser.parse_args()
     first, _, last = arguments.seeds.partition("..")
     print(

@@ -44,7 +44,7 @@ class House(RenderedDataset["HouseFrame"], NavigableDataset):
     version = "1"
 
     class Config(HouseConfig):
-        """See `HouseConfig`."""
+        """Settings of the dataset, see `HouseConfig`."""
 
     @cached_property
     def fingerprint(self) -> str:

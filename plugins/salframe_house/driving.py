@@ -48,7 +48,7 @@ class Drives:
         resolution_m = self._grid.floor.resolution_m
         end = nearest_pixel(self._grid.clear, self._grid.to_pixel(np.array([query.x_m, query.y_m])))
         if end is None:
-            raise AssertionError("a building with queries has free space")
+            raise AssertionError("the building has queries, but no free space")
         length = max(num_views - 1, MIN_STEPS) * STEP_M / resolution_m
         distance, before = dijkstra(
             self._graph, indices=self._number[cell(end)], limit=length + 1, return_predecessors=True
@@ -94,7 +94,7 @@ class Drives:
         label = self._grid.label
         pixel = nearest_pixel(label > 0, self._grid.to_pixel(xy_m))
         if pixel is None:
-            raise AssertionError("a building has rooms")
+            raise AssertionError("the building has no rooms, expected at least one")
         return self._grid.names[int(label[cell(pixel)])]
 
 

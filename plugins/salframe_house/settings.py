@@ -18,26 +18,28 @@ MAX_ROOMS = 500
 class HouseConfig(QueryView):
     """Settings of the building, its changes and the rendering."""
 
-    style: Literal["home", "office", "hotel"] = Field("home", description="style of the building")
-    rooms: int = Field(12, ge=4, le=MAX_ROOMS, description="number of rooms, including corridors")
-    seed: int = Field(0, ge=0, description="random seed of the building and its changes")
+    style: Literal["home", "office", "hotel"] = Field("home", description="style of the generated building")
+    rooms: int = Field(12, ge=4, le=MAX_ROOMS, description="number of rooms of the building, including corridors")
+    seed: int = Field(0, ge=0, description="random seed of the building and of the changes of its objects")
     queries_per_room: int = Field(3, ge=0, description="number of queries per room")
     frames_per_room: int | None = added(
         None,
         ge=1,
-        description="maximum number of reference frames per room, same queries; null: as many as the room needs",
+        description="maximum number of reference frames per room; the queries do not depend on it; null: as many "
+        "as the room needs",
     )
     query_shift_m: float = added(
         0.7,
         ge=0,
         le=2,
-        description="mean distance in metres of the queries from the nearest reference frame of their room, as far as "
-        "the rooms allow; single distances are 0.43 to 1.57 times the mean. 0: at a reference frame",
+        description="mean distance (m) of the queries from the nearest reference frame of their room, as far as the "
+        "rooms allow; single distances are 0.43 to 1.57 times the mean. 0: queries are at reference frames",
     )
     query_yaw: Literal["uniform", "normal", "same"] = Field(
         "uniform",
-        description="yaw of the queries: uniform over the circle; normal: the nearest reference frame's yaw plus a "
-        "normal angle of 16.6 deg mean absolute value; same: the nearest reference frame's yaw",
+        description="yaw of the queries. uniform: uniform over the circle; same: the yaw of the nearest reference "
+        "frame; normal: the yaw of the nearest reference frame plus a normally distributed angle with "
+        "a mean absolute value of 16.6 deg",
     )
     query_tilt_deg: float = added(
         0.0,
@@ -50,36 +52,50 @@ class HouseConfig(QueryView):
         1.5, ge=0.2, le=2.2, description="mean height of the cameras of the queries over the floor in metres"
     )
     changed_fraction: float = Field(
-        0.1, ge=0, le=1, description="fraction of objects removed, moved or added before the queries"
+        0.1,
+        ge=0,
+        le=1,
+        description="fraction of objects that are removed, moved or added between the reference frames and the "
+        "queries (0 to 1)",
     )
     changes: Literal["uniform", "by-class"] = added(
         "uniform",
-        description="objects that change. uniform: all with equal probability, fittings last; by-class: movable "
-        "objects more often (chairs and bins 10 times as often as wardrobes, fittings never)",
+        description="which objects change. uniform: all with equal probability, fixed ones such as fittings last; "
+        "by-class: movable objects more often (chairs and bins 10 times as often as wardrobes, fittings never)",
     )
     change_kinds: tuple[Literal["removed", "moved", "added"], ...] = added(
-        ("removed", "moved", "added"), min_length=1, description="kinds of changes, in equal parts"
+        ("removed", "moved", "added"),
+        min_length=1,
+        description="list of the kinds of changes, which are equally frequent",
     )
     lighting: Literal["other", "day", "evening", "dim"] = Field(
-        "other", description="lighting of the queries; other: random, evening or dim. Reference frames are always day"
+        "other",
+        description="lighting of the queries; other: evening or dim at random. Reference frames always have daylight",
     )
     height: int = Field(
         512, ge=64, multiple_of=4, description="height of the panoramas in pixels; the width is twice the height"
     )
     models: UserFile | None = Field(
         None,
-        description="folder of Sweet Home 3D furniture libraries (.sh3f), whose models replace many of the objects",
+        description="path of a folder of Sweet Home 3D furniture libraries (.sh3f), whose models replace many of "
+        "the generated objects",
     )
     models_part: Literal["training", "held-out"] | None = Field(
         None,
-        description="furniture models to use: those in the training data of `panoseg`, or the held-out ones; null: all",
+        description="furniture models to use. training: those in the training data of `panoseg`; held-out: all "
+        "others; null: both",
     )
-    rgb: bool = Field(True, description="render colour; false: range and instances only, 9 times faster")
+    rgb: bool = Field(
+        True, description="true: render colour, range and instances; false: only range and instances, 9 times faster"
+    )
     query_range: bool = Field(
-        True, description="provide range with the queries; false: only the reference frames have range"
+        True, description="true: queries and reference frames have range; false: only the reference frames have range"
     )
     query_scale_share: float = Field(
-        0.0, ge=0, description="standard deviation of the random factor on the ranges of a query, one factor per query"
+        0.0,
+        ge=0,
+        description="standard deviation of the random factor that multiplies all ranges of a query, relative to "
+        "1; each query has its own factor",
     )
     hide_query_place: bool = hide_query_place_setting()
 

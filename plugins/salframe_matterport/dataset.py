@@ -53,26 +53,42 @@ class MatterportAnnotations(NavigableDataset):
     version = "1"
 
     class Config(QueryView):
-        root: Path | None = Field(None, description="folder of connectivity/, reverie/BBox/ and vp2room_label.json")
-        scans: Literal["all"] | tuple[str, ...] = Field("all", description="buildings to use")
-        range_noise: float = Field(
-            0.05, ge=0, lt=1, description="standard deviation of the random range factor, per viewpoint and object"
+        root: Path | None = Field(
+            None, description="path of the folder that contains connectivity/, reverie/BBox/ and vp2room_label.json"
         )
-        min_visible: int = Field(3, ge=1, description="minimum number of visible objects of a query")
-        seed: int = Field(0, description="random seed of range noise, ranges of objects seen once, and yaws of queries")
+        scans: Literal["all"] | tuple[str, ...] = Field(
+            "all", description="list of the ids of the buildings to use, or all"
+        )
+        range_noise: float = Field(
+            0.05,
+            ge=0,
+            lt=1,
+            description="standard deviation of the random factor on the range of an object, relative to 1; each "
+            "object has its own factor at each viewpoint",
+        )
+        min_visible: int = Field(
+            3, ge=1, description="minimum number of visible objects at a viewpoint for it to be a query"
+        )
+        seed: int = Field(
+            0,
+            description="random seed of the range noise, of the ranges of objects seen from one viewpoint only, and "
+            "of the yaws of queries",
+        )
         leave_out: int = match_only(
             1,
             ge=1,
-            description="number of viewpoints of the query's region that are left out of the map: the viewpoint of "
-            "the query and those nearest to it; regions with at most this number of viewpoints have no queries",
+            description="number of viewpoints left out of the map for a query: its own viewpoint and the nearest ones "
+            "in its region; regions with at most this number of viewpoints have no queries",
         )
         query_triangulates: bool = match_only(
             True,
-            description="triangulate the ranges of a map also from the viewpoints that are left out of the map; "
-            "false: only from the viewpoints in the map",
+            description="true: the ranges of objects in a map are triangulated from all viewpoints, including those "
+            "that are left out of the map; false: only from the viewpoints in the map",
         )
         one_map: bool = match_only(
-            False, description="put all buildings in one map, 1 km apart along x; each fold has one query per building"
+            False,
+            description="true: all buildings are in one map, 1 km apart along x, and each map is used for one query "
+            "per building; false: each building has maps of its own",
         )
         map_share: float | None = added(
             None,
@@ -108,8 +124,8 @@ class MatterportAnnotations(NavigableDataset):
     def _root(self) -> Path:
         if self.config.root is None:
             raise DataError(
-                f"{self.name} has no folder, expected the folder of the official files (salframe docs matterport): "
-                "pass --data-dir DIR"
+                f"the dataset {self.name} has no folder, expected the folder of the official files (salframe docs "
+                "matterport): pass --data-dir DIR"
             )
         return self.config.root
 
@@ -154,7 +170,7 @@ class MatterportAnnotations(NavigableDataset):
         try:
             return self._truths[query_id]
         except KeyError:
-            raise DataError(f"{self.name} has no query {query_id!r}") from None
+            raise DataError(f"the dataset {self.name} has no query {query_id!r}") from None
 
     def room_types(self) -> Mapping[str, str]:
         """Return the room type of each region, in the words of its annotators."""

@@ -31,7 +31,7 @@ def diagnose(run: Run, method: str) -> dict[str, list[str]]:
     """
     config = run.data()
     if not isinstance(config, MatterportAnnotations.Config):
-        raise DataError(f"{run.directory} is a run on {config.kind}, expected {MatterportAnnotations.name}")
+        raise DataError(f"{run.directory} is a run on the dataset {config.kind}, expected {MatterportAnnotations.name}")
     dataset = MatterportAnnotations(config)
     answers = {(row.fold, row.query): row.places for row in run.rows(method, AnswerRow)}
     scenes = dataset.scenes()
@@ -92,11 +92,14 @@ def _shared_labels(query: ViewpointScene, others: list[ViewpointScene]) -> int:
 
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
-        prog="salframe_matterport.diagnose", description="Count the wrong answers of a finished run by cause."
+        prog="salframe_matterport.diagnose",
+        description="Count the wrong answers of a method in a finished comparison by cause.",
     )
-    parser.add_argument("run", type=Path, help="folder of an earlier comparison on matterport-annotations")
-    parser.add_argument("method", help="name of a method of that run")
-    parser.add_argument("--queries", action="store_true", help="list the ids of the failed queries under each cause")
+    parser.add_argument("run", type=Path, help="Folder of a finished comparison on matterport-annotations")
+    parser.add_argument("method", help="Name of a method of the comparison")
+    parser.add_argument(
+        "--queries", action="store_true", help="Also list the ids of the wrongly answered queries under each cause"
+    )
     options = parser.parse_args(arguments)
     try:
         wrong = diagnose(Run.load(options.run), options.method)

@@ -48,10 +48,14 @@ class HabitatMaps(MatterportAnnotations):
     class Config(MatterportAnnotations.Config):
         root: Path | None = Field(
             None,
-            description="folder of habitat_map/<scan>/, house/<scan>.house, and the files of matterport-annotations",
+            description="path of the folder that contains habitat_map/<scan>/, house/<scan>.house, and the files of "
+            "matterport-annotations",
         )
         resolution_m: float = Field(
-            0.05, gt=0, description="cell size of the floor masks, rounded to a whole number of pixels"
+            0.05,
+            gt=0,
+            description="width of a cell of the floor masks (m), rounded to a whole number of pixels of the top-down "
+            "map",
         )
 
     @cached_property
@@ -64,7 +68,7 @@ class HabitatMaps(MatterportAnnotations):
             )
         if len(scans) > 1:  # each building has its own world frame
             raise DataError(
-                f"{self._root} has maps of {', '.join(scans)}, "
+                f"{self._root} has top-down maps of {', '.join(scans)}, "
                 f"expected one building: select one with --set data.scans=[{scans[0]}]"
             )
         return scans

@@ -44,15 +44,19 @@ class Matterport3D(Dataset):
     provides = frozenset({"rgb", "range", "annotations"})
 
     class Config(QueryView):
-        root: Path | None = Field(None, description="folder of the release: v1/scans/<scan>/...")
-        scans: Literal["all"] | tuple[str, ...] = Field("all", description="buildings to use")
+        root: Path | None = Field(
+            None, description="path of the folder of the Matterport3D release, which contains v1/scans/<scan>/..."
+        )
+        scans: Literal["all"] | tuple[str, ...] = Field(
+            "all", description="list of the ids of the buildings to use, or all"
+        )
         color: Color = Field(
             "skybox",
-            description="source of the colour. skybox: the six skybox faces, evenly exposed; "
-            "pictures: the 18 colour pictures of the depth images",
+            description="images that give the colour of a panorama. skybox: the six skybox faces, evenly exposed; "
+            "pictures: the 18 colour pictures that belong to the depth images",
         )
         height: int = Field(512, ge=64, description="height of a panorama in pixels; its width is twice the height")
-        seed: int = Field(0, description="random seed of the yaw of queries")
+        seed: int = Field(0, description="random seed of the yaws of queries")
         hide_query_place: bool = hide_query_place_setting()
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
@@ -63,7 +67,7 @@ class Matterport3D(Dataset):
     def _buildings(self) -> dict[str, Path]:
         if self.config.root is None:
             raise DataError(
-                f"{self.name} has no folder, expected the folder of the Matterport3D release "
+                f"the dataset {self.name} has no folder, expected the folder of the Matterport3D release "
                 "(salframe docs real-buildings): pass --data-dir DIR"
             )
         buildings = find_buildings(self.config.root)
@@ -144,7 +148,7 @@ class Matterport3D(Dataset):
         try:
             fold, truth = self._folds[query_id]
         except KeyError:
-            raise DataError(f"{self.name} has no query {query_id!r}") from None
+            raise DataError(f"the dataset {self.name} has no query {query_id!r}") from None
         if fold.id in self._broken:
             return truth
         return replace(

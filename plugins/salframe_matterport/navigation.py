@@ -92,7 +92,7 @@ class ViewpointWorld(World):
 
     def stand(self, x_m: float, y_m: float, yaw_rad: float) -> np.ndarray:
         raise DataError(
-            f"{self.id}: received the start ({x_m:.2f}, {y_m:.2f}) m, "
+            f"building {self.id}: received the start ({x_m:.2f}, {y_m:.2f}) m, "
             "expected a viewpoint: panoramas exist only at viewpoints"
         )
 

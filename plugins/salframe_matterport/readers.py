@@ -67,7 +67,8 @@ class _Annotation(BaseModel):
     def _a_box_a_view(self) -> _Annotation:
         if len(self.bbox2d) != len(self.visible_pos):
             raise ValueError(
-                f"{self.name} has {len(self.bbox2d)} boxes and {len(self.visible_pos)} views, expected one box per view"
+                f"the object {self.name} has {len(self.bbox2d)} boxes in bbox2d and {len(self.visible_pos)} "
+                "views in visible_pos, expected one box for each view"
             )
         return self
 

@@ -96,8 +96,8 @@ class Viewpoint:
         first = next((shot.camera for shot in self.shots if _SKYBOX_STOP in shot.picture), None)
         if first is None:
             raise DataError(
-                f"{self.name} of {self.folder.name} has no picture {_SKYBOX_STOP}, which defines the direction of the "
-                "skybox; expected it in the camera file, or data.color=pictures"
+                f"the viewpoint {self.name} of building {self.folder.name} has no picture {_SKYBOX_STOP}, which "
+                "defines the direction of the skybox; expected it in the camera file, or data.color=pictures"
             )
         right, down, ahead = first.T_world_camera[:3, :3].T
         around = [(right, down, ahead), (-ahead, down, right), (-right, down, -ahead), (ahead, down, -right)]
@@ -151,11 +151,14 @@ def read_viewpoints(folder: Path) -> dict[str, Viewpoint]:
             if words[:1] == ["intrinsics_matrix"]:
                 (fx, _, cx), (_, fy, cy), _ = intrinsics = np.array(words[1:], float).reshape(3, 3)
                 if not np.array_equal(intrinsics == 0, _NO_SHEAR) or min(fx, fy, intrinsics[2, 2]) <= 0:
-                    raise ValueError(f"the intrinsics {' '.join(words[1:])}, expected fx 0 cx 0 fy cy 0 0 1")
+                    raise ValueError(f"received the intrinsics {' '.join(words[1:])}, expected fx 0 cx 0 fy cy 0 0 1")
             elif words[:1] == ["scan"]:
                 pose = np.array(words[3:], float).reshape(4, 4) @ np.diag([1.0, -1.0, -1.0, 1.0])
                 if not (np.isfinite([fx, fy, cx, cy]).all() and is_rigid(pose, _RIGID_TOLERANCE)):
-                    raise ValueError(f"the camera of {words[1]} has no rigid motion or a number that is not finite")
+                    raise ValueError(
+                        f"the camera of the picture {words[1]} has a pose that is no rigid motion, "
+                        "or a number that is not finite"
+                    )
                 camera = RigCamera(float(fx), float(fy), float(cx), float(HEIGHT_PX - 1 - cy), pose)
                 shots.setdefault(words[2].split("_")[0], []).append(DepthShot(words[1], words[2], camera))
     except (IndexError, UnboundLocalError, ValueError) as error:

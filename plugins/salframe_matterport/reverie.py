@@ -33,7 +33,8 @@ NAMED = 5
 
 
 class Reverie(Scorer):
-    """REVERIE: reach the viewpoint that shows the target object (SR, OSR, SPL), and name the object (RGS, RGSPL)."""
+    """The task REVERIE: an agent reaches the viewpoint that shows the target object (SR, OSR, SPL), and names the
+    object (RGS, RGSPL)."""
 
     name = "reverie"
     version = "1"
@@ -172,7 +173,7 @@ class BuildingGraph:
     """Shortest paths between the viewpoints of a building, and the objects that each viewpoint shows."""
 
     def __init__(self, root: Path, scan: str) -> None:
-        """Raises DataError on a missing or malformed connectivity file."""
+        """Read the graph. Raises DataError if the connectivity file is missing or malformed."""
         self._root, self._scan = root, scan
         self.number, self._distance_m = walking_distances(connectivity_path(root, scan))
         self._visible: dict[str, frozenset[int]] = {}
@@ -322,7 +323,8 @@ def read_answers(content: Any, path: Path) -> dict[str, Answer]:
 
 
 def _object_id(named: Any, where: str) -> str:
-    """Raises DataError unless it is an integer of at most 9 digits, such an integer as text, "None" or null."""
+    """Return the object id of an answer as text. Raises DataError unless it is an integer of at most 9 digits, such an
+    integer as text, "None" or null."""
     is_typed = isinstance(named, int | str | None) and not isinstance(named, bool)
     if not is_typed or not re.fullmatch("-?[0-9]{1,9}|None", str(named)):
         raise DataError(f"{where} names the object {named!r:.60}, expected its id, an integer, or null for none")
@@ -332,7 +334,7 @@ def _object_id(named: Any, where: str) -> str:
 def viewpoints(trajectory: Any) -> Iterator[str]:
     """Yield the viewpoints of a trajectory in order; steps are [viewpoint, heading, elevation], viewpoints or lists."""
     if not isinstance(trajectory, list):
-        raise TypeError(f"the trajectory is {type(trajectory).__name__}, not a list")
+        raise TypeError(f"the trajectory is {type(trajectory).__name__}, expected a list")
     if len(trajectory) == 3 and isinstance(trajectory[0], str) and not isinstance(trajectory[1], str):
         angles = trajectory[1:]
         if any(isinstance(angle, bool) or not isinstance(angle, int | float) for angle in angles):

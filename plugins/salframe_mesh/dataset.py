@@ -50,23 +50,32 @@ class MeshDataset(RenderedDataset[FrameSpec]):
     class Config(QueryView):
         root: Path | None = Field(
             None,
-            description="folder of a mesh, frames.csv or a .house file, and optionally regions.json with the rooms",
+            description="path of the folder that contains a mesh, frames.csv or a .house file, and optionally "
+            "regions.json with the rooms",
         )
-        mesh: str | None = Field(None, description="name of the mesh file in the folder; null: the only mesh there")
+        mesh: str | None = Field(
+            None, description="name of the mesh file in the data folder; null: the only mesh in the folder"
+        )
         up: Literal["z", "y"] = Field(
             "z", description="axis of the mesh that points up: z for Matterport3D and Replica, y for HM3D"
         )
         height: int = Field(512, ge=64, description="height of a panorama in pixels; its width is twice the height")
-        resolution_m: float = Field(0.05, gt=0, description="cell size of the floor masks")
-        queries_per_frame: int = Field(1, ge=0, description="number of queries near each panorama of a .house file")
-        seed: int = Field(0, ge=0, description="random seed of the positions and yaws of these queries")
+        resolution_m: float = Field(0.05, gt=0, description="width of a cell of the floor masks (m)")
+        queries_per_frame: int = Field(
+            1, ge=0, description="number of queries that are rendered near each panorama of a .house file"
+        )
+        seed: int = Field(
+            0,
+            ge=0,
+            description="random seed of the positions and yaws of the queries near the panoramas of a .house file",
+        )
         hide_query_place: bool = hide_query_place_setting()
 
     @cached_property
     def _source(self) -> Path:
         if self.config.root is None:
             raise DataError(
-                f"{self.name} has no folder, expected one with a mesh (salframe docs real-buildings): "
+                f"the dataset {self.name} has no folder, expected the folder of a mesh (salframe docs real-buildings): "
                 "pass --data-dir DIR"
             )
         if not self.config.root.is_dir():
@@ -196,7 +205,7 @@ def read_frames(path: Path) -> list[FrameSpec]:
                 )
             specs[spec.id] = spec
     if not any(spec.role == "map" for spec in specs.values()):
-        raise DataError(f"{path} has no row with role map, expected at least one reference frame")
+        raise DataError(f"{path} has no row with the role 'map', expected at least one reference frame")
     return list(specs.values())
 
 

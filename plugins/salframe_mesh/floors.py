@@ -86,7 +86,8 @@ def floor_masks(
     """Compute the floor masks of the rooms of one level.
 
     A cell is free if a vertical ray from above hits the floor. It is an obstacle if the ray hits something 0.1 to 1.5 m
-    above the floor, or if horizontal cuts of the mesh in between pass through it.
+    above the floor, or if a horizontal cut of the mesh at one of several heights in this interval passes through the
+    cell.
 
     Args:
         surface: Mesh.
@@ -108,7 +109,7 @@ def floor_masks(
     if not cells <= _MAX_CELLS:
         raise DataError(
             f"the outlines of {rooms[0].place} and others span {width_m:g} x {height_m:g} m, "
-            f"expected at most {_MAX_CELLS} cells of {resolution_m:g} m"
+            f"expected a floor mask of at most {_MAX_CELLS} cells of {resolution_m:g} m"
         )
     columns, rows = int(np.ceil(width_m / resolution_m)), int(np.ceil(height_m / resolution_m))
     origin_m = np.array([left_m, top_m])

@@ -105,13 +105,16 @@ def _check_counts(path: Path, size: int) -> None:
     header = read_start(path, _MAX_HEADER).partition(b"end_header")[0]
     for count in re.findall(rb"^\s*element\s+\S+\s+(\S+)", header, re.MULTILINE):
         if not count.isdigit() or len(count) > 12 or int(count) > size:
-            raise ValueError(f"{count.decode(errors='replace')[:20]} elements in {size} bytes")
+            raise ValueError(
+                f"its header names {count.decode(errors='replace')[:20]} elements, more than the "
+                f"{size} bytes of the file"
+            )
 
 
 def _check(surface: MeshSurface, path: Path) -> None:
     """Raise DataError on values that would crash the renderer."""
     if not (np.isfinite(surface.vertices_m).all() and np.isfinite(surface.uv).all()):
-        raise DataError(f"{path} has a corner that is not finite in single precision, expected finite numbers")
+        raise DataError(f"{path} has a vertex that is not finite in single precision, expected finite numbers")
     for name, numbers, count in (
         ("corner", surface.triangles, len(surface.vertices_m)),
         ("material", surface.paint, len(surface.textures)),

@@ -48,9 +48,14 @@ class PanoSegDetector(Detector):
 
     class Config(ComponentConfig):
         model: UserFile | None = Field(
-            None, description="folder of your own training output; null: the network that salframe ships"
+            None, description="path of the folder that your training wrote; null: the network that salframe ships"
         )
-        min_score: float = Field(0.25, ge=0, le=1, description="minimum mean class probability of an object")
+        min_score: float = Field(
+            0.25,
+            ge=0,
+            le=1,
+            description="minimum score of an object: the mean probability of its class over its pixels (0 to 1)",
+        )
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)

@@ -40,8 +40,8 @@ class Ray(WorkerEngine):
     class Config(WorkerEngine.Config):
         address: str | None = Field(
             None,
-            description="HOST:PORT of a running cluster, or auto for the cluster of this machine; null: start a "
-            "cluster on this machine for the duration of the command",
+            description="address of the Ray cluster: HOST:PORT of a running cluster, or auto for the cluster of this "
+            "machine; null: start a cluster on this machine for the duration of the command",
         )
 
     def ready(self) -> int:

@@ -94,15 +94,19 @@ class SegmentsDetector(Detector):
             description="path of the network's model card; null: NAME.yaml beside the network's file, else the card "
             "that salframe ships for the file",
         )
-        views: int = Field(6, ge=1, le=16, description="number of horizontal views")
+        views: int = Field(6, ge=1, le=16, description="number of horizontal perspective views cut from the panorama")
         tilted_views: int = Field(
-            0, ge=0, le=8, description="number of views that look up by 60 deg, and of views that look down"
+            0, ge=0, le=8, description="number of perspective views that look up by 60 deg; as many look down by 60 deg"
         )
-        fov_deg: float = Field(90.0, ge=30, le=120, description="field of view across the width of a view")
+        fov_deg: float = Field(
+            90.0, ge=30, le=120, description="horizontal field of view of each perspective view (degrees)"
+        )
         mirrored: bool = Field(
-            False, description="run the network on mirrored views too: takes twice the time, gives more stable results"
+            False,
+            description="true: the network also runs on mirrored views, which takes twice the time and gives more "
+            "stable results; false: only on the views themselves",
         )
-        min_score: float = Field(0.3, ge=0, le=1, description="minimum score of an object")
+        min_score: float = Field(0.3, ge=0, le=1, description="minimum confidence score of an object (0 to 1)")
 
         @model_validator(mode="before")
         @classmethod

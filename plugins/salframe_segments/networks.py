@@ -117,7 +117,7 @@ class TfliteNetwork(SegmentationNetwork):
         received = [(_dtype(details), tuple(map(int, details["shape"]))) for details in inputs]
         if received != [(card.input.dtype, shape)]:
             raise WeightsError(
-                f"{path} takes {_format_tensors(received)} as input, "
+                f"the network {path} takes {_format_tensors(received)} as input, "
                 f"expected {_format_tensors([(card.input.dtype, shape)])}"
             )
         if self._output["dtype"] is not np.float32 and not self._output["quantization"][0]:

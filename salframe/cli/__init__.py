@@ -204,7 +204,7 @@ def main() -> None:
 
 
 def _check_arguments(arguments: Sequence[str]) -> None:
-    """Raise ConfigError where an argument is no text: no file of this program could hold it."""
+    """Raise ConfigError if an argument is not valid UTF-8, which the files of salframe cannot store."""
     for argument in arguments:
         try:
             argument.encode()

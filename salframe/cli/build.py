@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 def build(
     data: Annotated[str, typer.Argument(help="Dataset preset, dataset, or folder with a manifest.json")],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="MAP", help="Folder to write the map to")],
-    method: Annotated[str, typer.Option(help="Preset or localizer")] = MAP_METHOD,
+    method: Annotated[
+        str, typer.Option(help="Localization method: a preset or localizer; see `salframe methods`")
+    ] = MAP_METHOD,
     topology: Annotated[
         bool, typer.Option("--topology/--no-topology", help="Build the topology from the floor masks of the dataset")
     ] = True,

@@ -42,10 +42,15 @@ def compare(
 
 
 @with_common_options(
-    data=(Annotated[str | None, typer.Option(help="Dataset to use instead of the one in the file")], None)
+    data=(
+        Annotated[str | None, typer.Option(help="Dataset to use instead of the dataset that the ablation file names")],
+        None,
+    )
 )
 def ablate(
-    file: Annotated[Path, typer.Argument(help="YAML file with `method:` and `vary:`, or name of a shipped ablation")],
+    file: Annotated[
+        Path, typer.Argument(help="Ablation: YAML file with `method:` and `vary:`, or name of a shipped one")
+    ],
     *,
     options: CommonOptions,
 ) -> None:
@@ -61,7 +66,7 @@ def ablate(
 
 
 def evaluate(
-    run: Annotated[Path, typer.Argument(help="Folder of an earlier run")],
+    run: Annotated[Path, typer.Argument(help="Run folder of an earlier `salframe` command")],
     style: Style = "table",
     columns: Columns = None,
     as_json: Json = False,

@@ -1,4 +1,4 @@
-"""docs: the pages of the documentation, which are installed with salframe."""
+"""The command `docs`: shows the pages of the documentation, which are installed with salframe."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SECTIONS = ("index", "tutorials", "how-to", "results", "explanation", "reference
 
 def docs(
     page: Annotated[
-        str | None, typer.Argument(help="A page, such as `maps` or `results/scale` (default: list the pages).")
+        str | None, typer.Argument(help="Page to open, such as `maps` or `results/scale` (default: list the pages)")
     ] = None,
     as_json: Json = False,
 ) -> None:

@@ -11,15 +11,19 @@ from salframe.cli.options import DataDir, Set
 
 
 def fit(
-    method: Annotated[str, typer.Argument(help="Preset or localizer with the setting `posterior`")],
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE.yaml", help="File to write")],
-    data: Annotated[list[str], typer.Option(help="Tuning data, separate from reported data; can be repeated")],
+    method: Annotated[str, typer.Argument(help="Method to fit: a preset or localizer with the setting `posterior`")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FILE.yaml", help="YAML file to write the fitted parameters to")
+    ],
+    data: Annotated[
+        list[str], typer.Option(help="Dataset to fit to, not the one that results are reported on; repeatable")
+    ],
     tries: Annotated[
         list[str] | None,
         typer.Option(
             "--try",
             metavar="KEY.PATH=VALUE,VALUE",
-            help="Values of a matching setting to select the best from; can be repeated",
+            help="Values of a matching setting, of which the best is selected; repeatable",
         ),
     ] = None,
     data_dir: DataDir = None,

@@ -19,7 +19,9 @@ if TYPE_CHECKING:
     from salframe.framework.components.settings import Setting
 
 
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Show full messages, versions and paths")]
+Verbose = Annotated[
+    bool, typer.Option("--verbose", "-v", help="Also show versions and paths, and do not shorten messages")
+]
 
 
 def methods(verbose: Verbose = False, as_json: Json = False) -> None:
@@ -81,7 +83,7 @@ def plugins(verbose: Verbose = False, as_json: Json = False) -> None:
 
 
 def show(
-    name: Annotated[str, typer.Argument(help="Method, dataset or any other component, or a role")],
+    name: Annotated[str, typer.Argument(help="Name of a method, dataset or other component, or of a role")],
     verbose: Verbose = False,
     as_json: Json = False,
 ) -> None:

@@ -20,13 +20,12 @@ def localize(
     frame: Annotated[
         list[str] | None, typer.Argument(help="Image of a manifest.json, frame id with --data, or a photograph")
     ] = None,
-    views: Annotated[
-        bool, typer.Option("--views", help="Localize all FRAMEs, or images without a manifest, as one query")
-    ] = False,
+    views: Annotated[bool, typer.Option("--views", help="Localize all images together, as views of one query")] = False,
     motion: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="CSV with t_s, x_m, y_m, z_m and yaw_deg of each view")
+        Path | None,
+        typer.Option(metavar="FILE", help="CSV of the motion of --views: t_s, x_m, y_m, z_m and yaw_deg of each view"),
     ] = None,
-    data: Annotated[str | None, typer.Option(help="Dataset that contains the frame")] = None,
+    data: Annotated[str | None, typer.Option(help="Dataset that contains the frame FRAME")] = None,
     rgb: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Equirectangular image or photograph, instead of FRAME")
     ] = None,

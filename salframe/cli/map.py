@@ -30,13 +30,13 @@ if TYPE_CHECKING:
 app = typer.Typer(help="Build, change, draw and query the map of a building", no_args_is_help=True)
 TopologyMap = Annotated[Path, typer.Argument(metavar="MAP", help="Map folder with a topology")]
 AnyMap = Annotated[Path, typer.Argument(metavar="MAP", help="Map folder")]
-PlannerName = Annotated[str, typer.Option("--planner", help="Planner of the route; see `salframe plugins`")]
+PlannerName = Annotated[str, typer.Option("--planner", help="Planner that computes the route; see `salframe plugins`")]
 Heading = Annotated[
     float | None,
     typer.Option(
         parser=number_parser("--heading", float, -MAX_ANGLE_DEG, MAX_ANGLE_DEG),
         metavar="DEG",
-        help="Heading of the agent: counterclockwise from the world x axis",
+        help="Heading of the agent in degrees, counterclockwise from the world x axis",
     ),
 ]
 
@@ -77,7 +77,7 @@ def add(
 @app.command()
 def remove(
     map: AnyMap,
-    places: Annotated[list[str], typer.Argument(metavar="PLACE...", help="Places to remove")],
+    places: Annotated[list[str], typer.Argument(metavar="PLACE...", help="Names of the places to remove")],
     as_json: Json = False,
 ) -> None:
     """Remove places, and their areas in the floor masks, from a map."""
@@ -89,7 +89,10 @@ def remove(
 @app.command()
 def merge(
     map: AnyMap,
-    others: Annotated[list[Path], typer.Argument(metavar="OTHER...", help="Maps with the same method and world frame")],
+    others: Annotated[
+        list[Path],
+        typer.Argument(metavar="OTHER...", help="Folders of maps with the same method, settings and world frame"),
+    ],
     as_json: Json = False,
 ) -> None:
     """Add the places of other maps to a map.
@@ -105,7 +108,10 @@ def merge(
 def show(
     map: TopologyMap,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="FILE.png", help="Picture to write (default: MAP/map.png)")
+        Path | None,
+        typer.Option(
+            "--output", "-o", metavar="FILE.png", help="PNG file to write the picture to (default: MAP/map.png)"
+        ),
     ] = None,
 ) -> None:
     """Draw a map with its floor, regions, nodes and edges.
@@ -194,7 +200,7 @@ def query(
 def export(
     map: AnyMap,
     file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="File to write: FILE.graphml, FILE.geojson or FILE.parquet")
+        Path, typer.Argument(metavar="FILE", help="Graph file to write: FILE.graphml, FILE.geojson or FILE.parquet")
     ],
 ) -> None:
     """Export a map for other programs.

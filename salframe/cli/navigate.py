@@ -27,11 +27,15 @@ NavigationSeed = Annotated[
 def navigate(
     methods: Methods = METHODS,
     episodes: Annotated[
-        str, typer.Option(metavar="N|FILE|TASK:SPLIT", help="Number of random walks, a JSON file, or a published task")
+        str,
+        typer.Option(
+            metavar="N|FILE|TASK:SPLIT",
+            help="Episodes: number of random ones, a JSON file, or TASK:SPLIT of a published task",
+        ),
     ] = "100",
     positioning: Annotated[
         Literal["on", "off", "both", "all"],
-        typer.Option(help="Poses to use: on, off, both, or all (adds an agent with true places)"),
+        typer.Option(help="Agents to run: pose on, off, both, or all (both, and one that knows its place)"),
     ] = "on",
     *,
     options: CommonOptions,

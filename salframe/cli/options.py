@@ -71,7 +71,9 @@ def limit_parser(option: str) -> Callable[[Any], float | None]:
 Methods = Annotated[str, typer.Option(help="Methods or YAML files, comma-separated; see `salframe methods`")]
 Data = Annotated[str, typer.Option(help="Dataset preset, dataset, YAML file, or folder with a manifest.json")]
 DataArgument = Annotated[str, typer.Argument(help="Dataset preset, dataset, YAML file, or folder with a manifest.json")]
-DataDir = Annotated[Path | None, typer.Option(help="Folder of the dataset files (the setting `root`)")]
+DataDir = Annotated[
+    Path | None, typer.Option(help="Folder that contains the files of the dataset (its setting `root`)")
+]
 Set = Annotated[
     list[str] | None,
     typer.Option(
@@ -82,7 +84,7 @@ Set = Annotated[
 ]
 Name = Annotated[str | None, typer.Option(help="Name of the run folder (default: name of the dataset)")]
 Runs = Annotated[Path, typer.Option(help="Folder that contains the runs")]
-EngineName = Annotated[str, typer.Option("--engine", help="Engine that runs the work; see `salframe plugins`")]
+EngineName = Annotated[str, typer.Option("--engine", help="Engine that distributes the work; see `salframe plugins`")]
 Workers = Annotated[
     int | None,
     typer.Option(
@@ -93,7 +95,7 @@ Workers = Annotated[
     ),
 ]
 parse_seed = number_parser("--seed", int, 0, MAX_SEED)
-Seed = Annotated[int, typer.Option(parser=parse_seed, metavar="N", help="Seed of the confidence intervals")]
+Seed = Annotated[int, typer.Option(parser=parse_seed, metavar="N", help="Random seed of the confidence intervals")]
 Style = Annotated[
     Literal["table", "md", "latex", "csv"],
     typer.Option("--format", help="Format of tables; csv has all digits of every number"),
@@ -107,26 +109,37 @@ Columns = Annotated[
 Timeout = Annotated[
     float | None,
     typer.Option(
-        "--timeout", parser=limit_parser("--timeout"), metavar="SECONDS", help="Time limit of a query, pair or episode"
+        "--timeout",
+        parser=limit_parser("--timeout"),
+        metavar="SECONDS",
+        help="Time limit of one query, pair of frames or episode",
     ),
 ]
 Memory = Annotated[
     float | None,
-    typer.Option("--memory", parser=limit_parser("--memory"), metavar="MB", help="Memory limit of a method"),
+    typer.Option(
+        "--memory",
+        parser=limit_parser("--memory"),
+        metavar="MB",
+        help="Memory limit of the process of a method in megabytes",
+    ),
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON")]
+Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON")]
 RangeUnit = Annotated[
     float | None,
     typer.Option(
         parser=number_parser("--range-unit", float, 1e-6, 1.0),
         metavar="METRES",
-        help="Size of one step of the range image (default: 0.001)",
+        help="Unit of the range image: metres per step of a pixel value (default: 0.001)",
     ),
 ]
 RangeMissing = Annotated[
     list[int] | None,
     typer.Option(
-        metavar="VALUE", min=0, max=65535, help="Value of the range image without a reading, besides 0; repeatable"
+        metavar="VALUE",
+        min=0,
+        max=65535,
+        help="Pixel value of the range image that means no reading, besides 0; repeatable",
     ),
 ]
 
@@ -163,7 +176,10 @@ def range_options(
         from salframe.framework.errors import ConfigError
 
         option = next(iter(chosen)).removesuffix("_m").replace("_", "-")
-        raise ConfigError(f"received --{option} without --range, expected the range image that it describes")
+        raise ConfigError(
+            f"received --{option} without --range, expected also --range FILE, the range image "
+            f"that --{option} describes"
+        )
     return chosen
 
 

@@ -72,14 +72,16 @@ class QueryOptions:
         if self.camera is not None and self.fov_deg is not None:
             raise ConfigError("received both --camera and --fov, expected only one of them")
         if self.are_photographs and self.data is not None:
-            raise ConfigError("received --data with a camera, expected image files: leave out --fov and --camera")
+            raise ConfigError(
+                "received --data with --fov or --camera, which are only for image files: leave out --fov and --camera"
+            )
         if self.are_photographs and not (self.frames or self.rgb):
-            raise ConfigError("received a camera without a photograph, expected its file: --rgb FILE")
+            raise ConfigError("received --fov or --camera without a photograph, expected the photograph as --rgb FILE")
         for option, files in (("--range", self.ranges), ("--instances", self.instances)):
             if files and len(files) != self._num_views:
                 raise ConfigError(
-                    f"received {len(files)} {option} for {self._num_views} views, expected one {option} for each view, "
-                    "in the same order"
+                    f"received {len(files)} {option} for {self._num_views} views, expected {option} once for "
+                    "each view, in the order of the views"
                 )
 
     @property
@@ -142,7 +144,7 @@ class QueryOptions:
             return [View(read_panorama(name, range_image, instances, self.labels, **self.encoding), motion)]
         if range_image or instances or self.labels:
             raise ConfigError(
-                f"received images for {name}, a frame of a dataset that has its own, expected none: leave out --range, "
+                f"received image files for {name}, a frame whose dataset has these images: leave out --range, "
                 "--instances and --labels"
             )
         with Bars() as bars:

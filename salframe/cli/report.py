@@ -11,8 +11,12 @@ from salframe.cli.options import Columns, split_names
 
 
 def report(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of earlier runs of one task")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="HTML file to write")] = Path("report.html"),
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN...", help="Run folders of earlier commands, all of one task")
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="HTML file to write the report to")] = Path(
+        "report.html"
+    ),
     full: Annotated[bool, typer.Option("--full", help="Show full panoramas instead of thumbnails")] = False,
     columns: Columns = None,
 ) -> None:

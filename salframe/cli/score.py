@@ -12,7 +12,7 @@ from salframe.cli.output import print_json
 
 
 def score(
-    task: Annotated[str, typer.Argument(help="Published task, a scorer listed by `salframe plugins`")],
+    task: Annotated[str, typer.Argument(help="Name of a published task; see the scorers in `salframe plugins`")],
     file: Annotated[Path, typer.Argument(help="File of answers in the format of the task")],
     data: Annotated[Path, typer.Option(metavar="DIR", help="Folder that contains the data of the task")],
     as_json: Json = False,

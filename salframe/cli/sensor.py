@@ -21,9 +21,9 @@ SensorSettings = Annotated[
     without=["seed", "timeout", "memory", "style"], data=(SensorData, DATA), overrides=(SensorSettings, None)
 )
 def sensor(
-    detector: Annotated[str, typer.Argument(help="Detector; see `salframe plugins`")],
+    detector: Annotated[str, typer.Argument(help="Detector to calibrate; see `salframe plugins`")],
     seeds: Annotated[
-        str, typer.Option(help="Seeds of the data to pool, comma-separated (default: as configured)")
+        str, typer.Option(help="Values of data.seed to use together, comma-separated (default: as configured)")
     ] = "",
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="JSON file to write the sensor model to")

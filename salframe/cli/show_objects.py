@@ -16,7 +16,9 @@ def show_objects(
         list[Path],
         typer.Argument(metavar="IMAGE", help="Equirectangular panoramas, or photographs with --fov or --camera"),
     ],
-    detector: Annotated[str | None, typer.Option(help="Detector; see `salframe plugins` (default: auto)")] = None,
+    detector: Annotated[
+        str | None, typer.Option(help="Detector that finds the objects; see `salframe plugins` (default: auto)")
+    ] = None,
     overrides: Annotated[
         list[str] | None,
         typer.Option(
@@ -24,13 +26,16 @@ def show_objects(
         ),
     ] = None,
     range_image: Annotated[
-        Path | None, typer.Option("--range", metavar="FILE", help="Range image of a single IMAGE, 16-bit PNG")
+        Path | None,
+        typer.Option(
+            "--range", metavar="FILE", help="Range image that belongs to IMAGE, 16-bit PNG; only with a single IMAGE"
+        ),
     ] = None,
     range_unit: RangeUnit = None,
     range_missing: RangeMissing = None,
     range_kind: Annotated[
         Literal["ray", "z", "cube"] | None,
-        typer.Option(help="What the range image holds (default: ray for panoramas, z for photographs)"),
+        typer.Option(help="Quantity that the range image stores (default: ray; for photographs: z)"),
     ] = None,
     fov: Fov = None,
     camera: CameraFile = None,
@@ -39,7 +44,7 @@ def show_objects(
         typer.Option(
             parser=number_parser("--pitch", float, -90.0, 90.0),
             metavar="DEG",
-            help="Pitch of the photographs, positive upwards (default: 0)",
+            help="Pitch of the camera in degrees, positive upwards (default: 0)",
         ),
     ] = None,
     output: Annotated[

@@ -35,10 +35,10 @@ _REGIONS = (
 
 
 def draw_topology(topology: TopologicalMap, path: str | Path) -> None:
-    """Write a PNG of the map, with its floors below each other from the top floor down.
+    """Write a PNG of the map, with its floors below each other, the top floor first.
 
-    An edge is labelled with its length and its azimuth in the reading direction of the label. Labels that would cover
-    something are left out.
+    The label of an edge has its length and its azimuth. The azimuth is that of walking along the edge in the direction
+    in which the label is read. Labels that would cover something are left out.
 
     Raises:
         ConfigError: The path names an existing file that is not a PNG.

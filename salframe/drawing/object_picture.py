@@ -240,7 +240,8 @@ def _ruler(width: int) -> np.ndarray:
 def _table(
     detections: Detections, saliency: np.ndarray | None, colours: dict[str, Colour], width: int, height: int
 ) -> np.ndarray:
-    """Return an image of a table of the objects, sorted by decreasing saliency, or by score without saliency."""
+    """Return an image of a table of the objects, by decreasing saliency, or by decreasing score if there is no
+    saliency."""
     from PIL import Image, ImageDraw
 
     image = Image.new("RGB", (width, height), PAPER)

@@ -133,7 +133,7 @@ class Plan:
         stroke(self._image, ring, RING, self._side / 900, closed=True)
 
     def _name_sides(self, *, all_around: bool) -> None:
-        """Write the azimuths of the plan's sides."""
+        """Write at the sides of the plan the azimuth in which each lies from the camera."""
         inset, middle = 1.2 * self._points, self._side / 2
         self._write("0°", np.array([middle, inset]))
         if all_around:

@@ -218,7 +218,9 @@ def _check(
     if range_image is not None and len(images) != 1:
         raise ConfigError(f"received {len(images)} images with --range, expected one image")
     if pitch_deg is not None and fov_deg is None:
-        raise ConfigError("received --pitch without --fov, expected the field of view of the photographs too")
+        raise ConfigError(
+            "received --pitch without --fov, expected also --fov, the horizontal field of view of the photographs"
+        )
     if camera is not None and fov_deg is not None:
         raise ConfigError("received both --camera and --fov, expected only one of them")
     if output.exists() and not output.is_dir():
@@ -274,7 +276,7 @@ class _Stages:
         detections = self._detector.detect(panorama)
         seconds = time.perf_counter() - start
         if not isinstance(detections, Detections):
-            raise InvalidAnswer(f"detect gave {type(detections).__name__}, expected Detections")
+            raise InvalidAnswer(f"detect returned {type(detections).__name__}, expected Detections")
         return detections, seconds
 
     def link(self, detections: Detections) -> tuple[np.ndarray | None, SaliencyGraph | None]:
@@ -301,7 +303,7 @@ def _check_picture(path: Path) -> None:
         DataError: A file exists there that `show_objects` did not write.
     """
     if path.exists() and image_notes(path).get(MARK[0]) != MARK[1]:
-        raise DataError(f"{path} exists and is no picture of show-objects: remove it, or choose another folder (-o)")
+        raise DataError(f"{path} exists and was not written by show-objects: remove it, or choose another folder (-o)")
 
 
 def _write_picture(path: Path, rendered: np.ndarray) -> None:

@@ -1,1 +1,1 @@
-"""Methods side by side: a request, a run, one runner, one module a task, metrics and report."""
+"""Evaluation of methods: requests, runs, tasks, metrics, tables and reports."""

@@ -69,7 +69,7 @@ def write_report(
     """
     folders = list(dict.fromkeys(Path(run).resolve() for run in runs))
     if not folders:
-        raise ConfigError("received no run, expected at least one")
+        raise ConfigError("received no run folder, expected at least one")
     opened = [_open(folder, progress) for folder in folders]
     views = [one.view for one in opened]
     tasks = sorted({view.result.task for view in views})
@@ -102,13 +102,14 @@ def _open(folder: Path, progress: Progress | None) -> _Opened:
     run.bind(dataset.question_key)
     survey = task.survey(dataset)
     if not isinstance(task, PagedTask):
-        raise ConfigError(f"{folder} is a run of the task {task.name!r}, which has no page")
+        raise ConfigError(f"{folder} is a run of the task {task.name!r}, whose runs have no HTML page in a report")
     result, records = measure(task, run, survey)
     return _Opened(task, survey, task.view(result, records, survey))
 
 
 def _pool(opened: Sequence[_Opened], entries: Sequence[tuple[Entry, ...]]) -> list[MethodRow]:
-    """Return the row of each arm. Arms of the same runs are measured together and tested against the first of them."""
+    """Return the row of each arm (a method with its settings, on one data set). Arms of the same runs are measured
+    together and tested against the first of them."""
     rows: dict[int, MethodRow] = {}
     together: dict[tuple[int, ...], list[int]] = {}
     for number, alike in enumerate(entries):

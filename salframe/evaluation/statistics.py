@@ -102,7 +102,7 @@ def paired_test(first: np.ndarray, second: np.ndarray, cluster: Sequence[str]) -
 
     Args:
         first: (Q,) bool: the queries that the first method answered correctly.
-        second: (Q,) bool: the same of the second method.
+        second: (Q,) bool: the queries that the second method answered correctly.
         cluster: The cluster of each query, such as its place.
     """
     difference = np.bincount(_cluster_numbers(cluster), first.astype(float) - second).astype(int)

@@ -25,7 +25,9 @@ def read_yaml(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
     """
     try:
         if path.resolve() in above:
-            raise ConfigError(f"{path} is its own base")
+            raise ConfigError(
+                f"{path} is its own base (through its key base), expected a base that does not lead back to it"
+            )
         if len(above) > MAX_BASES:
             raise ConfigError(
                 f"{above[0]} has a chain of more than {MAX_BASES} base files, expected at most {MAX_BASES}"

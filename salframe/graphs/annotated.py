@@ -52,7 +52,7 @@ def seen_objects(panorama: Panorama) -> list[Annotated]:
         InputMissing: The panorama has no annotations.
     """
     if panorama.annotations is None:
-        raise InputMissing(f"{panorama.id} has no annotations")
+        raise InputMissing(f"{panorama.id} has no annotations, expected an instance image or a list of objects")
     if panorama.annotations.instance_id is not None:
         return _objects_in_image(panorama.annotations.instance_id, panorama.annotations.labels, panorama.range_m)
     return _objects_in_list(panorama.annotations)

@@ -92,7 +92,7 @@ class SaliencyGraph:
 
 
 def without_positions(centroid_m: np.ndarray) -> bool:
-    """Return whether there are objects, none of which has a known position; centroid_m (N, 3)."""
+    """Return whether there are objects and none of their centroids (N, 3) is known."""
     return len(centroid_m) > 0 and bool(np.isnan(centroid_m).any(1).all())
 
 
@@ -105,11 +105,22 @@ def without_range(graph: SaliencyGraph) -> SaliencyGraph:
 class GraphConfig(Settings):
     """Which objects become nodes and which nodes are in context."""
 
-    min_share: float = Field(0.0, ge=0, le=1, description="minimum saliency (share of volume) of a node")
-    top_k: int | None = Field(None, ge=1, description="maximum number of nodes, most salient first; null: all")
-    extent: Literal["mean", "max"] = Field("mean", description="l of Eq. 1: mean or maximum box dimension")
+    min_share: float = Field(
+        0.0,
+        ge=0,
+        le=1,
+        description="minimum saliency (share of the volume of all objects) of an object to be a node of the graph",
+    )
+    top_k: int | None = Field(
+        None, ge=1, description="maximum number of nodes of the graph, the most salient ones; null: all"
+    )
+    extent: Literal["mean", "max"] = Field(
+        "mean", description="size l of a box in Eq. 1 of the paper: mean or max of its three dimensions"
+    )
     distance: Literal["surface", "centroid"] = Field(
-        "surface", description="d_s of Eq. 1: distance between the upright boxes or between the centroids"
+        "surface",
+        description="distance d_s of two objects in Eq. 1 of the paper: surface: between the upright boxes; "
+        "centroid: between the centroids",
     )
 
 

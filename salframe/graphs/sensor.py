@@ -54,8 +54,13 @@ class DetectionModel(Settings):
     reference_solid_angle_sr: float = Field(gt=0)
     reference_range_m: float = Field(gt=0)
     reference_hidden_share: float = Field(ge=0, le=1)
-    offsets: dict[str, LogOdds] = Field(description="offset by group, shrunk towards 0 for groups of few objects")
-    offset_deviation: float = Field(ge=0, description="standard deviation of the offsets of all groups")
+    offsets: dict[str, LogOdds] = Field(
+        description="change of the log-odds of detection for each group of labels, shrunk towards 0 for groups of "
+        "few objects"
+    )
+    offset_deviation: float = Field(
+        ge=0, description="standard deviation of the per-group changes of the log-odds of detection"
+    )
 
     def probability(
         self,
@@ -94,20 +99,38 @@ class DetectionModel(Settings):
 class FalseObjects(Settings):
     """False positives: detections without an annotated object. Quantiles are evenly spaced from minimum to maximum."""
 
-    per_panorama: float = Field(ge=0, le=10_000, description="mean number per panorama")
+    per_panorama: float = Field(ge=0, le=10_000, description="mean number of false positives per panorama")
     labels: dict[str, NumObjects] = Field(description="number of false positives with each label of the detector")
-    range_m: Lengths = Field(description="range of the centroid")
-    elevation_rad: Quantiles = Field(description="elevation of the bearing")
-    size_m: Lengths = Field(description="cube root of the box's volume")
+    range_m: Lengths = Field(description="quantiles of the range of the centroids of false positives (m)")
+    elevation_rad: Quantiles = Field(
+        description="quantiles of the elevation of the bearings of false positives (radians)"
+    )
+    size_m: Lengths = Field(
+        description="quantiles of the size of false positives: the cube root of the box's volume (m)"
+    )
 
 
 class Errors(Settings):
     """Robust standard deviations (1.4826 times the median absolute deviation) of the detections."""
 
-    bearing_rad: float = Field(ge=0, le=np.pi, description="of the bearing, along either of two axes across it")
-    range_share: float = Field(ge=0, le=10, description="of the logarithm of the range")
-    size_log: float = Field(ge=0, le=10, description="of the logarithm of the cube root of the box's volume")
-    height_m: float = Field(ge=0, le=10_000, description="of the centroid's height")
+    bearing_rad: float = Field(
+        ge=0,
+        le=np.pi,
+        description="robust standard deviation of the bearing of a detection, along either of two axes across it "
+        "(radians)",
+    )
+    range_share: float = Field(
+        ge=0, le=10, description="robust standard deviation of the natural logarithm of the range of a detection"
+    )
+    size_log: float = Field(
+        ge=0,
+        le=10,
+        description="robust standard deviation of the natural logarithm of a detection's size, the cube root of "
+        "its box's volume",
+    )
+    height_m: float = Field(
+        ge=0, le=10_000, description="robust standard deviation of the height of a detection's centroid (m)"
+    )
 
 
 class Provenance(Settings):
@@ -115,12 +138,17 @@ class Provenance(Settings):
 
     salframe: str
     detector: dict[str, Any] = Field(
-        description="identity of the detector: name, version, settings, sha256 of weights and files"
+        description="identity of the measured detector: name, version, settings, sha256 of weights and files"
     )
-    data: dict[str, dict[str, Any]] = Field(description="identity of each dataset")
-    panoramas: NumObjects = Field(description="number of panoramas")
-    objects: NumObjects = Field(description="number of annotated objects, counted once per panorama")
-    detected: NumObjects = Field(description="number of annotated objects that were detected")
+    data: dict[str, dict[str, Any]] = Field(
+        description="mapping from the name of each dataset to its identity (settings and version)"
+    )
+    panoramas: NumObjects = Field(description="number of panoramas in which the detector was measured")
+    objects: NumObjects = Field(
+        description="number of annotated objects in the measured panoramas; an object counts once per panorama "
+        "that shows it"
+    )
+    detected: NumObjects = Field(description="number of annotated objects that the detector detected")
 
 
 class SensorModel(Settings):

@@ -207,7 +207,8 @@ class MappedGraphs(GraphTable):
         self._packed, self.scenes = nodes.values, scenes
         if not (np.array_equal(nodes.start, self._start) and np.array_equal(edges.start, self._first_byte)):
             raise DataError(
-                f"{rows.folder} has graphs whose numbers of nodes, edges and labels differ, expected packed graphs"
+                f"{rows.folder} has graphs whose columns of nodes, edges and labels do not match, expected "
+                "packed graphs"
             )
 
     def __getitem__(self, number: int) -> SaliencyGraph:  # type: ignore[override]  # some at once: `batch`

@@ -170,7 +170,8 @@ class Localization:
         )
 
     def moved(self, position_m: np.ndarray) -> Localization:
-        """Return the answer with the pose of the frame in which the query has a position, and the axes of the query.
+        """Return the answer with the pose of another frame, such as the base of a robot, whose axes are those of the
+        query.
 
         Args:
             position_m: (3,) position of the query in that frame, such as that of a camera on a robot.

@@ -92,7 +92,8 @@ def complete_panorama(
 def describe_frame(
     localizer: Localizer, frame: ReferenceFrame | QueryFrame, cache: Cache | None = None, dataset: str = ""
 ) -> tuple[Description, float]:
-    """Return the description of a frame, and the time of its computation in seconds, without loading.
+    """Return the description of a frame, and the time of its computation in seconds, not counting the time to load the
+    panorama.
 
     Args:
         localizer: The localizer.

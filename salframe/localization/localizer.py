@@ -33,13 +33,17 @@ Description = Mapping[str, np.ndarray]
 def range_slot() -> Any:
     """Return the type of a localizer's setting `range`, the range model for panoramas without range."""
     return slot(
-        RangeModel.role, optional=True, description="estimates the range of panoramas without range; null: none"
+        RangeModel.role,
+        optional=True,
+        description="model that estimates the range of panoramas without a range image; null: none",
     )
 
 
 def posterior_slot() -> Any:
     """Return the type of a localizer's setting `posterior`, which converts scores to probabilities."""
-    help = "converts scores to probabilities: a file of `salframe fit`, or its parameters; null: no probabilities"
+    help = (
+        "parameters that convert scores to probabilities, or a file written by `salframe fit`; null: no probabilities"
+    )
     return Annotated[
         Posterior | None, BeforeValidator(partial(read_fitted, "posterior")), match_only(None, description=help)
     ]
@@ -124,7 +128,7 @@ class Localizer(Role):
     def join(
         self, descriptions: Sequence[Description], T_last_view: np.ndarray, odometry: OdometryNoise
     ) -> Description | None:
-        """Return one description of several views of a query, in the frame of the last view.
+        """Return one description of several views of a query, in the coordinates of the last view.
 
         The default is None: the localizer cannot join these views. They are then matched one by one, and their answers
         are fused.

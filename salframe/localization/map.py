@@ -251,7 +251,9 @@ class LocalizationMap:
         """
         if views is not None:
             if any(part is not None for part in (query, rgb, range_m, annotations)):
-                raise DataError("received both views and another query, expected only one of them")
+                raise DataError(
+                    "received both `views` and a query (a frame, a panorama or arrays), expected only one of them"
+                )
             T_last_view = motions(views)
             frames = [query_frame(self.localizer, view.panorama) for view in views]
             return self._localize(frames, T_last_view, warn).moved(views[-1].position_m)
@@ -340,7 +342,7 @@ class LocalizationMap:
                 self._is_checked = True
             answer = self.localizer.match(description)
         if not isinstance(answer, Localization):
-            raise InvalidAnswer(f"match gave {type(answer).__name__}, expected a Localization")
+            raise InvalidAnswer(f"match returned {type(answer).__name__}, expected a Localization")
         if labels := self.localizer.unknown_labels(description):
             answer = replace(answer, notes=(*answer.notes, unknown_labels_note(labels)))
         answer = as_it_stood(answer, rotation)

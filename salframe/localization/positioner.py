@@ -83,7 +83,7 @@ class Positioner(Role):
     def resect(self, bearing: np.ndarray, reference_m: np.ndarray) -> PoseEstimate:
         """Estimate the pose of the query in the reference frame from directions that are matched with points.
 
-        The default returns NO_RANGE: a positioner that does not override it needs points.
+        The default returns NO_RANGE: a positioner that does not override it cannot place a query without ranges.
 
         Args:
             bearing: (M, 3) unit vectors in the frame of the query.

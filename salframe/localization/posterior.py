@@ -28,15 +28,22 @@ it, answers that can be separated without an error have no optimal weights."""
 class Head(Settings):
     """A logistic model: the log-odds that the query is in a place of the map, a weighted sum of features."""
 
-    bias: float = Field(description="log-odds where all features are 0")
-    top_score: float = Field(description="log-odds per unit of the best score")
+    bias: float = Field(description="log-odds that the query is in the map, if all features are 0")
+    top_score: float = Field(
+        description="change of the log-odds that the query is in the map, per unit of the best score"
+    )
     top_probability: float = Field(
-        description="log-odds per unit of the best place's probability (given a query in the map)"
+        description="change of the log-odds that the query is in the map, per unit of the best place's "
+        "probability (under the condition that it is in the map)"
     )
     margin: float = Field(
-        description="log-odds per unit of the difference between the two best scores; a single score is compared with 0"
+        description="change of the log-odds that the query is in the map, per unit of the difference between the "
+        "two best scores; a single score is compared with 0"
     )
-    log_objects: float = Field(description="log-odds per unit of ln(1 + number of objects of the query)")
+    log_objects: float = Field(
+        description="change of the log-odds that the query is in the map, per unit of ln(1 + number of objects of "
+        "the query)"
+    )
 
 
 class Posterior(Settings):
@@ -46,20 +53,23 @@ class Posterior(Settings):
     query is in one of them. The probability of a place is the product.
     """
 
-    temperature: float = Field(gt=0, description="difference in score that makes a place e times as probable")
+    temperature: float = Field(
+        gt=0, description="difference between the scores of two places that makes one e times as probable as the second"
+    )
     head: Head
     max_out_of_map_probability: float = Field(
         MAX_OUT_OF_MAP_PROBABILITY,
         ge=0,
         le=1,
-        description="maximum out-of-map probability; above it, the answer is out-of-map",
+        description="maximum out-of-map probability of a localized query; above it, the status of the answer is "
+        "out-of-map",
     )
 
     def apply(self, localization: Localization, objects: int = 0) -> Localization:
         """Return an answer with probabilities.
 
-        The status is `out-of-map`, without a pose, where the out-of-map probability is larger than
-        `max_out_of_map_probability`. An answer without places is returned unchanged.
+        If the out-of-map probability is larger than `max_out_of_map_probability`, the status becomes
+        LocalizationStatus.OUT_OF_MAP and the pose is removed. An answer without places is returned unchanged.
 
         Args:
             localization: The answer.
@@ -153,11 +163,12 @@ class Fit:
         posterior: The posterior.
         answers: Number of answers.
         place_answers: Number of answers that rank the true place.
-        place_nll_before: Of the share of the true place in these answers, with temperature 1.
-        place_nll_after: Of the share of the true place in these answers, with the fitted temperature.
-        here_nll_before: Of whether the query is in the map, in all answers, with the same probability for all: the
-            share of queries in the map.
-        here_nll_after: Of whether the query is in the map, in all answers, with the fitted head.
+        place_nll_before: Mean negative log-likelihood of the true place in these answers, with temperature 1.
+        place_nll_after: Mean negative log-likelihood of the true place in these answers, with the fitted temperature.
+        here_nll_before: Mean negative log-likelihood of whether the query is in the map, in all answers, with one
+            probability for all of them: the share of queries in the map.
+        here_nll_after: Mean negative log-likelihood of whether the query is in the map, in all answers, with the fitted
+            head.
     """
 
     posterior: Posterior

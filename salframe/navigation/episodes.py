@@ -47,12 +47,16 @@ class Episode:
 class EpisodeRequest(Settings):
     """An episode as requested in a file."""
 
-    start: str | tuple[float, float] = Field(description="id of a node, or x and y in metres")
+    start: str | tuple[float, float] = Field(
+        description="start of the episode: id of a node of the map, or x and y in the world frame (m)"
+    )
     goal: str = Field(description="id of a node")
     yaw_deg: float | None = Field(
-        None, description="initial heading, counter-clockwise from the world's x axis; random by default"
+        None, description="heading at the start in degrees, counter-clockwise from the world's x axis; null: random"
     )
-    world: str | None = Field(None, description="id of the world, required where the dataset has several")
+    world: str | None = Field(
+        None, description="id of the building (world) of the episode; required if the dataset has several"
+    )
 
 
 class Site(NamedTuple):
@@ -162,7 +166,7 @@ def place_episodes(
 
 def _place(request: EpisodeRequest, sites: Mapping[str, Site], rng: np.random.Generator, number: int) -> Episode:
     if request.world is None and len(sites) > 1:
-        raise DataError(f"no world is named, expected one of {', '.join(sites)}")
+        raise DataError(f"the episode names no world, expected one of {', '.join(sites)}")
     name = next(iter(sites)) if request.world is None else request.world
     if name not in sites:
         raise DataError(f"unknown world {name!r}, expected one of {', '.join(sites)}")
@@ -175,5 +179,5 @@ def _place(request: EpisodeRequest, sites: Mapping[str, Site], rng: np.random.Ge
         else world.stand(*request.start, yaw_rad)
     )
     if not world.joined(start, world.stand_at(goal, 0.0)):
-        raise DataError(f"obstacles in {name} block every path from the start to {goal.id}")
+        raise DataError(f"obstacles in the world {name} block every path from the start to {goal.id}")
     return Episode(number, name, tuple(start.ravel().tolist()), goal.id, guide.way(start[:3, 3], goal.id).length_m)

@@ -41,17 +41,26 @@ class NavigationConfig(Settings):
 
     planner: slot("planner", default_of("navigation_planner"))  # type: ignore[valid-type]
     budget: int = Field(60, ge=1, description="maximum number of panoramas per episode")
-    arrival_m: float = Field(0.25, gt=0, description="remaining path length at which an agent reports its arrival")
-    turn_noise_deg: float = Field(2.0, ge=0, description="noise of the heading after a turn")
-    length_noise: float = Field(0.05, ge=0, description="noise of the length of a walk, as a share of it")
+    arrival_m: float = Field(
+        0.25, gt=0, description="length of the remaining path below which an agent reports its arrival (m)"
+    )
+    turn_noise_deg: float = Field(2.0, ge=0, description="standard deviation of the heading after a turn (degrees)")
+    length_noise: float = Field(
+        0.05, ge=0, description="standard deviation of the length of a walk, relative to its length"
+    )
     slip_m: float = added(
         0.0,
         ge=0,
-        description="displacement, in a random direction, at the end of a walk that is longer than it; walls limit it",
+        description="length of the slip of an agent at the end of a walk (m), in a random direction; only after "
+        "walks longer than the slip; walls stop it",
     )
-    odometry_turn_noise_deg: float = Field(2.0, ge=0, description="noise of the turn that odometry measures")
+    odometry_turn_noise_deg: float = Field(
+        2.0, ge=0, description="standard deviation of a turn as measured by odometry (degrees)"
+    )
     odometry_length_noise: float = Field(
-        0.05, ge=0, description="noise of the length that odometry measures, as a share of it"
+        0.05,
+        ge=0,
+        description="standard deviation of the length of a walk as measured by odometry, relative to the length",
     )
 
 

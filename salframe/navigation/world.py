@@ -188,7 +188,7 @@ def open_worlds(dataset: Dataset) -> Sequence[World]:
         return dataset.worlds()
     if type(dataset).observe is Dataset.observe:
         raise InputMissing(
-            f"{dataset.name} cannot render, and navigation needs panoramas from any position of the agent"
+            f"the dataset {dataset.name} cannot render, and navigation needs panoramas at any position of the agent"
         )
     return floor_worlds(dataset)
 
@@ -205,7 +205,9 @@ def floor_worlds(dataset: Dataset, actual: Sequence[FloorMasks] | None = None) -
     """
     floors = dataset.floors()
     if not floors:
-        raise DataError(f"{dataset.name} has no floor masks, and navigation needs them to detect collisions")
+        raise DataError(
+            f"the dataset {dataset.name} has no floor masks, and navigation needs them to detect collisions"
+        )
     order = sorted(range(len(floors)), key=lambda number: floors[number].z_m)
     by_height = [floors[number] for number in order]
     frames_by_floor: list[list[ReferenceFrame]] = [[] for _ in floors]
@@ -216,7 +218,8 @@ def floor_worlds(dataset: Dataset, actual: Sequence[FloorMasks] | None = None) -
     without_frames = [floor.z_m for floor, frames in zip(floors, frames_by_floor, strict=True) if not frames]
     if without_frames:
         raise DataError(
-            f"{dataset.name} has no reference frame on its floor at z = {without_frames[0]:g} m, expected at least one"
+            f"the dataset {dataset.name} has no reference frame on its floor at z = {without_frames[0]:g} m, "
+            "expected at least one"
         )
     names = ["floor" if len(floors) == 1 else f"floor-{number}" for number in range(len(floors))]
     return [

@@ -278,7 +278,8 @@ class Camera:
 
     @cached_property
     def _radial(self) -> tuple[Polynomial, Polynomial]:
-        """The distorted radius by the radius without distortion (fisheye: by the angle): numerator and denominator."""
+        """The distorted radius as a ratio of two polynomials in the radius without distortion (fisheye: in the
+        angle)."""
         k = dict(zip(COEFFICIENTS[self._model], self.distortion, strict=True))
         num_powers = 4 if self._model is DistortionModel.FISHEYE else 3
         numerator = [1.0, *(k.get(f"k{power}", 0.0) for power in range(1, num_powers + 1))]
@@ -361,7 +362,7 @@ class Camera:
 
 
 def _first_root(polynomials: Sequence[Polynomial], limit: float) -> float:
-    """Return the smallest positive real root of polynomials; the limit where there is none below it."""
+    """Return the smallest positive real root of polynomials; the limit if no root is below it."""
     roots = np.concatenate([polynomial.roots() for polynomial in polynomials])
     real = roots.real[np.abs(roots.imag) < 1e-9]
     return float(real[(real > 0) & (real < limit)].min(initial=limit))

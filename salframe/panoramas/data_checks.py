@@ -25,8 +25,8 @@ MAX_HEIGHT_ERROR = 0.07
 def data_notes(dataset: Dataset) -> list[str]:
     """Return warnings about a prepared dataset; empty where its conventions are as expected.
 
-    The unit of the ranges, values without a reading and the poses of the first fold are checked on a sample of the
-    reference frames, the places and the up directions on all of them.
+    The reference frames of the first fold are checked: a sample of them for the unit of the ranges, for values without
+        a reading and for their poses; all of them for their places and up directions.
 
     Raises:
         DataError: Many panoramas are not upright by their poses, many frames stand outside the region of their place,

@@ -125,4 +125,6 @@ class Dataset(Role):
         Raises:
             InputMissing: The dataset cannot render.
         """
-        raise InputMissing(f"{self.name} cannot render panoramas at new poses: it has only the panoramas of its frames")
+        raise InputMissing(
+            f"the dataset {self.name} cannot render panoramas at new poses: it has only the panoramas of its frames"
+        )

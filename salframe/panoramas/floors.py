@@ -202,8 +202,9 @@ def join_floors(floors: Sequence[FloorMasks], more: Sequence[FloorMasks]) -> tup
     """Return the union of two sets of floors, those of `floors` first.
 
     Where both sets have a floor at the same height (within SAME_FLOOR_M), the masks of `more` are laid over the others,
-    shifted by half a pixel at most. A region of `more` replaces the region of the same place. Pixels of `more` that are
-    free, blocked or in a region replace the pixels of `floors`. Masks of one height that are far apart stay separate.
+    shifted by half a pixel at most. A region of `more` replaces the region of the same place. Where the masks of `more`
+    mark a pixel as free floor, as obstacle or as part of a region, their values replace those of `floors`. Masks of one
+    height that are far apart stay separate.
 
     Raises:
         DataError: The resolutions differ, the joined masks have more than MAX_PIXELS, or `more` covers most of a region

@@ -27,7 +27,7 @@ class FolderDataset(Dataset):
     version = "1"
 
     class Config(QueryView):
-        root: Path | None = Field(None, description="folder with the manifest.json")
+        root: Path | None = Field(None, description="path of the folder that contains the manifest.json")
         hide_query_place: bool = hide_query_place_setting()
 
     @property
@@ -35,7 +35,8 @@ class FolderDataset(Dataset):
         """The folder of the dataset."""
         if self.config.root is None:
             raise DataError(
-                f"{self.name} needs the folder of a dataset: name it instead of '{self.name}', or pass --data-dir DIR"
+                f"the dataset {self.name!r} needs a folder with panoramas: name the folder instead of "
+                f"'{self.name}', or pass --data-dir DIR"
             )
         return self.config.root
 

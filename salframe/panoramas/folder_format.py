@@ -101,7 +101,7 @@ class FrameEntry(RangeKeys):
         if self.sequence is not None and self.t_s is None:
             raise ValueError(f"the view {self.id} of the sequence {self.sequence!r} has no t_s, its time in seconds")
         if not (self.rgb or self.range or self.instances):
-            raise ValueError(f"the frame {self.id} names no image, expected rgb, range or instances")
+            raise ValueError(f"the frame {self.id} names no image, expected at least one of rgb, range and instances")
         return self
 
 

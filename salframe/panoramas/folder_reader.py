@@ -88,7 +88,7 @@ class Folder:
         return ReferenceFrame(entry.id, place, pose, kind, partial(self.load, entry), content)
 
     def _pose(self, pose: Sequence[float] | None) -> np.ndarray | None:
-        """Return T_world_pano of a pose in the convention and unit of the manifest; None from None."""
+        """Return T_world_pano (4, 4) of a pose in the convention and unit of the manifest; None if the pose is None."""
         if pose is None:
             return None
         return convert_pose(pose_matrix(pose), self.manifest.pose_convention, self.manifest.pose_unit_m)

@@ -103,7 +103,9 @@ class QueryFrame:
             return
         motions = check_array(self, "T_last_view", np.float64, len(self.earlier) + 1, 4, 4)
         if not all(is_rigid(motion, POSE_TOLERANCE) for motion in motions):
-            raise DataError(f"the query {self.id} has motions between its views that are not rigid")
+            raise DataError(
+                f"the query {self.id} has motions between its views that are not rigid, expected rigid motions (4, 4)"
+            )
 
     @property
     def views(self) -> tuple[QueryFrame, ...]:

@@ -16,7 +16,8 @@ DOORWAY_M = 0.75
 
 
 def hide_query_place_setting() -> Any:
-    """Return the default of the setting `hide_query_place` of a dataset, which then applies `add_hidden_places`."""
+    """Return the field of the setting `hide_query_place`. A dataset with this setting applies `add_hidden_places` to
+    its folds."""
     help = "localize each query again in a map without its place and the doorways to it; the true answer is out-of-map"
     return match_only(False, description=help)
 

@@ -28,9 +28,9 @@ def find_frame_image(path: Path) -> FrameImage | None:
     """Return the frame whose image is at a path; None where no manifest.json names it.
 
     The manifests in the folders above the image are searched, with and without following links. If none of them names
-    the image, the manifests in the subfolders of the nearest folders are searched, because they may name images outside
-    of their folder; malformed ones are ignored. An image is compared by its path, in any Unicode normalization, and
-    then by its file, so that links to the file are found too.
+    the image, the manifests in the subfolders of the nearest two folders above the image are searched too, because a
+    manifest may name images outside of its folder. Malformed manifests are ignored there. An image is compared by its
+    path, in any Unicode normalization, and then by its file, so that links to the file are found too.
 
     Raises:
         DataError: A manifest above the image is malformed, or several frames have this file under other names.

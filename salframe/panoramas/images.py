@@ -82,7 +82,7 @@ def read_ids(path: Path) -> np.ndarray:
 def write_ids(path: Path, ids: np.ndarray) -> None:
     """Write (H, W) ids as a 16-bit grey image. Raises DataError on ids outside 0 to 65535."""
     if ids.min(initial=0) < 0 or ids.max(initial=0) > MAX_STEP:
-        raise DataError(f"{path}: the ids are from {ids.min()} to {ids.max()}, expected 0 to {MAX_STEP}")
+        raise DataError(f"{path}: the object ids are from {ids.min()} to {ids.max()}, expected 0 to {MAX_STEP}")
     _write(path, ids.astype(np.uint16))
 
 

@@ -20,14 +20,17 @@ MIN_FACTOR = 0.1
 class ObjectNoise(Settings):
     """Rates and sizes of simulated errors. Every random draw is keyed by seed, frame and object."""
 
-    missed: float = Field(0.0, ge=0, le=1, description="share of objects that are missed")
+    missed: float = Field(
+        0.0, ge=0, le=1, description="share of objects that are removed, as if a detector had missed them (0 to 1)"
+    )
     mislabelled: float = Field(
-        0.0, ge=0, le=1, description="share of objects whose label is replaced by another label of the dataset"
+        0.0, ge=0, le=1, description="share of objects whose label is replaced by another label of the dataset (0 to 1)"
     )
     range_share: float = Field(
         0.0,
         ge=0,
-        description="standard deviation of the random factor on the range of an object, one factor per object",
+        description="standard deviation of the random factor on the range of an object, relative to 1; each "
+        "object has its own factor",
     )
 
 

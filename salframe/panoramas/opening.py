@@ -126,7 +126,9 @@ def find_image(path: Path) -> tuple[Path, str]:
         raise DataError(
             f"{path} lies in no folder with a {MANIFEST}, expected an image that the manifest of a dataset names"
         )
-    raise DataError(f"{root / MANIFEST} has no frame with the image {os.path.relpath(path, root)}")
+    raise DataError(
+        f"{root / MANIFEST} has no frame with the image {os.path.relpath(path, root)}, expected an image that it names"
+    )
 
 
 def open_frame(

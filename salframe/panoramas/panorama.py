@@ -64,7 +64,7 @@ def labels_by_id(labels: Any, where: str) -> dict[int, str]:
         if not (is_id and text.isascii() and text.isdecimal() and int(text[:6]) <= MAX_INSTANCE_ID and len(text) <= 6):
             raise DataError(f"{where} has the id {key!r}, expected a whole number from 0 to {MAX_INSTANCE_ID}")
         if not isinstance(label, str):
-            raise DataError(f"{where} has the label {label!r} of {key}, {expected}")
+            raise DataError(f"{where} has the label {label!r} of the id {key}, {expected}")
         if int(text) in converted:
             raise DataError(f"{where} has the id {int(text)} twice, expected one label for each id")
         converted[int(text)] = label

@@ -1,10 +1,10 @@
 """Photo Sphere XMP: the part of the sphere that a picture shows, and the tilt of its camera.
 
 The metadata is defined in https://developers.google.com/streetview/spherical-metadata (namespace GPano). The angles of
-the camera are heading, pitch and roll, each about the axes that the angles before left behind. `PosePitchDegrees` is
-the elevation of the centre of the full panorama. "As roll increases, the horizon rotates counterclockwise in the
-image", so that a positive `PoseRollDegrees` lowers the right side of the camera. The heading is not used: after
-levelling, the centre of the picture still has the azimuth 0.
+the camera are heading, pitch and roll, each about the axes after the preceding rotations. `PosePitchDegrees` is the
+elevation of the centre of the full panorama. "As roll increases, the horizon rotates counterclockwise in the image", so
+that a positive `PoseRollDegrees` lowers the right side of the camera. The heading is not used: after levelling, the
+centre of the picture still has the azimuth 0.
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ class PhotoSphere:
 
 @contextmanager
 def _naming(path: Path) -> Iterator[None]:
-    """Replace a ValueError of the block by a DataError that names the picture."""
+    """Replace a ValueError of the `with` block by a DataError that names the picture."""
     try:
         yield
     except ValueError as error:
@@ -164,7 +164,9 @@ def _gpano(packets: tuple[bytes, ...]) -> dict[str, str]:
                 if namespace.strip("{/") != _NAMESPACE:
                     continue
                 if values.setdefault(name, value.strip()) != value.strip():
-                    raise ValueError(f"{name} {values[name][:40]!r} and {value.strip()[:40]!r}, expected one value")
+                    raise ValueError(
+                        f"two values of {name}, {values[name][:40]!r} and {value.strip()[:40]!r}, expected one value"
+                    )
     return values
 
 

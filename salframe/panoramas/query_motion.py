@@ -24,9 +24,15 @@ class OdometryErrors(OdometryNoise):
     """Simulated errors of the motion between the views of a query."""
 
     scale_share: float = Field(
-        0.0, ge=0, description="standard deviation of a factor of all travelled distances of a query, relative to 1"
+        0.0,
+        ge=0,
+        description="standard deviation of the random factor on all travelled distances of a query, relative to 1",
     )
-    shuffled: bool = Field(False, description="assign the motions to the wrong views, as a control")
+    shuffled: bool = Field(
+        False,
+        description="true: the motions are assigned to the wrong views of a query, as a control; false: to the "
+        "right ones",
+    )
 
 
 def measured_motion(T_last_view: np.ndarray, errors: OdometryErrors, seed: tuple[int, ...]) -> np.ndarray:

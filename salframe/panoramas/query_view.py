@@ -1,4 +1,4 @@
-"""Restricted queries: a part of the sphere, and annotations with simulated errors."""
+"""Queries that show only a part of the sphere, or whose annotations have simulated errors."""
 
 from __future__ import annotations
 
@@ -37,33 +37,38 @@ class QueryView(ComponentConfig):
         match_only=True,
         gt=0,
         le=360,
-        description="field of view of queries around their heading in degrees, at all elevations",
+        description="horizontal field of view of queries (degrees), centred on their heading; all elevations are "
+        "visible; 360: the whole panorama",
     )
     query_focal: float | None = added(
         None,
         match_only=True,
         gt=0,
-        description="focal length, relative to half the image width: queries show one 4:3 perspective view along their "
-        "heading; 1, 2, 3 are 90, 53, 37 deg wide and 74, 41, 28 deg high; null: whole panoramas",
+        description="focal length of queries, relative to half the image width: a query is one 4:3 perspective view "
+        "along its heading; 1, 2, 3 are 90, 53, 37 deg wide and 74, 41, 28 deg high; null: no perspective view",
     )
     query_noise: AnnotationNoise = added(
-        AnnotationNoise(), match_only=True, description="errors in the annotations of queries, not of reference frames"
+        AnnotationNoise(),
+        match_only=True,
+        description="simulated errors in the annotations of queries; reference frames have none",
     )
-    query_views: int = added(1, match_only=True, ge=1, le=100, description="number of views of a query")
+    query_views: int = added(1, match_only=True, ge=1, le=100, description="number of views that each query has")
     query_motion: Literal["turned", "driven"] = added(
         "turned",
         match_only=True,
-        description="motion between the views of a query: turned: to the left on the spot, by 60 % of the field of "
-        "view; driven: along a path, in datasets that have other views near the query",
+        description="motion of the camera between the views of a query. turned: to the left on the spot, by 60 % "
+        "of the field of view; driven: along a path, in datasets that have other views near the query",
     )
     query_odometry: OdometryErrors = added(
-        OdometryErrors(), match_only=True, description="errors of the motion between the views of a query"
+        OdometryErrors(),
+        match_only=True,
+        description="simulated errors of the measured motion between the views of a query",
     )
     query_errors: Literal["stretch", "view"] = added(
         "stretch",
         match_only=True,
-        description="simulated errors of an object in the views of a query: stretch: the same in all views; view: new "
-        "errors in each view",
+        description="how the simulated errors of an object vary over the views of a query. stretch: the same "
+        "errors in all views; view: new errors in each view",
     )
 
 
@@ -125,18 +130,19 @@ def view_queries(folds: Sequence[Fold], config: ComponentConfig, stored_key: str
 
 
 def _with_motion(query: QueryFrame, config: Any, content: str) -> QueryFrame:
-    """Return a query with the views and the odometry of the settings.
+    """Return a query with several views, whose motion is measured with errors, as the settings say.
 
     Raises:
-        DataError: The queries are sequences already, cannot be driven, or turn with the view of a whole panorama.
+        DataError: The query has several views in the data already; or the data have no views near the query, which
+            driven queries need; or the camera turns, but each view is a whole panorama.
     """
     if config.query_views == 1:
         return query
     if config.query_motion == "driven":
         if not query.earlier and query.T_last_view is None:
             raise DataError(
-                f"{config.kind} has no other views near the query {query.id}, which query_motion=driven requires; "
-                "expected query_motion=turned"
+                f"the dataset {config.kind} has no other views near the query {query.id}, which query_motion=driven "
+                "requires; expected query_motion=turned"
             )
     elif query.earlier:
         raise DataError(
@@ -148,8 +154,8 @@ def _with_motion(query: QueryFrame, config: Any, content: str) -> QueryFrame:
             fov_deg = min(fov_deg, 2 * np.degrees(np.arctan(1 / config.query_focal)))
         if fov_deg >= 360:
             raise DataError(
-                f"query_views is {config.query_views} for whole panoramas, expected a narrower view, such as "
-                "query_fov_deg=90"
+                f"query_views is {config.query_views} for queries that are whole panoramas, expected queries with a "
+                "narrower field of view, such as query_fov_deg=90"
             )
         query = turned_query(query, config.query_views, fov_deg, content)
     if query.T_last_view is None:

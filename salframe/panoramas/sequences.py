@@ -47,7 +47,9 @@ class Odometry:
         values = np.unique(values, axis=0)  # sorts by time
         repeated = np.flatnonzero(np.diff(values[:, 0]) == 0)
         if len(repeated):
-            raise DataError(f"{path} has two different poses at t_s = {values[repeated[0], 0]:g}, expected one")
+            raise DataError(
+                f"{path} has two different poses at t_s = {values[repeated[0], 0]:g}, expected one pose for each time"
+            )
         return cls(values[:, 0], values[:, 1:4], np.radians(values[:, 4]))
 
     def pose(self, t_s: float) -> np.ndarray | None:

@@ -225,7 +225,7 @@ def _check_files(**files: object) -> None:
     if (files["instances"] is None) != (files["labels"] is None):
         no_image = files["instances"] is None
         received = "labels without an instance image" if no_image else "an instance image without labels"
-        raise DataError(f"received {received}, expected both or neither")
+        raise DataError(f"received {received}, expected both instances and labels, or neither")
 
 
 def _in_manifest(image: Path) -> Panorama | None:

@@ -22,10 +22,17 @@ class OdometryNoise(Settings):
     """Errors of the motion between views, as odometry measures it."""
 
     drift_share: float = Field(
-        0.02, ge=0, le=1, description="standard deviation of a travelled distance, relative to the distance"
+        0.02,
+        ge=0,
+        le=1,
+        description="standard deviation of a travelled distance as measured by odometry, relative to the distance",
     )
     heading_drift_deg: float = Field(
-        1.0, ge=0, le=180, description="standard deviation of the change of heading from one view to the next (degrees)"
+        1.0,
+        ge=0,
+        le=180,
+        description="standard deviation of the change of heading from one view to the next, as measured by "
+        "odometry (degrees)",
     )
 
 

@@ -31,9 +31,9 @@ MAX_DRAWS = 20
 def random_config(config: ComponentConfig, seed: int) -> ComponentConfig:
     """Return a configuration with random valid settings, with which the component can be created.
 
-    Drawn are booleans, numbers near their value, choices, optional values, and the components in slots, from those that
-    have no weights and belong to salframe or to the package of the component. Files and texts keep their value. The
-    draw of a setting depends on the seed, its key and its value only.
+    The draw changes booleans, choices, optional values, numbers (to values near the original), and the components in
+    slots (to components without weights that belong to salframe or to the package of the component). Files and texts do
+    not change. The draw of a setting depends on the seed, its key and its value only.
 
     Args:
         config: The configuration to start from. It is returned if no draw is usable.

@@ -59,7 +59,7 @@ class DetectorRules(Rules[Detector]):
         step = self._detector.column_step
         turned_by = [columns for columns in (step // 2, HEIGHT_PX + 1) if columns % step]
         if not turned_by:
-            raise DoesNotApply("its column_step is 1")
+            raise DoesNotApply("the column_step of the detector is 1: no rotation lies between its steps")
         redetected = total = 0
         for room, detections in self._rooms:
             for columns in turned_by:
@@ -103,7 +103,7 @@ class DetectorRules(Rules[Detector]):
     def its_needs_suffice(self) -> None:
         needs = self._detector.needs
         if self._parts == needs:
-            raise DoesNotApply("the other rules already pass only the parts that it needs")
+            raise DoesNotApply("the rules already use panoramas that have only what the detector needs")
         panorama = look(ROOMS[-1], ROOMS[-1].name, stand(ROOMS[-1]), needs)
         self._check(f"detect with {' and '.join(sorted(needs))} alone", panorama)
 

@@ -83,7 +83,7 @@ class LocalizerRules(Rules[Localizer]):
         cases += [(random.built, f" in {random}", random.panoramas()) for random in self._random_maps]
         cases = [case for case in cases if case[0].localizer.column_step is not None]
         if not cases:
-            raise DoesNotApply("its column_step is None")
+            raise DoesNotApply("the localizer has column_step None: its pose need not turn with the query")
         for built, where, answers in cases:
             steps = 3 * turns(cast(int, built.localizer.column_step))
             for (query, answer), columns in zip(answers, steps, strict=False):
@@ -203,7 +203,7 @@ class _RandomMap:
             self.check_query(changed, other, number, world)
 
     def check_query(self, changed: str, other: LocalizationMap, number: int, world: np.ndarray | None = None) -> None:
-        """Check as `check` the answer to one query."""
+        """Check that the answer to one query did not change; with `world`, that its pose moved with the world."""
         _, description, before = self.queries[number]
         checked = f"match of query {number} in {self}, with {changed}"
         _expect_same(checked, before, attempt(checked, other.answer, description), world)

@@ -25,8 +25,8 @@ def build_topology(
 
     A scene node is placed at each frame of kind "scene"; a frame of kind "transition" is assigned to the transition
     node near it. Without scene frames, or with `choose`, each region has one scene node, at its clear pixel with the
-    largest clearance. Nodes of a floor that clear floor connects but sight does not are connected by shortest paths
-    over it.
+    largest clearance. Nodes that are connected by clear floor, but not by lines of sight, get edges along the shortest
+    paths over clear floor.
 
     Args:
         floors: The masks of the floors.

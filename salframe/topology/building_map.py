@@ -44,7 +44,8 @@ class BuildingMap:
 
 
 def by_place(frames: Iterable[ReferenceFrame]) -> list[ReferenceFrame]:
-    """Return frames in the order of their places and ids: a topology does not depend on how its map came about."""
+    """Return frames sorted by place and id, so that a topology does not depend on the changes by which its map was
+    made."""
     return sorted(frames, key=lambda frame: (frame.place, frame.id))
 
 
@@ -95,7 +96,9 @@ def build_map(
     name, dataset, localizer = prepare(data, method, data_dir, overrides, engine, progress, tell)
     floors, frames = dataset.floors() if topology else (), reference_frames(dataset)
     if choose and not floors:
-        raise DataError(f"{dataset.name} has no floor masks, expected a dataset with floor masks to build the topology")
+        raise DataError(
+            f"the dataset {dataset.name} has no floor masks, expected a dataset with floor masks to build the topology"
+        )
     topological_map = None
     if floors:
         try:

@@ -165,7 +165,7 @@ def _read(parts: MapParts) -> tuple[LocalizationMap, TopologicalMap | None]:
     """Read a map that can be changed, and its topology.
 
     Raises:
-        DataError: The map has no method.
+        DataError: The map has no localizer, so that places cannot be added to it.
     """
     return LocalizationMap.read(parts, indexed=False), read_topology(parts) if parts.has(TOPOLOGY) else None
 
@@ -210,7 +210,7 @@ def _places(frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks]) -> l
 
 
 def _check_alike(first: Localizer, folder: Path, other: Localizer, other_folder: Path) -> None:
-    """Check that the descriptions of two localizers belong in one map.
+    """Check that the descriptions of two localizers can be in one map: method, settings and weights are equal.
 
     Raises:
         DataError: Methods, settings or weights differ.
@@ -237,8 +237,8 @@ def _check_places(sources: Iterable[_Source], frames: Sequence[ReferenceFrame], 
     for other, other_frames in sources:
         if both := sorted(places & {frame.place for frame in other_frames}):
             raise DataError(
-                f"both {other} and {folder} have {shorten(', '.join(both))}, expected places of different names: "
-                "remove them from one of the two maps, or build it again with other names"
+                f"both maps, {other} and {folder}, contain {shorten(', '.join(both))}, expected places of "
+                "different names: remove these places from one of the two maps, or build one again with other names"
             )
 
 

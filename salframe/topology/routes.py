@@ -78,7 +78,7 @@ def directions(route: Route, heading_rad: float | None = None) -> list[Step]:
 
 
 def find_nodes(topology: TopologicalMap, name: str, doors: bool = False) -> list[str]:
-    """Return the ids of the nodes of a node id or place.
+    """Return the ids of the nodes that a name stands for: the node with this id, or the nodes of the place.
 
     Args:
         topology: The map.
@@ -126,7 +126,7 @@ def find_route(topology: TopologicalMap, start: str, goal: str, planner: str | N
                 routes.append(prepared.route(*pair))
         if routes:
             return min(routes, key=lambda route: route.length_m)
-    raise NoRoute(f"no route from {start} to {goal}: they lie in parts of the map that no edge joins")
+    raise NoRoute(f"no route from {start} to {goal}: no path of edges connects them in the map")
 
 
 def with_position(topology: TopologicalMap, xyz_m: np.ndarray) -> TopologicalMap:

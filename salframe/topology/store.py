@@ -76,7 +76,10 @@ def _check_edges(path: Path, nodes: Sequence[MapNode], edges: Sequence[MapEdge])
     """
     place = {node.id: np.array(node.xyz_m) for node in nodes}
     if len(place) < len(nodes):
-        raise DataError(f"{path.with_name(NODES)} has {len(nodes)} nodes and {len(place)} different ids")
+        raise DataError(
+            f"{path.with_name(NODES)} has {len(nodes)} nodes and {len(place)} different ids, "
+            "expected unique ids: build the map again"
+        )
     for edge in edges:
         if edge.start not in place or edge.end not in place:
             raise DataError(

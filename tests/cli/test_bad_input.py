@@ -244,7 +244,10 @@ def test_a_broken_plugin_is_told_and_stops_nothing(data, monkeypatch, code, reas
 def test_a_yaml_with_an_unknown_key(data):
     for content, message in (
         ("method: objects\nvary: {labels: [set]}\nverbose: true", r"sweep\.yaml: unknown key verbose \(known: .*vary"),
-        ("method: objects\nvary: {lables: [set]}", r"vary holds lables: unknown key 'lables', did you mean 'labels'"),
+        (
+            "method: objects\nvary: {lables: [set]}",
+            r"the mapping vary has the key lables: unknown key 'lables', did you mean 'labels'",
+        ),
         (
             "method: objects\nset: {detector.noize: none}\nvary: {labels: [set]}",
             r"unknown key detector\.noize, did you mean 'noise' \(known: noise, seed\)",
@@ -296,7 +299,7 @@ def test_a_detector_that_lacks_something_is_named_and_others_that_could_look(dat
     done = compare("./data", "--json", "--set", "detector.kind=annotations")
     (row,) = done.json["rows"]
     assert (done.code, row["available"]) == (1, False)
-    needs = "its detector 'annotations' needs annotations, which folder does not have"
+    needs = "the detector 'annotations' of the method needs annotations, which the dataset folder does not have"
     hint = re.fullmatch(f"{needs}; to work without: (.*)", row["reason"])
     assert hint, row["reason"]
     offered = hint[1].split(" or ")
@@ -313,4 +316,4 @@ def test_where_no_detector_can_look_that_is_said(data, monkeypatch):
     registry.cache_clear()
     (row,) = compare("./data", "--json", "--set", "detector.kind=annotations").json["rows"]
     registry.cache_clear()
-    assert row["reason"].endswith("which folder does not have; no installed detector works without")
+    assert row["reason"].endswith("which the dataset folder does not have; no installed detector works without")

@@ -120,13 +120,13 @@ def test_an_unusual_camera_is_reported_once(photographs):
     [
         (("0.jpg", "--fov", "90", "--camera", "camera.json"), "received both --camera and --fov"),
         (("0.jpg", "--fov", "175"), "received --fov '175', expected a number from 5.0 to 170.0"),
-        (("a", "--fov", "90", "--data", "data"), "received --data with a camera, expected image files"),
-        (("--range", "0.depth.png", "--fov", "90"), "received a camera without a photograph, expected its file"),
+        (("a", "--fov", "90", "--data", "data"), "received --data with --fov or --camera, which"),
+        (("--range", "0.depth.png", "--fov", "90"), "received --fov or --camera without a photograph"),
         (("0.jpg", "1.jpg", "--fov", "90"), "received 2 frames without --views"),
         (("0.jpg", "--range", "0.depth.png"), "received both a frame and images"),
         (
             ("--views", "0.jpg", "1.jpg", "--fov", "90", *parts(0)),
-            "received 1 --range for 2 views, expected one --range",
+            "received 1 --range for 2 views, expected --range once for each view",
         ),
         (("small.jpg", "--camera", "camera.json"), "small.jpg is 200 x 200, expected 400 x 400 like its camera: use"),
         (("0.jpg", "--camera", "labels.json"), "labels.json: width is missing"),
@@ -139,7 +139,7 @@ def test_an_unusual_camera_is_reported_once(photographs):
         (("data/frames/bedroom-query.rgb.png", "--fov", "90"), "is a panorama, the frame bedroom-query of "),
         (
             ("--views", "data/frames/bedroom-query.rgb.png", "--range", "0.depth.png"),
-            "received images for data/frames/bedroom-query.rgb.png, a frame of a dataset that has its own",
+            "received image files for data/frames/bedroom-query.rgb.png, a frame whose dataset has these images",
         ),
         (("--rgb", "0.jpg", "--views"), "received --views with --rgb"),
         (("0.jpg", "--fov", "90", "--range-missing", "7"), "received --range-missing without --range"),

@@ -134,7 +134,7 @@ def test_a_position_is_printed_without_a_route(rooms):
     assert run("map", "build", "rooms", "-o", "map", "--method", "reader").code == 0
     query = "map", "query", "map", "query-1-0", "--data", "rooms"
     for goal, reason in (
-        ("room-3", "no route from here to room-3: they lie in parts of the map that no edge joins"),
+        ("room-3", "no route from here to room-3: no path of edges connects them in the map"),
         ("rom-3", "no route to rom-3: unknown node or place 'rom-3', did you mean 'room-3'?"),
     ):
         done = run(*query, "--to", goal)
@@ -217,7 +217,7 @@ def test_rooms_without_doors_are_built_and_said_to_be_apart(rooms):
     done = run("map", "route", "map", "room-0", "room-1")
     assert (done.code, done.err) == (
         2,
-        "error: no route from room-0 to room-1: they lie in parts of the map that no edge joins\n",
+        "error: no route from room-0 to room-1: no path of edges connects them in the map\n",
     )
 
 
@@ -262,7 +262,10 @@ def test_floors_above_each_other_are_said_to_be_apart(rooms):
         (["add", "map", "doored", "--set", "offset=1"], "received the setting offset, expected data.KEY"),
         (["remove", "map", "rom-1"], "unknown place 'rom-1', did you mean 'room-1'?"),
         (["remove", "new", "room-1"], "new holds no map: make one with salframe build DATA -o new"),
-        (["merge", "map", "map"], "both map and map have room-0, room-1, room-2, room-3, room-4, expected places of"),
+        (
+            ["merge", "map", "map"],
+            "both maps, map and map, contain room-0, room-1, room-2, room-3, room-4, expected places of",
+        ),
         (["merge", "map", "new"], "new holds no map: make one with salframe build DATA -o new"),
         (
             ["export", "map", "map.dot"],

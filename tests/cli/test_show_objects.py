@@ -139,7 +139,7 @@ def test_only_pictures_of_ours_are_overwritten(pictures):
         before = (pictures / "hall.objects.png").read_bytes()
         done = run("show-objects", "hall.jpg", *DETECTOR)
         assert (done.code, done.err.count("\n")) == (1, 1)
-        assert "hall.objects.png exists and is no picture of show-objects" in done.err
+        assert "hall.objects.png exists and was not written by show-objects" in done.err
         assert (pictures / "hall.objects.png").read_bytes() == before
 
 

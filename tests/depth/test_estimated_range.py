@@ -140,9 +140,11 @@ def test_a_map_remembers_its_range_model(rooms, options, network):
 def test_without_a_range_model_what_could_estimate_it_is_named(rooms, options):
     arguments = ("compare", "--methods", "saliency-graph", "--data", "painted-rooms", "--set", "detector=panoseg")
     (row,) = run(*arguments, "--engine", "inline", "--json").json["rows"]
-    assert row["reason"].startswith("its detector 'panoseg' needs range, which painted-rooms does not have; ")
+    assert row["reason"].startswith(
+        "the detector 'panoseg' of the method needs range, which the dataset painted-rooms does not have; "
+    )
     assert row["reason"].endswith("; to estimate it: --set range.kind=onnx-depth")
     (row,) = run(*arguments, "--engine", "inline", "--json", *options).json["rows"]
     assert row["input"] == ["rgb", "estimated range"]
     (row,) = run(*arguments, "--engine", "inline", "--json", "--set", "range.kind=onnx-depth").json["rows"]
-    assert row["reason"] == "onnx-depth has no network, expected the path of an ONNX file as `model`"
+    assert row["reason"] == "the range model 'onnx-depth' has no network, expected the path of an ONNX file as `model`"

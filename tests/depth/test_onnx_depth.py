@@ -167,7 +167,7 @@ def test_another_content_of_the_file_is_another_model(network):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({}, "onnx-depth has no metric scale, expected metric: true .* or camera_height_m"),
+        ({}, "the range model 'onnx-depth' has no metric scale, expected metric: true .* or camera_height_m"),
         ({"metric": True, "size_px": (64, 64)}, r"takes image float32 \(1, 3, 128, 128\), .*\(\*, 3, 64, 64\)"),
         (
             {"metric": True, "gives": "points"},
@@ -176,7 +176,7 @@ def test_another_content_of_the_file_is_another_model(network):
         ({"metric": True, "input": "equirectangular"}, "takes images of 128 x 128, expected width = 2 x height"),
         (
             {"metric": True, "input": "equirectangular", "gives": "z-depth"},
-            "onnx-depth: the setting gives is z-depth and the setting input is equirectangular",
+            "the range model 'onnx-depth' has gives: z-depth and input: equirectangular",
         ),
     ],
 )
@@ -187,7 +187,9 @@ def test_settings_that_do_not_fit_are_told_in_one_line(network, settings, messag
 
 
 def test_a_model_that_is_not_there_is_told(tmp_path):
-    with pytest.raises(WeightsError, match="onnx-depth has no network, expected the path of an ONNX file"):
+    with pytest.raises(
+        WeightsError, match="the range model 'onnx-depth' has no network, expected the path of an ONNX file"
+    ):
         OnnxDepth(OnnxDepth.Config(metric=True))
     with pytest.raises(WeightsError, match=r"no file .*nothing.onnx, expected the path"):
         build(tmp_path / "nothing.onnx", metric=True)

@@ -255,12 +255,12 @@ def test_a_network_of_any_size_is_given_the_declared_one(tmp_path):
         (
             {"decoder": "yolov8"},
             WeightsError,
-            r"colours.onnx: the network gives \(3, 8\) for each image, the decoder yolov8 expects \(7, \*\)",
+            r"colours.onnx: the output of .* is \(3, 8\) for each image, the decoder 'yolov8' expects \(7, \*\)",
         ),
         (
             {"labels": ["red"]},
             WeightsError,
-            r"the network gives \(3, 8\) for each image, the decoder yolov5 expects \(\*, 6\)",
+            r"the output of the network is \(3, 8\) for each image, the decoder 'yolov5' expects \(\*, 6\)",
         ),
         (
             {"size_px": [640, 640]},

@@ -127,7 +127,9 @@ def test_packing_says_what_does_not_fit(graph):
     arrays = graph_to_arrays(graph)
     for reach_m in (33.0, np.nan):
         far = {**arrays, "centroid_m": np.full((9, 3), reach_m)}
-        with pytest.raises(DataError, match=f"an object lies {reach_m:.1f} m away, expected at most 32.767 m"):
+        with pytest.raises(
+            DataError, match=f"an object lies {reach_m:.1f} m away from the camera, expected at most 32.767 m"
+        ):
             pack_graph(far)
 
 

@@ -99,8 +99,8 @@ def packed(graph):
             "columns of unexpected types, expected packed graphs",
         ),
         (lambda row: {**row, "nodes": row["nodes"]["saliency"]}, "columns of unexpected types, expected packed graphs"),
-        (lambda row: {**row, "nodes": row["nodes"][1:]}, "numbers of nodes, edges and labels differ"),
-        (lambda row: {**row, "edges": row["edges"][1:]}, "numbers of nodes, edges and labels differ"),
+        (lambda row: {**row, "nodes": row["nodes"][1:]}, "columns of nodes, edges and labels do not match"),
+        (lambda row: {**row, "edges": row["edges"][1:]}, "columns of nodes, edges and labels do not match"),
     ],
 )
 def test_columns_of_something_else_are_refused(graphs, tmp_path, change, message):

@@ -206,7 +206,7 @@ def test_a_file_that_is_no_checkpoint_is_one_clear_line(make_matcher, tmp_path):
 
 
 def test_an_architecture_that_kornia_does_not_know_is_one_clear_line(make_matcher):
-    with pytest.raises(ConfigError, match="kornia does not support this architecture"):
+    with pytest.raises(ConfigError, match="kornia does not support the LoFTR architecture"):
         make_matcher("loftr", checkpoint=__file__, architecture={"resolution": [4, 4]})
 
 

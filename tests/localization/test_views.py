@@ -109,7 +109,7 @@ def test_a_localizer_without_join_says_so(fakes):
     moved = built.localize(views=[View(panorama, position_m=[0.5, 0, 1])])
     expected = alone.T_world_query @ np.vstack([np.eye(4)[:3] - [[0, 0, 0, 0.5], [0] * 4, [0, 0, 0, 1]], [0, 0, 0, 1]])
     np.testing.assert_allclose(moved.T_world_query, expected)
-    with pytest.raises(DataError, match="both views and another query"):
+    with pytest.raises(DataError, match="both `views` and a query"):
         built.localize(panorama, views=[View(panorama)])
 
 

@@ -130,7 +130,8 @@ def test_buildings_without_maps_are_left_out(building):
     (building.root / "habitat_map" / "twin").mkdir()
     (building.root / "connectivity" / "twin_connectivity.json").write_text("[]")
     with pytest.raises(
-        DataError, match=r"has maps of fake, twin, expected one building: select one with --set data\.scans=\[fake\]"
+        DataError,
+        match=r"has top-down maps of fake, twin, expected one building: select one with --set data\.scans=\[fake\]",
     ):
         HabitatMaps(HabitatMaps.Config(root=building.root)).folds()
 

@@ -208,7 +208,7 @@ def test_what_is_wrong_with_an_answer_is_one_line(root, change, message):
         ('[{"instr_id": "1_8_0"}]', "answer 0: no key 'trajectory'; expected a list of"),
         (
             '[{"instr_id": "1_8_0", "trajectory": [["a", 0, 0], 7]}]',
-            "answer 0: the trajectory is int, not a list; expected a list of",
+            "answer 0: the trajectory is int, expected a list; expected a list of",
         ),
     ],
 )
@@ -304,7 +304,10 @@ def test_an_experiment_takes_published_episodes(walked):
 def test_data_without_a_folder_has_no_published_episodes():
     data = "matterport-annotations"
     result = run("navigate", "--data", data, "--methods", "objects", "--episodes", "reverie:val_seen")
-    line = f"error: the episodes reverie:val_seen are in the folder of {data}: name it with --data-dir DIR\n"
+    reason = (
+        f"the episodes reverie:val_seen are in the folder of the dataset {data}: name this folder with --data-dir DIR"
+    )
+    line = f"error: {reason}\n"
     assert (result.code, result.err) == (2, line)
 
 

@@ -230,7 +230,7 @@ def test_bad_input_is_one_clear_line(tmp_path, capfd):
     with pytest.raises(DataError, match=r"frames\.csv, line 2: received .*'high'.*, expected finite numbers in x_m"):
         prepared()
     (tmp_path / "frames.csv").write_text(header + "a,query,hall,1,2,1.5,0\n")
-    with pytest.raises(DataError, match=r"frames\.csv has no row with role map"):
+    with pytest.raises(DataError, match=r"frames\.csv has no row with the role 'map'"):
         prepared()
     (tmp_path / "frames.csv").write_text(header + "a,map,hall,1,2,1.5,0\na,map,hall,1,2,1.5,0\n")
     with pytest.raises(DataError, match=r"frames\.csv, line 3: a second frame 'a'"):
@@ -243,10 +243,12 @@ def test_bad_input_is_one_clear_line(tmp_path, capfd):
         prepared()
     whole = (tmp_path / "bare.ply").read_bytes()
     (tmp_path / "bare.ply").write_bytes(whole.replace(b"vertex 3", b"vertex 1000000000000"))
-    with pytest.raises(DataError, match=r"bare\.ply is not a mesh: 1000000000000 elements in 217 bytes"):
+    with pytest.raises(
+        DataError, match=r"bare\.ply is not a mesh: its header names 1000000000000 elements, more than the 217 bytes"
+    ):
         prepared()
     write_ply(tmp_path / "bare.ply", np.diag([1.0, 1.0, np.inf]), [[0, 1, 2]])
-    with pytest.raises(DataError, match=r"bare\.ply has a corner that is not finite"):
+    with pytest.raises(DataError, match=r"bare\.ply has a vertex that is not finite"):
         prepared()
     with pytest.raises(DataError, match=r"cannot read .*other\.obj: No such file"):
         prepared(mesh="other.obj")

@@ -85,7 +85,7 @@ def test_goals_that_what_was_moved_shuts_off_are_not_asked_for():
     sites = {"floor": Site(shut, Guide(shut.chart, Dijkstra.Config()))}
     with pytest.raises(DataError, match="floor allows no episode"):
         draw_episodes(sites, 5, 3)
-    with pytest.raises(DataError, match="episode 0: obstacles in floor block every path from the start to b"):
+    with pytest.raises(DataError, match="episode 0: obstacles in the world floor block every path from the start to b"):
         place_episodes(read_episode_requests(write([{"start": "a-west", "goal": "b"}])), sites, 0)
 
 
@@ -110,7 +110,7 @@ def test_a_file_without_episodes_is_one_line(sites):
 
 
 def test_several_worlds_must_be_told_apart(sites):
-    with pytest.raises(DataError, match="episode 0: no world is named, expected one of floor, attic"):
+    with pytest.raises(DataError, match="episode 0: the episode names no world, expected one of floor, attic"):
         place_episodes(
             read_episode_requests(write([{"start": "b", "goal": "a-west"}])), {**sites, "attic": sites["floor"]}, 0
         )

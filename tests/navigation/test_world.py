@@ -88,7 +88,7 @@ def test_the_map_has_every_frame(world):
 
 def test_a_data_set_that_cannot_render_says_so():
     with pytest.raises(
-        InputMissing, match="still cannot render, and navigation needs panoramas from any position of the agent"
+        InputMissing, match="still cannot render, and navigation needs panoramas at any position of the agent"
     ):
         open_worlds(Still())
     with pytest.raises(DataError, match="unmasked has no floor masks, and navigation needs"):

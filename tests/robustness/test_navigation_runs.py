@@ -77,7 +77,7 @@ FAULTS = {
         yaml_file(lambda content: content["task"]["settings"].update(arrival_m=1e308)),
         r"task: settings\.arrival_m: received 1e\+308, expected a number from -1e\+12 to 1e\+12",
     ),
-    "no JSON": (text_file("runs/*/env.json", "[1]"), r"env\.json holds list, expected an object"),
+    "no JSON": (text_file("runs/*/env.json", "[1]"), r"env\.json contains list, expected a JSON object"),
 }
 
 

@@ -101,12 +101,12 @@ FAULTS: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
     "745 GiB": (
         lambda root: (next(root.glob("ways/parts-*/edges/length_m.npy")).write_bytes(HUGE), reseal(root / "ways")),
         ROUTE,
-        r"length_m\.npy is not .*: 0 bytes of values, expected 800000000000",
+        r"length_m\.npy is not .*: the file has 0 bytes of values, expected 800000000000",
     ),
     "ragged poses": (
         array_file("map/parts-*/frames/pose.npy", lambda poses: poses.ravel()[:-1]),
         LOCALIZE,
-        r"pose\.npy has values \(14,\), expected the number in .*columns\.json",
+        r"pose\.npy has values of shape \(14,\), expected the number of values in .*columns\.json",
     ),
     "poses of text": (
         array_file("map/parts-*/frames/pose.npy", lambda poses: poses.astype("U9")),
@@ -179,7 +179,7 @@ FAULTS: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
             '{"c": {"7": {"name": "x", "visible_pos": [3], "bbox2d": [[Infinity, 1, 2, 3]]}}}',
         ),
         SCORE,
-        r"s_c\.json is not JSON: the number Infinity, expected a finite one",
+        r"s_c\.json is not JSON: received the number Infinity, expected a finite number",
     ),
     "deep JSON": (text_file("data/manifest.json", "[" * 5000 + "]" * 5000), ("data", "info", "./data"), "5000 levels"),
     "deep YAML": (text_file("study.yaml", "- " * 5000), ("ablate", "study.yaml"), "levels of lists and mappings"),
@@ -218,7 +218,11 @@ FAULTS: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
         r"building/parts-\w+ has arrays that saliency-places cannot use, expected the arrays that it wrote",
     ),
     "base is a mapping": (text_file("study.yaml", "base: {a: 1}\n"), ("ablate", "study.yaml"), "base is .*name of a"),
-    "set": (text_file("study.yaml", "vary: {a: !!set {b}}\n"), ("ablate", "study.yaml"), "tag .*set, expected none"),
+    "set": (
+        text_file("study.yaml", "vary: {a: !!set {b}}\n"),
+        ("ablate", "study.yaml"),
+        "tag .*set, expected values without tags",
+    ),
 }
 
 

@@ -318,7 +318,9 @@ def test_every_rule_is_checked_and_a_broken_one_names_the_setting_that_mends_it(
     assert conformance.component == "detector shaken"
     assert [result.rule for result in conformance.failed] == ["detections rotate with the panorama"]
     assert {result.rule: result.message for result in conformance.skipped} == {
-        "detections rotate between column steps": "its column_step is 1"
+        "detections rotate between column steps": (
+            "the column_step of the detector is 1: no rotation lies between its steps"
+        )
     }
     assert len(conformance.rules) == len(conformance.passed) + 2 == 11
     assert "detector shaken: passed: another instance gives the same answer\n" in str(conformance)

@@ -270,9 +270,9 @@ def test_what_does_not_fit_is_one_line_and_changes_nothing(rooms):
         (
             lambda: merge_maps("map", ["same"]),
             DataError,
-            "both map and same have room-0, room-1, .*, expected places of different names: remove them from one",
+            "both maps, map and same, contain room-0, room-1, .*, expected places of different names: remove these",
         ),
-        (lambda: merge_maps("map", ["above", "above"]), DataError, "both above and above have upper-room-0"),
+        (lambda: merge_maps("map", ["above", "above"]), DataError, "both maps, above and above, contain upper-room-0"),
         (
             lambda: merge_maps("map", ["sharp-1"]),
             DataError,

@@ -18,15 +18,24 @@ from salframe_graphs.places.rates import SHIPPED
 class EvidenceWeights(Settings):
     """Weights of the columns of evidence in the score of a place. The softmax of the scores gives probabilities."""
 
-    likelihood: float = Field(description="weight of the log likelihood ratio of objects and pose (nats)")
+    likelihood: float = Field(
+        description="weight of the log likelihood ratio (nats) of the query's objects, at the best pose in the "
+        "candidate place"
+    )
     outline: float = Field(
-        description="weight of the log likelihood ratio of the outline of free space under that pose (nats)"
+        description="weight of the log likelihood ratio (nats) of the outline of the free space, at the best pose "
+        "in the candidate place"
     )
-    panorama: float = Field(description="weight of the best match score of the place's single panoramas")
+    panorama: float = Field(
+        description="weight of the best score among the matches of the query with the single panoramas of the "
+        "candidate place"
+    )
     detected_labels: float = Field(
-        description="weight of the share of the query's labels, by rarity, that the place has"
+        description="weight of the share of the query's labels that the candidate place has; rare labels count more"
     )
-    labels_shared: float = Field(description="weight of the Jaccard index, by rarity, of the labels of query and place")
+    labels_shared: float = Field(
+        description="weight of the Jaccard index of the labels of query and candidate place; rare labels count more"
+    )
 
 
 def label_evidence(label: np.ndarray, index: PlaceIndex, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

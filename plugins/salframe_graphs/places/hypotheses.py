@@ -25,7 +25,7 @@ def best_poses(scorer: PlaceLikelihood, max_poses: int) -> Poses:
     """Return at most `max_poses` poses of each place, sorted by place, then best first.
 
     All pairs of similar objects score the two-point hypotheses. The probability of detecting an object of the place is
-    approximated by that from the place's first camera.
+    approximated by the probability of detecting it from the place's first camera.
     """
     index, position, rates = scorer.index, scorer.position, scorer.rates
     i, j = np.nonzero(scorer.same_label & (scorer.log_ratio > MIN_LOG_RATIO))
@@ -56,10 +56,10 @@ def best_poses(scorer: PlaceLikelihood, max_poses: int) -> Poses:
 
 
 def _support(scorer: PlaceLikelihood, i: np.ndarray, j: np.ndarray, poses: Poses) -> np.ndarray:
-    """Return the part of the score of poses (C,) that pairs of similar objects contribute.
+    """Return the contribution (C,) of the pairs of similar objects to the score of each pose.
 
-    Pairs and poses are sorted by place. Each pose is evaluated with the pairs of its place only, in single precision,
-    because this takes much of a query's time.
+    Pairs and poses are sorted by place. To save time, each pose is evaluated with the pairs of its place only, in
+    single precision.
     """
     if not len(poses):
         return np.zeros(0)

@@ -198,8 +198,8 @@ class PlaceLikelihood:
     def score_without_pose(self) -> np.ndarray:
         """Return the score (K,) of each place without a pose.
 
-        Positions are ignored, and the odds of an object are multiplied by `unplaced_share`. An object was seen with the
-        share of sectors that the query shows.
+        Positions are ignored, and the odds of an object are multiplied by `unplaced_share`. The logarithm of the
+        probability that no object is detected is multiplied by the share of sectors that the query shows.
         """
         columns = _Columns(np.arange(len(self.index.label)), self.index.segments)
         odds = np.exp(np.minimum(self.log_ratio + self.first_camera_logit + self._minus_log_clutter, MAX_LOG_RATIO))

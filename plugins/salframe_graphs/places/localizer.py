@@ -122,39 +122,46 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
 
     class Config(GraphLocalizerConfig, PanoramaMatchingConfig):
         outline: bool = Field(
-            True, description="store the outline of free space above the furniture, and use it as evidence"
+            True,
+            description="true: the outline of the free space above the furniture is stored in the map and used as "
+            "evidence; false: it is not",
         )
         rates: Annotated[Rates, BeforeValidator(partial(_over_shipped, "rates", shipped_rates))] = Field(
             default_factory=shipped_rates,
-            description="error rates of the detector, or a file written by `salframe fit`",
+            description="mapping with the error rates of the detector, or a file written by `salframe fit`",
             json_schema_extra={"match_only": True},
         )
         weights: Annotated[EvidenceWeights, BeforeValidator(partial(_over_shipped, "weights", shipped_weights))] = (
             Field(
                 default_factory=shipped_weights,
-                description="weight of each column of evidence, or a file written by `salframe fit`",
+                description="mapping from each column of evidence to its weight in the score of a place, or a file "
+                "written by `salframe fit`",
                 json_schema_extra={"match_only": True},
             )
         )
         likelihood: Likelihood = match_only(
-            Likelihood(), description="constants of the likelihood that are independent of the detector"
+            Likelihood(), description="constants of the likelihood of a query that are independent of the detector"
         )
         posterior: Annotated[
             Posterior | None, BeforeValidator(partial(_over_shipped, "posterior", shipped_posterior))
         ] = Field(
             default_factory=shipped_posterior,
-            description="converts scores to probabilities: a file written by `salframe fit`, or its parameters; the "
+            description="parameters that convert scores to probabilities, or a file written by `salframe fit`; the "
             "default never answers out-of-map (to enable: max_out_of_map_probability=0.5); null: no probabilities",
             json_schema_extra={"match_only": True},
         )
         candidates: int = match_only(
-            100, ge=1, description="maximum number of places to match object by object, the best by the scene index"
+            100,
+            ge=1,
+            description="maximum number of places that are matched object by object, the best ones of the scene index",
         )
         scene_index: slot("scene-index", "by-size", match_only=True)  # type: ignore[valid-type]
         merged: bool = match_only(
-            True, description="merge the panoramas of a place into one graph; false: one graph for each panorama"
+            True,
+            description="true: the panoramas of a place are merged into one graph; false: each panorama has its own "
+            "graph",
         )
-        poses: int = match_only(3, ge=1, description="maximum number of poses to refine in each place")
+        poses: int = match_only(3, ge=1, description="maximum number of pose hypotheses that are refined in each place")
         distant_views: DistantViews = added(
             DistantViews(),
             match_only=True,
@@ -221,7 +228,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
 
     @property
     def column_step(self) -> int | None:  # type: ignore[override]
-        """Step of the detector; None if the pose does not turn with the panorama."""
+        """The `column_step` of the detector; None if the pose does not turn with the panorama."""
         return super().column_step if self._matching.is_equivariant else None
 
     def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> None:
@@ -317,7 +324,8 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         return Ranking(names[order], score[order], pose_row[order], hypotheses.poses, hypotheses.search)
 
     def _without_pose(self, places: tuple[RankedPlace, ...], name: int) -> Localization:
-        """Return an answer without a pose, with a note where the place with this number of a name is not one room."""
+        """Return an answer without a pose. It has a note if the frames of the first place lie on several storeys;
+        `name` is the number of the place's name."""
         heights_m = self._map.heights_m(name)
         divided = np.diff(heights_m).max(initial=0) > MAX_STEP_M
         note = (

@@ -135,7 +135,7 @@ class MapPlaces:
 
     @property
     def number(self) -> dict[str, int]:
-        """The position of each name in `names`."""
+        """Mapping from each place name to its position in `names`."""
         return self.shown.number
 
     def windows(self, radius_m: float) -> Windows:

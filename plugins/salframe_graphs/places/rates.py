@@ -18,26 +18,39 @@ class Rates(Settings):
     """Errors of a detector between two panoramas of a place: ten scalars for all labels together."""
 
     label_agreement: float = Field(
-        gt=0, lt=1, description="probability that an object has the same label as in the map"
+        gt=0, lt=1, description="probability that a detected object has the same label as in the map"
     )
     position_error_m: float = Field(
-        gt=0, description="standard deviation of a centroid along each axis (m), at range 0"
+        gt=0, description="standard deviation (m) of the position of a detected object along each axis, at range 0"
     )
     range_error_share: float = Field(
-        ge=0, description="additional standard deviation of a range, relative to the range"
+        ge=0,
+        description="standard deviation of the range of a detected object, relative to the range, in addition to "
+        "the constant position error",
     )
-    height_error_m: float = Field(gt=0, description="standard deviation of a centroid's height above the camera (m)")
-    length_error_log: float = Field(gt=0, description="standard deviation of ln(length of a box)")
-    box_height_error_log: float = Field(gt=0, description="standard deviation of ln(height of a box)")
+    height_error_m: float = Field(
+        gt=0, description="standard deviation (m) of the height of an object's centroid above the camera"
+    )
+    length_error_log: float = Field(
+        gt=0, description="standard deviation of the natural logarithm of the length of an object's box"
+    )
+    box_height_error_log: float = Field(
+        gt=0, description="standard deviation of the natural logarithm of the height of an object's box"
+    )
     detection_logit: float = Field(
-        description="logit of the probability to detect an object of average saliency, seen once in the map, from 2 m"
+        description="log-odds of the detection of an object of average saliency that is seen once in the map, "
+        "from a distance of 2 m"
     )
     detection_per_saliency: float = Field(
-        description="change of detection_logit per unit of ln(saliency / average saliency)"
+        description="change of the log-odds of the detection of an object per unit of ln(saliency / average saliency)"
     )
-    detection_per_distance: float = Field(description="change of detection_logit per unit of ln(distance)")
+    detection_per_distance: float = Field(
+        description="change of the log-odds of the detection of an object per unit of ln(distance from the camera)"
+    )
     clutter: float = Field(
-        gt=0, description="rate of query objects that belong to no object of the place, relative to the map's objects"
+        gt=0,
+        description="rate of clutter: number of query objects that belong to no object of the place, relative to "
+        "the number of objects of the place",
     )
 
 
@@ -45,13 +58,30 @@ class Likelihood(Settings):
     """Constants of the likelihood that are independent of the detector."""
 
     detection_per_sighting: float = Field(
-        0.5, description="change of detection_logit per unit of ln(number of sightings in the map)"
+        0.5,
+        description="change of the log-odds of the detection of an object per unit of ln(number of panoramas of "
+        "the map that show it)",
     )
-    area_m2: float = Field(60.0, gt=0, description="floor area (m2) over which clutter is uniform")
-    height_span_m: float = Field(2.5, gt=0, description="range of heights (m) over which clutter is uniform")
-    size_span_log: float = Field(2.5, gt=0, description="range of ln(size) over which clutter is uniform")
+    area_m2: float = Field(
+        60.0,
+        gt=0,
+        description="floor area (m2) over which the positions of clutter (query objects without an object in the "
+        "map) are uniform",
+    )
+    height_span_m: float = Field(
+        2.5,
+        gt=0,
+        description="interval of heights (m) over which the heights of clutter (query objects without an object "
+        "in the map) are uniform",
+    )
+    size_span_log: float = Field(
+        2.5,
+        gt=0,
+        description="length of the interval of ln(size) over which the sizes of clutter (query objects without an "
+        "object in the map) are uniform",
+    )
     unplaced_share: float = Field(
-        0.33, gt=0, le=1, description="factor on the odds of an object in the likelihood without a pose"
+        0.33, gt=0, le=1, description="factor on the odds of each object in the likelihood of a place without a pose"
     )
 
 

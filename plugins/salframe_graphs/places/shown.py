@@ -44,7 +44,7 @@ class ShownPlaces:
 
     @cached_property
     def number(self) -> dict[str, int]:
-        """The position of each name in `names`."""
+        """Mapping from each place name to its position in `names`."""
         return {name: i for i, name in enumerate(self.names)}
 
     @cached_property

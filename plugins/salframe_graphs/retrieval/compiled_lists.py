@@ -47,9 +47,16 @@ class CompiledLists(SceneIndex):
 
     class Config(InvertedLists.Config):
         tolerance_m: float = match_only(
-            0.3, gt=0, description="maximum distance (m) between two views of the same object, at range 0"
+            0.3,
+            gt=0,
+            description="maximum distance (m), at range 0, between the positions of one object in query and scene",
         )
-        tolerance_share: float = match_only(0.05, ge=0, description="increase of tolerance_m per metre of range")
+        tolerance_share: float = match_only(
+            0.05,
+            ge=0,
+            description="increase of the maximum distance between the positions of one object in query and scene, per "
+            "metre of range",
+        )
         max_shift_m: float = match_only(
             6.0, gt=0, description="maximum distance (m) between a query and the panorama of its scene"
         )
@@ -62,7 +69,7 @@ class CompiledLists(SceneIndex):
     def open(self, folder: Path) -> None:
         self._postings = read_postings(folder)
         if self._postings.position is None:
-            raise DataError(f"{folder} has no positions of objects: build the scene index again")
+            raise DataError(f"the scene index in {folder} has no positions of objects: build the scene index again")
         if len(self._postings.scene):
             self._compile()
 

@@ -19,17 +19,21 @@ from salframe_graphs.retrieval.scoring import best_scenes
 class InvertedLists(SceneIndex):
     """Ranks scenes by the Jaccard index of their objects and the query's, weighted by the rarity of labels.
 
-    The shared part of an object is its similarity in height, length and box height to the most similar object with the
-    same label.
+    An object contributes to the intersection its similarity in height, length and box height to the most similar object
+    with the same label.
     """
 
     name = "inverted-lists"
     version = "1"
 
     class Config(ComponentConfig):
-        height_scale_m: float = match_only(0.2, gt=0, description="difference in height (m) that halves similarity")
+        height_scale_m: float = match_only(
+            0.2, gt=0, description="difference in height (m) at which the similarity of two objects is halved"
+        )
         size_scale: tuple[float, float] = match_only(
-            (0.8, 0.5), description="log ratios of box length and box height that halve similarity"
+            (0.8, 0.5),
+            description="log ratios of two box lengths and of two box heights at which the similarity of two objects "
+            "is halved",
         )
 
     def build(self, graphs: Iterable[SaliencyGraph], folder: Path) -> None:

@@ -106,8 +106,8 @@ def _search(scene, low, high, number, step):  # type: ignore[no-untyped-def]
 def verify_scenes(lists, labels, query, limits, scenes, explained):  # type: ignore[no-untyped-def]
     """Compute the support of the best pose of each scene.
 
-    The support is the sum, over the objects that coincide under the pose, of rarity x similarity x nearness. The sums
-    of the two sides may differ; the smaller one is used.
+    The support is the sum, over the objects that coincide under the pose, of rarity x similarity x nearness. It is
+    summed over the objects of the query and over the objects of the scene, and the smaller sum is used.
 
     Args:
         lists: scene (P,), code (P, 3) and position (P, 2) of the map's `Postings`, and the values of the codes:

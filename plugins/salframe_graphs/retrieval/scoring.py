@@ -11,9 +11,9 @@ from salframe_graphs.retrieval.postings import Postings
 def best_scenes(postings: Postings, query: IndexQuery, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the scenes with the best scores for a query, in the order of the map.
 
-    The score is the Jaccard index of the objects of query and scene, weighted by rarity. The shared part of an object
-    is its similarity to the most similar object of the other side, and the smaller sum of the two sides is used. So
-    four chairs share only one chair with a scene that has one.
+    The score is the Jaccard index of the objects of query and scene, weighted by rarity. Each object of the query
+    contributes its similarity to the most similar object of the scene, and vice versa. The intersection is the smaller
+    of the two sums, so that four chairs have only one chair in common with a scene that has one.
 
     Args:
         postings: The lists of the map.

@@ -1,4 +1,5 @@
-"""Arms of a page: methods of several runs side by side. Runs that differ only in the seed of the data are pooled."""
+"""Arms of a report: methods with their settings, from several runs, side by side. Runs that differ only in the seed of
+the data are pooled."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The content of a page that is shown on load."""
+"""The content of an HTML page that is shown when the page is opened."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FIRST_SHOWN = 8
 def make_content(
     views: Sequence[RunView[Any, Any]], arms: Sequence[Arm], about: str, columns: Sequence[str] = ()
 ) -> dict[str, Any]:
-    """Return the content of a page that all tasks share, as JSON.
+    """Return the content of an HTML page that does not depend on the task, as JSON.
 
     Args:
         views: The runs, of one task.

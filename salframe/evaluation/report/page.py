@@ -1,4 +1,4 @@
-"""Write a page to a file: its template, its scripts, and its content as JSON that is safe inside HTML."""
+"""Write an HTML page to a file: its template, its scripts, and its content as JSON that is safe inside HTML."""
 
 from __future__ import annotations
 

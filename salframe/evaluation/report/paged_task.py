@@ -1,4 +1,4 @@
-"""Tasks whose runs have a page."""
+"""Base class of tasks whose runs have an HTML page."""
 
 from __future__ import annotations
 
@@ -17,19 +17,20 @@ from salframe.evaluation.runs.task import LineT, Result, Task
 from salframe.panoramas.opening import Progress
 
 PAGE = "report.html"
-"""Name of the page in a run folder."""
+"""File name of the HTML page in a run folder."""
 
 
 @dataclass(frozen=True, eq=False)
 class Islands:
-    """Parts of a page that are read on demand, as ids and texts, and notes on what could not be drawn."""
+    """Content of an HTML page that the browser reads on demand, as ids and texts, and notes on what could not be
+    drawn."""
 
     parts: Iterator[tuple[str, str]]
     notes: tuple[str, ...] = ()
 
 
 class PagedTask(Task[Piece, Surveyed, PieceRowT, LineT]):
-    """A task whose runs have a page. `about` is a note on the columns of its tables."""
+    """A task whose runs have an HTML page. `about` is a note on the columns of its tables."""
 
     about: ClassVar[str]
 
@@ -37,11 +38,11 @@ class PagedTask(Task[Piece, Surveyed, PieceRowT, LineT]):
     def view(
         self, result: Result[LineT], records: Sequence[Record[PieceRowT]], survey: Surveyed
     ) -> RunView[PieceRowT, LineT]:
-        """Return the view of a run that the page shows."""
+        """Return what the HTML page shows of a run."""
 
     @classmethod
     def part(cls, views: Sequence[Any], arms: Sequence[Arm]) -> dict[str, Any]:
-        """Return the part of a page that is specific to the task, as JSON; empty by default.
+        """Return the content of the HTML page that only this task has, as JSON; empty by default.
 
         Keys: "figures" (as in `figures.Figure`: title, data, layout), and those that the scripts of the page read.
         """
@@ -51,7 +52,7 @@ class PagedTask(Task[Piece, Surveyed, PieceRowT, LineT]):
     def islands(
         cls, views: Sequence[Any], arms: Sequence[Arm], full: bool, progress: Progress | None = None
     ) -> Islands | None:
-        """Return what the page shows of each piece; None where it shows nothing (default).
+        """Return what the HTML page shows of each query, pair or episode; None: nothing (default).
 
         `full` shows panoramas in full resolution instead of thumbnails.
         """
@@ -61,7 +62,8 @@ class PagedTask(Task[Piece, Surveyed, PieceRowT, LineT]):
     def content(
         cls, views: Sequence[RunView[PieceRowT, LineT]], arms: Sequence[Arm], columns: Sequence[str] = ()
     ) -> dict[str, Any]:
-        """Return the content of a page of these views, as JSON; `columns` names those of the first table."""
+        """Return the content of the HTML page of runs (`views`) as JSON; `columns` are the columns of the first
+        table."""
         return {**make_content(views, arms, cls.about, columns), **cls.part(views, arms)}
 
     def write_page(self, result: Result[LineT], records: Sequence[Record[PieceRowT]], survey: Surveyed) -> Path:

@@ -1,4 +1,4 @@
-"""The summary at the top of a page: the requests, versions and notes."""
+"""The summary at the top of an HTML page: the requests, versions and notes of its runs."""
 
 from __future__ import annotations
 

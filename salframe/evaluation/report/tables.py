@@ -1,4 +1,4 @@
-"""The tables of a page: those of the terminal, and the same with all columns."""
+"""The tables of an HTML page: the tables that the terminal shows, and the same tables with all columns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The view of a run that a page shows: its result and its records."""
+"""What the HTML page of a report shows of a run: its result and its records."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from salframe.evaluation.runs.task import LineT, Result
 
 @dataclass(frozen=True, eq=False)
 class RunView(Generic[PieceRowT, LineT]):
-    """A run of any task. `records` are in the order of the result's rows."""
+    """What the HTML page shows of a run of any task. `records` are in the order of the result's rows."""
 
     result: Result[LineT]
     records: Sequence[Record[PieceRowT]]

@@ -1,1 +1,1 @@
-"""Run folders: requests, their execution by workers, and what they keep on disk."""
+"""Run folders: requests, their execution by workers, and the files that they write."""

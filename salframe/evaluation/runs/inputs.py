@@ -59,5 +59,8 @@ def check_needs(method: Component, dataset: Dataset) -> None:
             hint = " or ".join(f"--set {slot}.kind={name}" for name in able)
             advice = f"to work without: {hint}" if able else f"no installed {role} works without"
             advice += f"; to estimate it: {estimate}" if estimate else ""
-            raise InputMissing(f"its {role} {inner.kind!r} needs {words}, which {dataset.name} does not have; {advice}")
-    raise InputMissing(f"needs {words}, which {dataset.name} does not have")
+            raise InputMissing(
+                f"the {role} {inner.kind!r} of the method needs {words}, which the dataset "
+                f"{dataset.name} does not have; {advice}"
+            )
+    raise InputMissing(f"the method needs {words}, which the dataset {dataset.name} does not have")

@@ -1,4 +1,5 @@
-"""Limits of time and memory: a piece of work that exceeds one loses its answer, and the other pieces continue."""
+"""Limits of time and memory. A piece of work, such as a query, that exceeds a limit has no answer; the method continues
+with the next piece."""
 
 from __future__ import annotations
 
@@ -75,7 +76,7 @@ class Guard:
 
     @contextmanager
     def watch(self, key: Mapping[str, Any] | None = None) -> Iterator[None]:
-        """Apply the time limit to the block, which works on the piece with this key (None: on none)."""
+        """Apply the time limit to the `with` block, which works on the piece with this key (None: on no piece)."""
         if key is not None:
             write_json(self._folder / AT_WORK, dict(key))
         if self._limits.timeout_s is not None:

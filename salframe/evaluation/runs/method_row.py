@@ -70,7 +70,7 @@ class MethodRow(ABC):
     @property
     @abstractmethod
     def measured(self) -> bool:
-        """Whether the method has numbers."""
+        """Whether the method was measured, so that the row has numbers."""
 
     @property
     def title(self) -> str:
@@ -88,7 +88,7 @@ class MethodRow(ABC):
 
     @property
     def crashed(self) -> bool:
-        """Whether the method raised or died, on a piece or altogether."""
+        """Whether the method raised an exception or its process died, on one piece of work or as a whole."""
         return self.ended is MethodStatus.CRASHED or PieceStatus.CRASHED in self.status
 
 

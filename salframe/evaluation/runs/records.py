@@ -1,4 +1,4 @@
-"""The content of a run: the pieces of a task on a data set, and the rows of each method."""
+"""The content of a run: the pieces of work of a task on a data set, such as queries, and the rows of each method."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ PieceRowT = TypeVar("PieceRowT", bound=PieceRow)
 
 @dataclass(frozen=True, eq=False)
 class Survey(Generic[Piece]):
-    """A task on a data set: its pieces in the order of the table, and notes on those that were left out."""
+    """A task on a data set: its pieces of work, such as queries, in the order of the table, and notes on pieces that
+    were left out."""
 
     dataset: Dataset
     pieces: Sequence[Piece]

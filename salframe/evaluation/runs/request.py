@@ -96,7 +96,7 @@ class Resolved:
         engine: Configuration of the engine.
         scopes: Settings of anything else, by scope.
         notes: Notes on methods that replace a requested one, and on the components that `auto` selected.
-        replacements: Those of the notes that say that a method replaces a requested one.
+        replacements: Notes on methods that replace a requested one; they are also in `notes`.
         requested_as: The requested label of each method, by its label in the run.
         changes: The settings of methods that differ from the preset or component of their name, "key=value" each, by
             label. Methods without such settings are missing.
@@ -134,7 +134,9 @@ def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = (
         variant = method if isinstance(method, Variant) else Variant(method)
         if requested.setdefault(variant.label, variant) != variant:
             both = f"{requested[variant.label].method} and {variant.method}"
-            raise ConfigError(f"received the methods {both}, which would both be labelled {variant.label}")
+            raise ConfigError(
+                f"received the methods {both}, which have the same label {variant.label}: rename one of the two"
+            )
     contents = {variant.name: settings(role, variant.method) for variant in requested.values()}
     pairs = map(parse_override, request.settings)
     overrides = Overrides(pairs, contents, role=role, scopes=("data", "engine", *scopes))

@@ -24,9 +24,10 @@ Amount = Annotated[float, Field(ge=0, le=MAX_NUMBER)]
 
 
 class PieceStatus(StrEnum):
-    """How the work on one piece ended.
+    """How the work on one piece, such as a query, ended.
 
-    It is done, the piece lacks a part that the method needs, the piece cannot be read, or the method crashed.
+    The work is done, the panorama lacks an input that the method needs, the panorama cannot be read, or the method
+    crashed.
     """
 
     OK = "ok"
@@ -42,7 +43,7 @@ class Line(BaseModel):
 
 
 class PieceRow(Line):
-    """The row of a piece of any task."""
+    """The row of a piece of work, such as a query, of any task."""
 
     status: str
     error: str | None
@@ -91,7 +92,10 @@ class RowWriter:
         try:
             text = json.dumps(row, allow_nan=False)
         except ValueError:
-            raise InvalidAnswer(f"an answer holds a number that is not finite: {str(row)[:200]}") from None
+            raise InvalidAnswer(
+                f"the answer of the method has a number that is NaN or infinite, expected "
+                f"finite numbers: {str(row)[:200]}"
+            ) from None
         with naming(Path(self._file.name)):
             self._file.write(text + "\n")
             self._file.flush()

@@ -37,9 +37,10 @@ from salframe.panoramas.opening import Progress, open_dataset, reference_frames
 _log = logging.getLogger(__name__)
 POLL_SECONDS = 0.5
 TRIES, DEATHS = 2, 3
-"""Number of deaths of a process after which a piece is skipped, and number of skipped pieces that end a method."""
+"""Number of deaths of a process after which a piece of work is skipped, and number of skipped pieces that end a
+method."""
 Key = tuple[Any, ...]
-"""Key of a piece: the values of its key fields."""
+"""Key of a piece of work, such as a query: the values of its key fields."""
 
 
 def run_task(
@@ -93,7 +94,10 @@ def _resume(
         run.reuse(label, digest({**key, **map_format}))
     run.set_notes([*resolved.notes, *data_notes(dataset)])
     if request.limits and not engine.isolates:
-        raise ConfigError(f"the engine {engine.name!r} has no worker processes, which --timeout and --memory need")
+        raise ConfigError(
+            f"the engine {engine.name!r} has no worker processes, which --timeout and --memory "
+            "need: choose another --engine"
+        )
     with _watch(task, run, task.total(survey), progress):
         work = _Work(task, run, survey, engine, request.limits)
         for label, config in resolved.methods.items():
@@ -263,7 +267,7 @@ def _record(task: AnyTask, run: Run, label: str, survey: Survey[Any]) -> Record[
 
 @contextmanager
 def _watch(task: AnyTask, run: Run, total: int, progress: Progress | None) -> Iterator[None]:
-    """Report the progress of each method while the block runs, from the number of lines in its folder."""
+    """Report the progress of each method during the `with` block, from the number of lines in its folder."""
     if progress is None:
         yield
         return

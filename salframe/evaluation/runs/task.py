@@ -1,4 +1,4 @@
-"""Base class of tasks: a task yields independent pieces of work and summarizes their rows in a table."""
+"""Base class of tasks. A task has independent pieces of work, such as queries, and computes a table from their rows."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
         version: Version of the rows. It changes when the same answers have different rows.
         role: Role of the methods.
         prefix: Start of the default name of run folders.
-        counts: Name of its pieces, in the plural.
+        counts: Name of the pieces of work in the plural, such as queries.
         key_fields: Fields of a row that identify its piece.
         row: Type of the rows of rows.jsonl.
         line: Type of a method's row in the table.
@@ -150,7 +150,7 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
         return []
 
     def asks(self) -> dict[str, Any]:
-        """Return the parameters of the task, as JSON that `from_run` reads; none by default."""
+        """Return the parameters of the task as JSON, which `from_run` reads; empty by default."""
         return {}
 
     def identity(self) -> dict[str, Any]:

@@ -42,10 +42,14 @@ RESULTS = Path("results")
 class TableStudy(Study):
     """A study that is a table of an experiment."""
 
-    title: str = Field(description="title above the table")
-    columns: tuple[str, ...] = Field((), description="the columns to show; empty: the default ones")
+    title: str = Field(description="title that is printed above the table")
+    columns: tuple[str, ...] = Field(
+        (), description="names of the columns of the table to print; empty: the default columns"
+    )
     quick: dict[str, Any] | Literal[False] = Field(
-        {}, description="values that replace those of the table under `--quick`; false: `--quick` skips the table"
+        {},
+        description="mapping from keys of the table (such as seeds) to the values that they have with the option "
+        "`--quick`; false: `--quick` skips the table",
     )
 
 
@@ -54,8 +58,12 @@ class Experiment(Settings):
 
     title: str
     question: str = Field(description="the question that the experiment answers")
-    reported: tuple[str, ...] = Field((), description="titles of reported tables to show beside the experiment")
-    differs: str = Field("", description="how the data differ from the data of the reported numbers")
+    reported: tuple[str, ...] = Field(
+        (), description="list of the titles of tables reported in papers that are printed beside the experiment"
+    )
+    differs: str = Field(
+        "", description="how the data of the experiment differ from the data of the tables reported in papers"
+    )
     tables: dict[str, TableStudy]
 
 

@@ -32,7 +32,7 @@ from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 from salframe.panoramas.opening import Progress
 
 HIDE = "data.hide_query_place=true"
-"""Setting of every tuning data set."""
+"""Setting of every tuning data set: each query is also localized in a map without its place."""
 
 
 @dataclass(frozen=True, eq=False)

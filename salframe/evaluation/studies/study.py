@@ -33,8 +33,8 @@ DATA, ARM, SEED = "data", "arm", "data.seed"
 class StudiedMethod(Settings):
     """A method with its settings."""
 
-    method: str = Field(description="a preset, a component or a YAML file")
-    set: dict[str, Any] = Field({}, description="settings of the method, by dotted key")
+    method: str = Field(description="name of a preset or component, or path of a YAML file")
+    set: dict[str, Any] = Field({}, description="mapping from dotted keys to values: the settings of the method")
 
 
 class Study(Settings):
@@ -45,26 +45,40 @@ class Study(Settings):
 
     model_config = ConfigDict(extra="allow")
 
-    task: str = Field(DEFAULT, description="the task")
-    method: str | None = Field(None, description="the method to study; a detector of the tasks detection and sensor")
+    task: str = Field(DEFAULT, description="name of the task that measures the methods, such as localization")
+    method: str | None = Field(None, description="method to study; in the tasks detection and sensor, a detector")
     methods: tuple[str, ...] | dict[str, str | StudiedMethod] = Field(
-        (), description="several methods to study; by name where a method has settings"
+        (),
+        description="methods to study: a list of names, or a mapping from the name of a row to a method with its "
+        "settings",
     )
-    data: str | tuple[str, ...] | None = Field(None, description="dataset or datasets; null: the default dataset")
-    seeds: tuple[int, ...] = Field((), description="values of data.seed to pool in one row")
-    set: dict[str, Any] = Field({}, description="settings of all rows")
+    data: str | tuple[str, ...] | None = Field(
+        None, description="name of the dataset, or a list of names; null: the default dataset"
+    )
+    seeds: tuple[int, ...] = Field(
+        (), description="list of the values of data.seed whose results are pooled in one row"
+    )
+    set: dict[str, Any] = Field(
+        {}, description="mapping from dotted keys to values: settings that all rows of the table have"
+    )
     vary: dict[str, tuple[Any, ...]] = Field(
-        {}, description="values by key; every combination is a row, for the methods that have the key"
+        {},
+        description="mapping from dotted keys to lists of values; each combination of values is a row, for the "
+        "methods that have the keys",
     )
-    arms: dict[str, dict[str, Any]] = Field({}, description="named groups of settings of the data; each is a row")
+    arms: dict[str, dict[str, Any]] = Field(
+        {}, description="mapping from row names to settings of the data; each entry is a row of the table"
+    )
 
     @model_validator(mode="after")
     def _check(self) -> Study:
         if (self.method is None) == (not self.methods):
-            raise ValueError("expected either method or methods")
+            raise ValueError(
+                "received both or neither of the keys method and methods, expected either method or methods"
+            )
         empty = [key for key, values in self.vary.items() if not values]
         if empty:
-            raise ValueError(f"vary.{', '.join(empty)} holds no value, expected at least one")
+            raise ValueError(f"the list vary.{', '.join(empty)} has no value, expected at least one")
         try:
             kind = self.kind
         except UnknownName as error:
@@ -121,11 +135,13 @@ class Study(Settings):
                 varied.append(choice)
         for key in keys:
             if key.split(".")[0] not in known_keys:
-                raise ConfigError(f"vary holds {key}: {unknown('key', key.split('.')[0], sorted(known_keys))}")
+                raise ConfigError(
+                    f"the mapping vary has the key {key}: {unknown('key', key.split('.')[0], sorted(known_keys))}"
+                )
         labels = [variant.label for variant in variants]
         twice = [label for label in labels if labels.count(label) > 1]
         if twice:
-            raise ConfigError(f"vary gives {twice[0]} twice, expected distinct values")
+            raise ConfigError(f"vary gives two rows with the label {twice[0]}, expected distinct values")
         return variants, varied
 
     def _methods(self) -> dict[str, StudiedMethod]:
@@ -136,7 +152,7 @@ class Study(Settings):
         return {short_name(name): StudiedMethod(method=name) for name in self.methods or (str(self.method),)}
 
     def varied(self, *, of_data: bool) -> list[str]:
-        """Return the varied keys: those of the data set, or the others."""
+        """Return the varied keys: settings of the data set if `of_data`, otherwise all other settings."""
         return [key for key in self.vary if key.startswith(f"{DATA}.") == of_data]
 
 

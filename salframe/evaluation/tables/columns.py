@@ -65,7 +65,7 @@ def share_column(heading: str, get: Callable[[RowT], float | None], *, largest: 
 
 
 def rate_column(heading: str, get: Callable[[RowT], Estimate | None]) -> Column[RowT]:
-    """Return a column of shares as percent with their intervals."""
+    """Return a column of shares as percent with their 95 % confidence intervals."""
     return Column(heading, lambda row: interval(get(row)), _value_of(get))
 
 

@@ -24,7 +24,8 @@ class ReportedTable(Settings):
         for method, numbers in self.rows.items():
             if len(numbers) != len(self.figures):
                 raise ValueError(
-                    f"{self.title}, {method}: received {len(numbers)} numbers, expected {len(self.figures)}"
+                    f"table {self.title!r}, row {method!r}: received {len(numbers)} numbers, expected "
+                    f"{len(self.figures)}, one for each of `figures`"
                 )
         return self
 

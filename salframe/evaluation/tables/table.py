@@ -71,7 +71,7 @@ def leading_methods(rows: Sequence[TableRow]) -> dict[str, list[str]]:
 def select_leading(
     leading: Mapping[str, Sequence[str]] | None, rows: Sequence[TableRow], selected: Sequence[TableRow]
 ) -> dict[str, list[str]]:
-    """Return the leading columns of the selected ones of the rows."""
+    """Return the leading columns with the cells of the selected rows only."""
     return {
         heading: [text for text, row in zip(texts, rows, strict=True) if any(row is one for one in selected)]
         for heading, texts in (leading_methods(rows) if leading is None else leading).items()

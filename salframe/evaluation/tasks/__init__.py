@@ -1,1 +1,1 @@
-"""What methods are measured on: one package per task with its items, rows, columns and part of the report."""
+"""Tasks by which methods are measured: one package per task, with its items, rows, columns and report."""

@@ -32,7 +32,7 @@ def preset_folder() -> Path:
 def default_of(key: str) -> Any:
     """Return the default name or names for `key`. Raises ConfigError if there is none."""
     if key not in defaults():
-        raise ConfigError(f"no default for {key!r}, expected one of {', '.join(defaults())}")
+        raise ConfigError(f"configs/defaults.yaml has no default for {key!r}, expected one of {', '.join(defaults())}")
     return defaults()[key]
 
 

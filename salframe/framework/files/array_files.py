@@ -77,14 +77,14 @@ def parse_arrays(content: bytes) -> dict[str, np.ndarray]:
             members = archive.infolist()
             num_bytes = sum(member.file_size for member in members)
             if num_bytes > MAX_BYTES:
-                raise ValueError(f"arrays of {num_bytes} bytes, expected at most {MAX_BYTES}")
+                raise ValueError(f"the arrays of the file have {num_bytes} bytes, expected at most {MAX_BYTES}")
             arrays = {member.filename.removesuffix(".npy"): _parse(archive.read(member)) for member in members}
     except ValueError:
         raise
     except Exception as error:  # zipfile and zlib raise many types of exceptions
         raise ValueError(f"the archive is damaged ({error})") from None
     if len(arrays) < len(members):
-        raise ValueError("two arrays have the same name")
+        raise ValueError("two arrays of the file have the same name, expected different names")
     return arrays
 
 
@@ -99,7 +99,8 @@ def map_array(path: Path) -> np.ndarray:
     """Return the array of a .npy file: in memory if the file is smaller than MAX_READ_BYTES, else as a memory map.
 
     Another program that changes the file later does not change an array that was read. A memory map does change, and
-    the process ends if the file is truncated: its user compares the file with a `FileStamp` before each use.
+    the process ends if the file is truncated: code that uses a memory map compares the file with a `FileStamp` before
+    each use.
 
     Returns:
         The array, read-only.
@@ -165,10 +166,10 @@ def _header(file: BinaryIO, size: int) -> tuple[np.dtype[Any], tuple[int, ...], 
         read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, by_columns, dtype = read(file)
     except Exception as error:  # numpy raises many types of exceptions
-        raise ValueError(f"not a numpy array: {' '.join(str(error).split())[:100]}") from None
+        raise ValueError(f"the header is not that of a numpy array: {' '.join(str(error).split())[:100]}") from None
     if dtype.hasobject or dtype.kind in "mM":
         content = "Python objects" if dtype.hasobject else dtype
-        raise ValueError(f"an array of {content}, expected numbers or text")
+        raise ValueError(f"the file has an array of {content}, expected numbers or text")
     count, num_bytes = 1, size - file.tell()
     for length in shape:
         count *= length
@@ -177,5 +178,7 @@ def _header(file: BinaryIO, size: int) -> tuple[np.dtype[Any], tuple[int, ...], 
         or count * dtype.itemsize != num_bytes
         or (not num_bytes and max(shape, default=0) > MAX_AXIS)
     ):
-        raise ValueError(f"{num_bytes} bytes of values, expected {count * dtype.itemsize} of {dtype} {shape}")
+        raise ValueError(
+            f"the file has {num_bytes} bytes of values, expected {count * dtype.itemsize} for {dtype} {shape}"
+        )
     return dtype, shape, "F" if by_columns else "C"

@@ -46,9 +46,9 @@ def check_regular(path: Path, max_bytes: int = MAX_BYTES) -> int:
     status = path.stat()
     if not stat.S_ISREG(status.st_mode):
         kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe, socket or device"
-        raise ValueError(f"it is {kind}, expected a regular file")
+        raise ValueError(f"the file is {kind}, expected a regular file")
     if status.st_size > max_bytes:
-        raise ValueError(f"it has {status.st_size} bytes, expected at most {max_bytes}")
+        raise ValueError(f"the file has {status.st_size} bytes, expected at most {max_bytes}")
     return status.st_size
 
 
@@ -61,7 +61,7 @@ def read_bytes(path: Path, max_bytes: int = MAX_BYTES) -> bytes:
             chunks.append(chunk)
             size += len(chunk)
             if size > max_bytes:  # files in /proc report a size of 0
-                raise ValueError(f"it has more than {max_bytes} bytes, expected at most {max_bytes}")
+                raise ValueError(f"the file has more than {max_bytes} bytes, expected at most {max_bytes}")
     return b"".join(chunks)
 
 
@@ -96,19 +96,19 @@ def parse_yaml(content: bytes | str) -> Any:
 
 def _check_depth(depth: int) -> None:
     if depth > MAX_DEPTH:
-        raise ValueError(f"{depth} levels of lists and mappings, expected at most {MAX_DEPTH}")
+        raise ValueError(f"the content has {depth} levels of lists and mappings, expected at most {MAX_DEPTH}")
 
 
 def _finite(text: str) -> float:
     value = float(text)
     if not math.isfinite(value):
-        raise ValueError(f"the number {shorten(text, 40)}, expected a finite one")
+        raise ValueError(f"received the number {shorten(text, 40)}, expected a finite number")
     return value
 
 
 def _integer(text: str) -> int:
     if len(text) > 20 or not _MIN_INTEGER <= (value := int(text)) < _END_INTEGER:
-        raise ValueError(f"the integer {shorten(text, 40)}, expected at most 64 bits")
+        raise ValueError(f"received the integer {shorten(text, 40)}, expected at most 64 bits")
     return value
 
 
@@ -123,11 +123,11 @@ def _check_events(content: bytes | str) -> None:
     for event in yaml.parse(content, Loader=_SAFE):
         anchor = getattr(event, "anchor", None)
         if tag := getattr(event, "tag", None):
-            raise ValueError(f"the tag {shorten(tag, 40)}, expected none")
+            raise ValueError(f"received the YAML tag {shorten(tag, 40)}, expected values without tags")
         if isinstance(event, yaml.AliasEvent):
             count = counts.get(anchor, 0)
             if count is None:
-                raise ValueError(f"*{anchor} is inside &{anchor}, expected no recursive alias")
+                raise ValueError(f"the YAML alias *{anchor} is inside &{anchor}, expected no recursive alias")
             nodes += count
         elif isinstance(event, yaml.ScalarEvent):
             nodes += 1
@@ -144,7 +144,9 @@ def _check_events(content: bytes | str) -> None:
             if anchor:
                 counts[anchor] = nodes - before
         if nodes > MAX_NODES:
-            raise ValueError(f"more than {MAX_NODES} values including aliases, expected at most {MAX_NODES}")
+            raise ValueError(
+                f"the content has more than {MAX_NODES} values including aliases, expected at most {MAX_NODES}"
+            )
 
 
 def _check_plain(value: Any) -> None:
@@ -152,7 +154,7 @@ def _check_plain(value: Any) -> None:
     if isinstance(value, dict):
         for key, part in value.items():
             if isinstance(key, bool) or not isinstance(key, str | int):
-                raise ValueError(f"the key {key!r}, expected text or an integer")
+                raise ValueError(f"received the key {key!r}, expected text or an integer")
             _check_plain(key)
             _check_plain(part)
     elif isinstance(value, list):
@@ -162,8 +164,8 @@ def _check_plain(value: Any) -> None:
         value.encode()  # raises on a lone surrogate
     elif isinstance(value, int):
         if not _MIN_INTEGER <= value < _END_INTEGER:
-            raise ValueError("an integer of more than 64 bits, expected at most 64 bits")
+            raise ValueError("received an integer of more than 64 bits, expected at most 64 bits")
     elif isinstance(value, float):
         _finite(str(value))
     elif value is not None:
-        raise ValueError(f"the {type(value).__name__} {value}, expected text: put it in quotes")
+        raise ValueError(f"received the {type(value).__name__} {value}, expected text: put it in quotes")

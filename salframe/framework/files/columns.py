@@ -54,10 +54,13 @@ class _Table(Settings):
     def _check(self) -> _Table:
         names = [column.name for column in self.columns]
         if duplicates := [name for name in names if names.count(name) > 1]:
-            raise ValueError(f"the column {duplicates[0]!r} is listed twice")
+            raise ValueError(f"the column {duplicates[0]!r} is listed twice, expected different names")
         for column in self.columns:
             if len(set(column.absent)) < len(column.absent) or max(column.absent, default=-1) >= self.rows:
-                raise ValueError(f"{column.name} has invalid absent rows, expected distinct rows below {self.rows}")
+                raise ValueError(
+                    f"the column {column.name} has repeated or invalid absent rows, expected "
+                    f"distinct rows below {self.rows}"
+                )
         return self
 
 
@@ -247,7 +250,9 @@ def read_columns(folder: Path, expected: Mapping[str, ArrayKind] | None = None) 
         for axis, length in enumerate(column.shape):
             shapes[:, axis] = next(lengths) if length is None else min(length, MAX_AXIS)
         if values.ndim != 1 or shapes.prod(1, dtype=float).sum() != len(values):
-            raise DataError(f"{path} has values {values.shape}, expected the number in {folder / TABLE}")
+            raise DataError(
+                f"{path} has values of shape {values.shape}, expected the number of values in {folder / TABLE}"
+            )
         if expected is not None and column.words is None:
             _check_values(path, values, expected[column.name])
         if column.words is not None:
@@ -261,7 +266,7 @@ def _read_lengths(path: Path, shape: tuple[int, int]) -> np.ndarray:
     with reading(path, "a numpy array"):
         lengths = np.asarray(map_array(path))
     if lengths.shape != shape or lengths.dtype.kind != "u" or lengths.max(initial=0) > MAX_AXIS:
-        raise DataError(f"{path} is {lengths.dtype} {lengths.shape}, expected lengths {shape}")
+        raise DataError(f"{path} is {lengths.dtype} {lengths.shape}, expected integer lengths of shape {shape}")
     return lengths.T
 
 

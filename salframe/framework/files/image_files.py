@@ -90,7 +90,9 @@ def read_image_file(path: Path, mode: int) -> ImageFile:
     except Exception:  # Pillow raises many types of exceptions
         raise _unreadable(path, content) from None
     if width * height > MAX_PIXELS:
-        raise DataError(f"{path} is {width} x {height}, expected at most {MAX_PIXELS} pixels: save it smaller")
+        raise DataError(
+            f"{path} is {width} x {height}, expected at most {MAX_PIXELS} pixels: reduce the size of the image"
+        )
     is_large = width * height > MAX_DECODED_PIXELS
     halved = {cv2.IMREAD_COLOR: cv2.IMREAD_REDUCED_COLOR_2, cv2.IMREAD_GRAYSCALE: cv2.IMREAD_REDUCED_GRAYSCALE_2}
     pixels = cv2.imdecode(np.frombuffer(content, np.uint8), halved.get(mode, mode) if is_large else mode)

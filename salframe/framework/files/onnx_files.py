@@ -66,7 +66,7 @@ def _resolve(path: Path, location: str) -> Path:
 def _locations(message: memoryview, kind: int, depth: int) -> Iterator[str]:
     """Yield the locations in a message. Raises ValueError or IndexError if it is not valid protobuf."""
     if depth > _MAX_DEPTH:
-        raise ValueError(f"{depth} levels")
+        raise ValueError(f"the network has {depth} levels of messages, expected at most {_MAX_DEPTH}")
     children = _CHILDREN[kind]
     for number, content in _fields(message):
         child = children.get(number)
@@ -91,11 +91,11 @@ def _fields(message: memoryview) -> Iterator[tuple[int, memoryview]]:
         elif kind == _BYTES:
             length, at = _varint(message, at)
             if at + length > len(message):
-                raise ValueError("a field that ends after its message")
+                raise ValueError("a field of the network ends after its message, expected before")
             yield key >> 3, message[at : at + length]
             at += length
         else:
-            raise ValueError(f"wire type {kind}")
+            raise ValueError(f"a field of the network has the wire type {kind}, expected a type of protobuf 3")
 
 
 def _varint(message: memoryview, at: int) -> tuple[int, int]:
@@ -107,4 +107,4 @@ def _varint(message: memoryview, at: int) -> tuple[int, int]:
         value |= (byte & 0x7F) << shift
         if byte < 0x80:
             return value, at
-    raise ValueError("an integer of more than 64 bits")
+    raise ValueError("the network has an integer of more than 64 bits, expected at most 64")

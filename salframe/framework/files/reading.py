@@ -33,7 +33,7 @@ _MAX_ROWS = 1 << 20
 
 @contextmanager
 def reading(path: Path, expected: str) -> Iterator[None]:
-    """Replace an OSError or ValueError of the block by a DataError that names the file and what was expected."""
+    """Replace an OSError or ValueError of the `with` block by a DataError with the file and the expected content."""
     try:
         yield
     except OSError as error:
@@ -86,7 +86,7 @@ def read_model(path: Path, model: type[_Model]) -> _Model:
     """Read JSON as an instance of a pydantic model. Raises DataError if it is invalid."""
     content = read_json(path)
     if not isinstance(content, Mapping):
-        raise DataError(f"{path} holds {type(content).__name__}, expected an object")
+        raise DataError(f"{path} contains {type(content).__name__}, expected a JSON object")
     try:
         return validate(model, content, f"{path}:")
     except ConfigError as error:
@@ -117,7 +117,8 @@ def whole_lines_bytes(path: Path) -> int:
 
 
 def copy_log(path: Path, target: Path) -> None:
-    """Copy a .jsonl or JSON file. Raises DataError if it is no regular file or too large: a device has no end."""
+    """Copy a .jsonl or JSON file. Raises DataError if it is too large or no regular file, such as a device, which has
+    no end."""
     with reading(path, "a file of JSON"):
         check_regular(path, _MAX_LOG)
         shutil.copyfile(path, target)
@@ -150,7 +151,7 @@ def read_table(path: Path, row: type[_Model]) -> list[_Model]:
             if absent:
                 raise DataError(f"{path} has no column {' and no column '.join(sorted(absent))}")
             if table.metadata.num_rows > _MAX_ROWS:
-                raise ValueError(f"{table.metadata.num_rows} rows, expected at most {_MAX_ROWS}")
+                raise ValueError(f"the table has {table.metadata.num_rows} rows, expected at most {_MAX_ROWS}")
             rows = table.read(columns=list(row.model_fields), use_threads=False).to_pylist()
     except (pa.ArrowException, MemoryError, KeyError) as error:
         raise DataError(f"{path} is not a Parquet table: {one_line(error)}") from None

@@ -155,7 +155,7 @@ def _report(progress: ByteProgress, before: int, total: int, received: int) -> N
 def check_redirect(address: str, target: str) -> None:
     """Raise OSError if an encrypted address redirects to an unencrypted one."""
     if address.startswith("https:") and not target.startswith("https:"):
-        raise OSError(f"it redirects to {target}, which is not encrypted")
+        raise OSError(f"the server redirects to {target}, which is not encrypted, expected https")
 
 
 def receive(address: str, path: Path, max_bytes: int, progress: Callable[[int], None]) -> None:
@@ -184,11 +184,11 @@ def receive(address: str, path: Path, max_bytes: int, progress: Callable[[int], 
             while chunk := response.read(CHUNK_BYTES):
                 sink.write(chunk)
                 if sink.tell() > max_bytes:
-                    raise OSError(f"it has more than {max_bytes} bytes")
+                    raise OSError(f"the download has more than {max_bytes} bytes, expected at most {max_bytes}")
                 progress(sink.tell())
             length = response.headers.get("Content-Length")
             if length is not None and sink.tell() < int(length):
-                raise OSError(f"it ended after {sink.tell()} of {length} bytes")
+                raise OSError(f"the download ended after {sink.tell()} of {length} bytes: try again")
     except http.client.HTTPException as error:
         raise OSError(f"{type(error).__name__}: {error}") from error
 

@@ -24,7 +24,7 @@ PNG = b"\x89PNG\r\n\x1a\n"
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Add `path` to an OSError of the block that names no file, as on a full disk.
+    """Add `path` to an OSError of the `with` block that names no file, such as that of a full disk.
 
     numpy raises an error without a number if it can write only a part. Such an error becomes a full-disk error.
     """
@@ -82,7 +82,7 @@ def new_folder(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def alone(folder: Path, instead: str) -> Iterator[None]:
-    """Lock a folder for the block. The system releases the lock if the process ends.
+    """Lock a folder during the `with` block. The system releases the lock if the process ends.
 
     Does nothing on systems without such locks.
 

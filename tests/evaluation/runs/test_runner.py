@@ -93,11 +93,11 @@ NONSENSE = {
     "posed": "a localization has the status no-pose and a pose, expected a pose only with the status ok",
     "poseless": "a localization has the status ok and no pose, expected a pose only with the status ok",
     "placeless": "a localization has the status no-pose and no place, expected a place",
-    "elsewhere": r"match gave RankedPlace\(frame='map-9', .*, expected a frame of the map and its place",
-    "misplaced": r"match gave RankedPlace\(frame='map-0', place='room-1', .*, expected a frame of the map and its .*",
-    "mapping": "match gave dict, expected a Localization",
-    "nothing": "match gave NoneType, expected a Localization",
-    "text": "match gave str, expected a Localization",
+    "elsewhere": r"match returned RankedPlace\(frame='map-9', .*, expected the id of a reference frame of the map, .*",
+    "misplaced": r"match returned RankedPlace\(frame='map-0', place='room-1', .*, expected the id of a reference .*",
+    "mapping": "match returned dict, expected a Localization",
+    "nothing": "match returned NoneType, expected a Localization",
+    "text": "match returned str, expected a Localization",
     "score": "a localization has the score NaN, expected numbers",
 }
 

@@ -64,5 +64,5 @@ def test_the_report_holds_them_apart_from_what_is_measured(shipped, read):
 
 def test_a_row_with_a_number_too_few_is_told():
     table = {"title": "Navigation", "figures": ["SR", "SPL"], "rows": {"MiC": [56.97]}}
-    with pytest.raises(ConfigError, match="Navigation, MiC: received 1 numbers, expected 2"):
+    with pytest.raises(ConfigError, match="table 'Navigation', row 'MiC': received 1 numbers, expected 2"):
         validate(Reported, {"source": "a paper", "note": "", "tables": [table]}, "paper.yaml:")

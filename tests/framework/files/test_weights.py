@@ -221,7 +221,7 @@ def test_a_download_that_is_cut_or_never_ends_leaves_nothing(server, cache, path
 def test_encryption_is_not_left_on_the_way():
     check_redirect("https://example.org/net.pt", "https://elsewhere.org/net.pt")
     check_redirect("http://example.org/net.pt", "http://example.org/other.pt")
-    with pytest.raises(OSError, match=r"it redirects to http://example.org/net.pt, which is not encrypted"):
+    with pytest.raises(OSError, match=r"the server redirects to http://example.org/net.pt, which is not encrypted"):
         check_redirect("https://example.org/net.pt", "http://example.org/net.pt")
 
 

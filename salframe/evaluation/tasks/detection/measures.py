@@ -1,4 +1,4 @@
-"""Summarize the rows of detectors in the rows of the table."""
+"""Compute the table row of each detector from its rows per panorama."""
 
 from __future__ import annotations
 

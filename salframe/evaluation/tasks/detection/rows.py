@@ -21,5 +21,7 @@ class PanoramaRow(PieceRow):
     def _complete(self) -> PanoramaRow:
         counted = (self.annotated, self.detections, self.right, self.joined)
         if None in counted and (self.status == PieceStatus.OK or any(part is not None for part in counted)):
-            raise ValueError("a row has only some of annotated, found, right and joined, expected all of them")
+            raise ValueError(
+                "a row has only some of the keys annotated, found, right and joined, expected all of them or none"
+            )
         return self

@@ -39,13 +39,14 @@ class Counts:
 
 @dataclass(frozen=True, kw_only=True)
 class DetectionRow(MethodRow):
-    """The row of a detector.
+    """The row of a detector in the table.
 
     Attributes:
         panoramas: Number of panoramas.
         overall: Counts over all classes.
-        precision: Overall precision, with the interval of panoramas clustered by place where it is known.
-        recall: Overall recall, likewise.
+        precision: Overall precision. If the places of the panoramas are known, with its 95 % confidence interval, in
+            which panoramas are clustered by place.
+        recall: Overall recall, with the same kind of interval as the precision.
         classes: Counts of each annotated or detected class, by common name.
         joined: Common name of each annotated or detected label that is a synonym.
         ms: Median time per panorama in milliseconds.

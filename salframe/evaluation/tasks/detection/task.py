@@ -43,7 +43,7 @@ def measure_detection(request: Request, *, progress: Progress | None = None) -> 
 
 @dataclass(frozen=True)
 class DetectionTask(Task[QueryFrame, Survey[QueryFrame], PanoramaRow, DetectionRow]):
-    """Which annotated objects does a detector detect in each query panorama?"""
+    """The task `detection`: which annotated objects does a detector detect in each query panorama?"""
 
     name = "detection"
     version = "2"
@@ -58,10 +58,10 @@ class DetectionTask(Task[QueryFrame, Survey[QueryFrame], PanoramaRow, DetectionR
 
     def survey(self, dataset: Dataset) -> Survey[QueryFrame]:
         if "annotations" not in dataset.provides:
-            raise InputMissing(f"detection is measured by annotations, which {dataset.name} does not have")
+            raise InputMissing(f"detection is measured by annotations, which the dataset {dataset.name} does not have")
         frames = {frame.id: frame for fold in dataset.folds() for frame in fold.queries}
         if not frames:
-            raise DataError(f"{dataset.name} has no query, expected at least one")
+            raise DataError(f"the dataset {dataset.name} has no query, expected at least one")
         return Survey(dataset, list(frames.values()))
 
     def key(self, piece: QueryFrame) -> tuple[str]:
@@ -125,7 +125,7 @@ class _Detecting(Worker[QueryFrame]):
         detections = self._detector.detect(panorama)
         ms = (time.perf_counter() - start) * 1e3
         if not isinstance(detections, Detections):
-            raise InvalidAnswer(f"detect gave {type(detections).__name__}, expected Detections")
+            raise InvalidAnswer(f"detect returned {type(detections).__name__}, expected Detections")
         truth = annotated_detections(panorama)
         joined = joined_labels(truth) | joined_labels(detections)
         truth, detections = with_common_labels(truth), with_common_labels(detections)

@@ -1,4 +1,4 @@
-"""Summarize the rows of methods in the rows of the table."""
+"""Compute the table row of each method from its rows per query."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ class LatencySurvey(Survey[QueryFrame]):
 
 @dataclass(frozen=True)
 class LatencyTask(Task[QueryFrame, LatencySurvey, ProgramRow, LatencyRow]):
-    """How much time and memory do opening a map and querying it take?"""
+    """The task `latency`: how much time and memory do opening a map and querying it take?"""
 
     name = "latency"
     prefix = "latency-"
@@ -60,7 +60,7 @@ class LatencyTask(Task[QueryFrame, LatencySurvey, ProgramRow, LatencyRow]):
     def survey(self, dataset: Dataset) -> LatencySurvey:
         fold = next((fold for fold in dataset.folds() if fold.queries), None)
         if fold is None:
-            raise DataError(f"{dataset.name} has no query, expected at least one")
+            raise DataError(f"the dataset {dataset.name} has no query, expected at least one")
         step = -(-len(fold.queries) // QUERIES)
         return LatencySurvey(dataset, fold.queries[::step], fold=fold)
 
@@ -114,7 +114,7 @@ def _result(future: Future[Any]) -> Any:
     try:
         return future.result()
     except BrokenProcessPool:
-        raise MethodFailed("the process that held the map died") from None
+        raise MethodFailed("the process that had opened the map ended before its answer") from None
 
 
 def save_first_map(method: str, data: str, output: str) -> None:

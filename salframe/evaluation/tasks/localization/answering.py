@@ -84,7 +84,10 @@ class Answering(Worker[Query]):
         self._fused += [note for note in answer.notes if FUSED in note]
         for ranked in answer.places:
             if self._places.get(ranked.frame) != ranked.place:
-                raise InvalidAnswer(f"match gave {ranked}, expected a frame of the map and its place")
+                raise InvalidAnswer(
+                    f"match returned {ranked}, expected the id of a reference frame of the map, "
+                    "with the place of this frame"
+                )
         return {**answer_row(answer, describe_ms, query_ms), "status": answer.status, "error": None}
 
     def _index(self, fold: Fold) -> LocalizationMap:

@@ -40,7 +40,7 @@ Json = dict[str, Any]
 
 @dataclass(frozen=True, eq=False)
 class QuerySet:
-    """A data set and its queries: the fold and the frame of each, in the order of a view."""
+    """A data set and its queries: the fold and the frame of each, in the order of LocalizationView."""
 
     dataset: Dataset
     queries: Sequence[tuple[Fold, QueryFrame]]
@@ -52,7 +52,7 @@ class Details:
 
     Attributes:
         queries: For each query the objects by describer, and details of the answer of each arm.
-        frames: Map frames that details refer to, by id, with their objects by describer.
+        frames: Reference frames that details refer to, by id, with their objects by describer.
         map_frames: The reference frames of `frames`, by id.
         notes: Notes on details that are missing.
     """
@@ -125,7 +125,7 @@ class _Method:
         self._frames: dict[str, ReferenceFrame] = {}
 
     def take(self, fold: Fold) -> None:
-        """Describe the map frames of a fold, and index them where the localizer has evidence to show."""
+        """Describe the reference frames of a fold, and index them where the localizer has evidence to show."""
         usable = {}
         for frame in fold.references:
             try:
@@ -175,7 +175,7 @@ class _Method:
         return self._descriptions[frame.id]
 
     def _references(self, row: AnswerRow | None, truth: Truth, correct: bool) -> Iterator[tuple[str, ReferenceFrame]]:
-        """Yield the map frame of the answer and, where the answer is wrong, a frame of the true place.
+        """Yield the reference frame of the answer and, where the answer is wrong, a frame of the true place.
 
         The reference frame is the frame that is ranked first, otherwise the nearest frame.
         """

@@ -30,13 +30,14 @@ class Judged:
             otherwise the best score; -inf for an answer without places.
         confidence: (Q,) float64: probability of the answer, a place or the rejection of the query; NaN without one.
         correct: (Q,) bool: whether the first place is the true one, or an out-of-map query is rejected.
-        correct_scene: (Q,) bool: the same without transition frames among the places.
+        correct_scene: (Q,) bool: as `correct`, after transition frames are removed from the places.
         in_top_2: (Q,) bool: whether the true place is among the first 2, or an out-of-map query is rejected.
-        in_top_5: (Q,) bool: the same for the first 5.
+        in_top_5: (Q,) bool: whether the true place is among the first 5, or an out-of-map query is rejected.
         translation_m: (Q,) float64: translation error; infinite where the method failed or has no pose, NaN where the
             true pose is unknown or the map lacks the place.
-        rotation_deg: (Q,) float64: rotation error, likewise.
-        heading_deg: (Q,) float64: error of the heading, likewise; an answer may have a heading without a pose.
+        rotation_deg: (Q,) float64: rotation error; infinite and NaN as in `translation_m`.
+        heading_deg: (Q,) float64: error of the heading; infinite and NaN as in `translation_m`. An answer may have a
+            heading without a pose.
         true_place: Q names of places.
         first_place: Q names of places; None where no place was answered.
         right_type: (Q,) float64: 1 where the room type of the first place is correct, otherwise 0; NaN where it is
@@ -140,7 +141,7 @@ def judge(
 def _right_type(
     answers: Sequence[AnswerRow | None], truths: Sequence[Truth], room_types: Mapping[str, str]
 ) -> np.ndarray:
-    """Return `right_type` of Judged."""
+    """Return the field `right_type` of Judged."""
     right = np.full(len(truths), np.nan)
     for i, (answer, truth) in enumerate(zip(answers, truths, strict=True)):
         if truth.place in room_types:
@@ -150,7 +151,7 @@ def _right_type(
 
 
 def _evidence(answers: Sequence[AnswerRow | None]) -> np.ndarray:
-    """Return `evidence` of Judged."""
+    """Return the field `evidence` of Judged."""
     scores = [answer.places[0].score if answer and answer.places else None for answer in answers]
     out_of_map_probability = [answer.out_of_map_probability if answer else None for answer in answers]
     if any(value is not None for value in out_of_map_probability):
@@ -159,7 +160,7 @@ def _evidence(answers: Sequence[AnswerRow | None]) -> np.ndarray:
 
 
 def _confidence(answer: AnswerRow | None) -> float:
-    """Return `confidence` of Judged for one answer."""
+    """Return the field `confidence` of Judged for one answer."""
     if answer is None or answer.out_of_map_probability is None:
         return np.nan
     if answer.status == LocalizationStatus.OUT_OF_MAP:

@@ -1,4 +1,4 @@
-"""Summarize the answers of methods in the rows of the table."""
+"""Compute the table row of each method from its answers to queries."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The part of a page that is specific to the task `localization`: figures, queries and their details."""
+"""The content of the HTML page that only the task `localization` has: figures, queries and their details."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The islands of a page: details of queries and reference frames that are read on demand, and their panoramas."""
+"""Content of an HTML page that the browser reads on demand: details of queries and reference frames, and their
+panoramas."""
 
 from __future__ import annotations
 

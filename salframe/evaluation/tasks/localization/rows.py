@@ -41,7 +41,9 @@ class AnswerRow(PieceRow):
         if self.covariance is not None:
             sides = {len(self.covariance), *map(len, self.covariance)}
             if sides not in ({3}, {6}):
-                raise ValueError("a covariance is neither (3, 3) nor (6, 6)")
+                raise ValueError(
+                    "the covariance of a pose has another shape than (3, 3) and (6, 6), expected one of the two"
+                )
         if len(self.probabilities or ()) != (0 if self.out_of_map_probability is None else len(self.places)):
             raise ValueError(
                 "an answer has out_of_map_probability or probabilities, expected both, one for each place, or neither"

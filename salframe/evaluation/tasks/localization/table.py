@@ -26,19 +26,20 @@ from salframe.evaluation.tables.text import NONE, list_methods
 class LocalizationRow(MethodRow):
     """The row of a method. Shares are over all queries, and a failure counts as wrong.
 
-    An Estimate has the 95 % interval of queries clustered by place. The fields from `absent_queries` to
-    `false_accept_rate` are measured where the map of some queries does not contain their place (out-of-map queries).
+    An Estimate has a 95 % confidence interval, in which queries are clustered by place. The fields from
+    `absent_queries` to `false_accept_rate` are measured where the map of some queries does not contain their place
+    (out-of-map queries).
 
     Attributes:
         queries: Number of queries.
         absent_queries: Number of out-of-map queries.
-        present_accuracy: Accuracy of the other queries.
-        present_scene_accuracy: Accuracy of the other queries without transition frames.
+        present_accuracy: Accuracy of the queries whose place is in the map.
+        present_scene_accuracy: Accuracy of the queries whose place is in the map, without transition frames.
         rejection_rate: Rejection rate: share of out-of-map queries that are rejected.
         precision_at: Precision of accepted answers at the recalls statistics.AT_RECALLS.
         average_precision: Area under the precision-recall curve.
-        roc_area: Area under the ROC curve of telling out-of-map queries from others by the probability of being in the
-            map, or by the best score.
+        roc_area: Area under the ROC curve for the separation of out-of-map queries from all others, by the probability
+            of being in the map, or by the best score.
         false_accept_rate: Share of out-of-map queries that are accepted at the threshold that accepts 90 %
             of the correct answers.
         calibration_error: Expected calibration error, where the method has probabilities.

@@ -62,13 +62,15 @@ class LocalizationOptions(TaskOptions):
     """Options of a localization study."""
 
     views: tuple[Fusion, ...] = Field(
-        (), description="how several views of a query give one answer: joined, product or surest; each is a row"
+        (),
+        description="list of the ways to get one answer from several views of a query (joined, product, surest); "
+        "each is a row of the table",
     )
 
 
 @dataclass(frozen=True)
 class LocalizationTask(PagedTask[Query, LocalizationSurvey, AnswerRow, LocalizationRow]):
-    """Where was each query taken?"""
+    """The task `localization`: in which place and at which pose was each query taken?"""
 
     name = "localization"
     counts = "queries"
@@ -103,7 +105,7 @@ class LocalizationTask(PagedTask[Query, LocalizationSurvey, AnswerRow, Localizat
     def survey(self, dataset: Dataset) -> LocalizationSurvey:
         queries = [Query(fold, frame) for fold in dataset.folds() for frame in fold.queries]
         if not queries:
-            raise DataError(f"{dataset.name} has no query, expected at least one")
+            raise DataError(f"the dataset {dataset.name} has no query, expected at least one")
         survey = LocalizationSurvey(dataset, queries)
         absent = int((~survey.present()).sum())
         note = f"{absent} of {len(queries)} queries are out-of-map queries: out-of-map is correct"

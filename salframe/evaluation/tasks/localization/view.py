@@ -1,4 +1,4 @@
-"""The view of a run of the task `localization` that a page shows."""
+"""What the HTML page of a report shows of a run of the task `localization`."""
 
 from __future__ import annotations
 

@@ -25,5 +25,7 @@ class PairRow(PieceRow):
     def _complete(self) -> PairRow:
         counted = (self.judged, self.within_px) if self.kind == "points" else (self.correct, self.true)
         if self.status == PieceStatus.OK and None in (self.kind, self.matches, *counted):
-            raise ValueError("a row lacks counts of matches, expected all counts of its kind")
+            raise ValueError(
+                "a row lacks counts of matches, expected all counts of its kind of matches (points or objects)"
+            )
         return self

@@ -16,8 +16,8 @@ class MatchingRow(MethodRow):
     """The row of a method.
 
     `kind` is "points" (mma_1, mma_3, mma_5: mean matching accuracy; pairs_without_match) or "nodes" (precision, recall,
-    true_per_pair). All numbers are means over the pairs of panoramas. An Estimate has the interval of pairs clustered
-    by place.
+    true_per_pair). All numbers are means over the pairs of panoramas. An Estimate has a 95 % confidence interval, in
+    which pairs are clustered by place.
     """
 
     pairs: int

@@ -34,8 +34,8 @@ from salframe.panoramas.opening import Progress
 
 @dataclass(frozen=True, eq=False)
 class FramePair:
-    """A query of a fold, a map frame of the same place, and the true pose T_reference_query (4, 4) of the query in the
-    axes of the reference frame.
+    """A query of a fold, a reference frame of the same place, and the true pose T_reference_query (4, 4) of the query
+    in the axes of the reference frame.
     """
 
     fold: str
@@ -55,7 +55,7 @@ def measure_matching(request: Request, *, progress: Progress | None = None) -> R
 
 @dataclass(frozen=True)
 class MatchingTask(Task[FramePair, Survey[FramePair], PairRow, MatchingRow]):
-    """Which points or objects are the same in a query and in the nearest frame of its place?"""
+    """The task `matching`: which points or objects are the same in a query and in the nearest frame of its place?"""
 
     name = "matching"
     prefix = "matching-"
@@ -68,7 +68,9 @@ class MatchingTask(Task[FramePair, Survey[FramePair], PairRow, MatchingRow]):
 
     def survey(self, dataset: Dataset) -> Survey[FramePair]:
         if "range" not in dataset.provides:
-            raise InputMissing(f"matching accuracy needs panoramas with range, which {dataset.name} does not have")
+            raise InputMissing(
+                f"matching accuracy needs panoramas with range, which the dataset {dataset.name} does not have"
+            )
         pairs = choose_pairs(dataset)
         left_out = sum(len(fold.queries) for fold in dataset.folds()) - len(pairs)
         note = f"{left_out} queries left out: their place has no scene frame in the map"
@@ -111,11 +113,16 @@ class _Matching(Worker[FramePair]):
         )
         matches = correspond(self._localizer, query, reference)
         if matches is None:
-            raise MethodUnavailable("matches neither points nor objects")
+            raise MethodUnavailable("the method matches neither points nor objects")
         if not isinstance(matches, PointMatches | NodeMatches):
-            raise InvalidAnswer(f"correspond gave {type(matches).__name__}, expected PointMatches, NodeMatches or None")
+            raise InvalidAnswer(
+                f"correspond returned {type(matches).__name__}, expected PointMatches, NodeMatches or None"
+            )
         if self._kind not in (None, type(matches)):
-            raise InvalidAnswer(f"correspond gave {type(matches).__name__}, expected one kind of matches for all pairs")
+            raise InvalidAnswer(
+                f"correspond returned {type(matches).__name__}, expected the same kind of matches "
+                "(PointMatches or NodeMatches) for all pairs"
+            )
         self._kind = type(matches)
         row = check_matches(matches, piece.query.load(), piece.reference.load(), piece.T_reference_query)
         return {"reference": piece.reference.id, **row, "status": PieceStatus.OK, "error": None}
@@ -135,7 +142,10 @@ def choose_pairs(dataset: Dataset) -> list[FramePair]:
         for query in fold.queries:
             truth = dataset.truth(query.id)
             if truth.T_world_pano is None:
-                raise DataError(f"the true pose of {query.id} is not known, expected one for every query")
+                raise DataError(
+                    f"the true pose of the query {query.id} is not known, expected one for every "
+                    "query of the task matching"
+                )
             if truth.place in scenes:
                 at_m, near = truth.T_world_pano[:3, 3], scenes[truth.place]
                 distances_m = [float(np.linalg.norm(frame.T_world_pano[:3, 3] - at_m)) for frame in near]
@@ -143,6 +153,6 @@ def choose_pairs(dataset: Dataset) -> list[FramePair]:
                 T_reference_query = invert_pose(reference.T_world_pano) @ truth.T_world_pano
                 pairs.append(FramePair(fold.id, query, reference, T_reference_query))
     if not pairs:
-        reason = f"{dataset.name} has no query whose place has a scene frame, expected at least one"
+        reason = f"the dataset {dataset.name} has no query whose place has a scene frame, expected at least one"
         raise DataError("; ".join([reason, *places_notes(dataset)]))
     return pairs

@@ -1,4 +1,4 @@
-"""Summarize the episodes of agents in the rows of the table."""
+"""Compute the table row of each method from the episodes of its agent."""
 
 from __future__ import annotations
 

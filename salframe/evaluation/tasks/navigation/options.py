@@ -16,7 +16,7 @@ TRUE_PLACE = "true place"
 
 
 class Positioning(StrEnum):
-    """Arms to run: each method with its poses (ON), with place and odometry only (OFF), or both (BOTH).
+    """Agents to run for each method: with the estimated poses (ON), with place and odometry only (OFF), or both (BOTH).
 
     ALL adds an agent that knows its true place and uses it with odometry.
     """
@@ -39,8 +39,14 @@ ARMS = {
 class NavigationOptions(TaskOptions):
     """Options of a navigation study."""
 
-    episodes: NumEpisodes | str = Field(100, description="number of random episodes in each data set, or TASK:SPLIT")
-    positioning: Positioning = Field(Positioning.ON, description="arms to run: with poses, without poses, both, or all")
+    episodes: NumEpisodes | str = Field(
+        100, description="number of random episodes in each dataset, or TASK:SPLIT for the episodes of a published task"
+    )
+    positioning: Positioning = Field(
+        Positioning.ON,
+        description="whether the agent uses its estimated pose: on, off, both (one agent each), or all (both, and "
+        "an agent that knows its true place)",
+    )
 
     @property
     def in_data_folder(self) -> bool:

@@ -63,7 +63,10 @@ class Published:
     def _root(self, data: ComponentConfig) -> Path:
         root: Path | None = getattr(data, "root", None)
         if root is None:
-            raise InputMissing(f"the episodes {self} are in the folder of {data.kind}: name it with --data-dir DIR")
+            raise InputMissing(
+                f"the episodes {self} are in the folder of the dataset {data.kind}: name this "
+                "folder with --data-dir DIR"
+            )
         return root
 
 

@@ -65,7 +65,7 @@ class _SavedTask(Settings):
 
 @dataclass(frozen=True)
 class NavigationTask(PagedTask[Episode, NavigationSurvey, EpisodeRow, NavigationRow]):
-    """Does the agent reach its goal?
+    """The task `navigation`: does the agent reach its goal?
 
     Attributes:
         config: The settings of navigation.

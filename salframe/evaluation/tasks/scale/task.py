@@ -59,13 +59,14 @@ class ScaleOptions(TaskOptions):
     """Options of a scale study."""
 
     scenes: tuple[NumScenes, ...] = Field(
-        min_length=1, description="map sizes in scenes; one row of the table for each"
+        min_length=1, description="list of map sizes, each a number of scenes; each is a row of the table"
     )
 
 
 @dataclass(frozen=True)
 class ScaleTask(Task[int, Survey[int], SceneRow, ScaleRow]):
-    """Which of many scenes does a query show? The scenes are made of the rooms of a data set (`City`).
+    """The task `scale`: which of many scenes does a query show? The scenes are generated from the rooms of a data set
+    (`City`).
 
     A piece is the number of a scene.
     """
@@ -124,7 +125,7 @@ def _matcher_config(method: Localizer) -> ComponentConfig:
     for _, config in components_in(method.config):
         if issubclass(config.component, GraphMatcher) and config.component.uses_scene_index:
             return config
-    raise MethodUnavailable("has no matcher that uses a scene index")
+    raise MethodUnavailable("the method has no matcher that uses a scene index")
 
 
 class _ScaleWorker(Worker[int]):
@@ -234,7 +235,9 @@ def rooms_of(method: Localizer, dataset: Dataset) -> tuple[SaliencyGraph, ...]:
     described = (describe_frame(method, frame, cache, dataset.content_key)[0] for frame in frames.values())
     rooms = tuple(graph for one in described if len(graph := graph_from_arrays(one)) >= MIN_OBJECTS)
     if not rooms:
-        raise DataError(f"{dataset.name} has no scene frame with {MIN_OBJECTS} objects, expected at least one")
+        raise DataError(
+            f"the dataset {dataset.name} has no scene frame with {MIN_OBJECTS} objects, expected at least one"
+        )
     return rooms
 
 

@@ -113,7 +113,8 @@ def _assign(near: np.ndarray, distance_m: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def _distances(detections: Detections, truth: Detections) -> np.ndarray:
-    """Return the distances (F, T) of centroids in metres; those across the bearing where the range is unknown."""
+    """Return the distances (F, T) of centroids in metres. Where the range is unknown, they are the distances
+    perpendicular to the bearing."""
     apart = np.linalg.norm(detections.centroid_m[:, None] - truth.centroid_m, axis=2)
     across = np.arccos(np.clip(detections.bearing @ truth.bearing.T, -1, 1)) * np.linalg.norm(truth.centroid_m, axis=1)
     return np.nan_to_num(np.where(np.isnan(apart), across, apart), nan=np.inf)

@@ -129,7 +129,7 @@ def measure_sensor(
             resolved = resolve(request, task.role)
             data_name = resolved.name if seed is None else f"{resolved.name} seed {seed}"
             if data_name in requests:
-                raise ConfigError(f"received the data {data_name!r} twice, expected each once")
+                raise ConfigError(f"received the dataset {data_name!r} twice, expected each dataset once")
             requests[data_name] = request, resolved
     ((_, config),) = resolved.methods.items()
     config.component.check(config)

@@ -26,7 +26,9 @@ class ObjectsLine(Line):
     def _complete(self) -> ObjectsLine:
         parts = (self.scores, self.centroid_m, self.size_m, self.yaw_rad, self.bearing, self.solid_angle_sr)
         if any(len(part) != len(self.labels) for part in parts):
-            raise ValueError(f"expected a value for each of {len(self.labels)} labels in every list")
+            raise ValueError(
+                f"the lists of a row have different lengths, expected one value for each of {len(self.labels)} labels"
+            )
         return self
 
 
@@ -44,7 +46,12 @@ class LookRow(PieceRow):
         if self.status != PieceStatus.OK:
             return self
         if self.truth is None or self.detections is None or self.range_m is None or self.hidden_share is None:
-            raise ValueError("a measured panorama lacks a field, expected truth, found, range_m and hidden_share")
+            raise ValueError(
+                "the row of a measured panorama lacks a field, expected truth, found, range_m and hidden_share"
+            )
         if not len(self.truth.labels) == len(self.range_m) == len(self.hidden_share):
-            raise ValueError("expected range_m and hidden_share of each annotated object")
+            raise ValueError(
+                "the lists range_m and hidden_share differ in length from truth, expected one "
+                "value for each annotated object"
+            )
         return self

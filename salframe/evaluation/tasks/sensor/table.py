@@ -21,8 +21,9 @@ class SensorRow(MethodRow):
     Attributes:
         panoramas: Number of panoramas.
         objects: Number of annotated objects.
-        detection_rate: Share of the objects that were detected, with the 95 % interval of objects clustered by place.
-        right: Share of the objects that were detected with the correct label, with the same interval.
+        detection_rate: Share of the objects that were detected, with its 95 % confidence interval, in which objects are
+            clustered by place.
+        right: Share of the objects that were detected with the correct label, with the same kind of interval.
         false_per_panorama: Number of false positives per panorama.
         bearing_rad: Robust standard deviation of the error of the bearing, as in `Errors`.
         range_share: Robust standard deviation of the relative error of the range.

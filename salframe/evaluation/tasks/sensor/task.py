@@ -28,7 +28,7 @@ Frame = ReferenceFrame | QueryFrame
 
 @dataclass(frozen=True)
 class SensorTask(Task[Frame, Survey[Frame], LookRow, SensorRow]):
-    """Which annotated objects does a detector detect in each panorama, of the map and of the queries?"""
+    """The task `sensor`: which annotated objects does a detector detect in reference frames and queries?"""
 
     name = "sensor"
     role = "detector"
@@ -42,8 +42,8 @@ class SensorTask(Task[Frame, Survey[Frame], LookRow, SensorRow]):
 
     def survey(self, dataset: Dataset) -> Survey[Frame]:
         if absent := {"annotations", "range"} - dataset.provides:
-            lacks = f"{dataset.name} does not have {' and '.join(sorted(absent))}"
-            raise InputMissing(f"a sensor is measured by annotations and range, and {lacks}")
+            lacks = f"the dataset {dataset.name} does not have {' and '.join(sorted(absent))}"
+            raise InputMissing(f"a sensor model is measured with annotations and range, and {lacks}")
         frames: dict[str, Frame] = {}
         for fold in dataset.folds():
             frames.update((frame.id, frame) for frame in fold.references)
@@ -93,5 +93,5 @@ class _Looking(Worker[Frame]):
         truth, shown = annotated(panorama)
         detections = self._detector.detect(panorama)
         if not isinstance(detections, Detections):
-            raise InvalidAnswer(f"detect gave {type(detections).__name__}, expected Detections")
+            raise InvalidAnswer(f"detect returned {type(detections).__name__}, expected Detections")
         return {**pack_look(SensorSample(truth, shown, detections)), "status": PieceStatus.OK, "error": None}

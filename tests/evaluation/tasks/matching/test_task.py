@@ -144,7 +144,7 @@ def test_rows_of_points_and_of_nodes(furnished):
     assert nodes.recall.value == pytest.approx((5 / 7 + 5 / 6) / 2)
     assert (nodes.recall.low, nodes.recall.high) == pytest.approx((5 / 7, 5 / 6))
     assert nodes.mma_3 is None
-    assert (neither.available, neither.reason) == (False, "matches neither points nor objects")
+    assert (neither.available, neither.reason) == (False, "the method matches neither points nor objects")
     assert result.measured
     assert not result.crashed
 
@@ -202,7 +202,7 @@ def test_data_that_tells_no_truth_is_refused(furnished):
     with pytest.raises(DataError, match="the true pose of bedroom-query is not known"):
         measure(["points"], "data.posed=false")
     rows, _ = measure(["nodes", "points"], "data.instances=false")
-    assert rows["nodes"].reason == "needs annotations, which furnished does not have"
+    assert rows["nodes"].reason == "the method needs annotations, which the dataset furnished does not have"
     assert rows["points"].mma_1.value == 1
 
 
@@ -224,7 +224,7 @@ def test_a_method_that_exits_costs_its_own_row(furnished, engine):
 
 def test_what_is_no_match_costs_its_own_row(furnished):
     rows, result = measure(["confused", "points"])
-    assert rows["confused"].reason == "correspond gave list, expected PointMatches, NodeMatches or None"
+    assert rows["confused"].reason == "correspond returned list, expected PointMatches, NodeMatches or None"
     assert not rows["confused"].measured
     assert result.crashed
     assert rows["points"].mma_1.value == 1
@@ -237,7 +237,7 @@ def test_the_command_prints_two_tables_and_resumes(furnished):
     pixels, counts = first.out.split("precision %")
     assert "MMA@3 %" in pixels
     assert "MMA" not in counts
-    assert "neither: matches neither points nor objects" in counts
+    assert "neither: the method matches neither points nor objects" in counts
     again = run(*options, "--json")
     assert again.json["rows"][0]["mma_1"] == 1
     assert again.json["run"] in first.out

@@ -107,7 +107,7 @@ def test_an_episode_that_crashes_costs_only_itself():
 @pytest.mark.parametrize(
     ("match", "reason"),
     [
-        (lambda self, description: {"status": "ok"}, "match gave dict, expected a Localization"),
+        (lambda self, description: {"status": "ok"}, "match returned dict, expected a Localization"),
         (lambda self, description: sys.exit("it leaves"), "SystemExit: it leaves"),
     ],
 )
@@ -160,7 +160,7 @@ def test_the_command_prints_the_table_and_the_report(read):
     [
         (
             ("--data", "still"),
-            "error: still cannot render, and navigation needs panoramas from any position of the agent\n",
+            "error: the dataset still cannot render, and navigation needs panoramas at any position of the agent\n",
         ),
         (
             ("--data", "unmasked"),

@@ -219,13 +219,15 @@ def test_what_cannot_be_measured_is_told_in_one_line(tiny, tmp_path):
     for frame in content["frames"]:
         del frame["range"]
     (bare / "manifest.json").write_text(json.dumps(content))
-    with pytest.raises(InputMissing, match=r"measured by annotations and range, and folder does not have range"):
+    with pytest.raises(
+        InputMissing, match=r"measured with annotations and range, and the dataset folder does not have range"
+    ):
         measure_sensor("annotations", [str(bare)])
     with pytest.raises(UnknownName, match=r"unknown detector 'panosec'.* did you mean 'panoseg'"):
         measure_sensor("panosec", [tiny])
     with pytest.raises(ConfigError, match=r"received the setting noisy: unknown key 'noisy'.* did you mean 'noise'"):
         measure_sensor("annotations", [tiny], settings=["noisy=none"])
-    with pytest.raises(ConfigError, match=r"received the data 'tiny\d*' twice"):
+    with pytest.raises(ConfigError, match=r"received the dataset 'tiny\d*' twice"):
         measure_sensor("annotations", [tiny, tiny])
     told = run("sensor", "annotations", "--data", tiny, "--seeds", "1,x")
     assert (told.code, told.err) == (
