@@ -96,7 +96,7 @@ def test_parts_of_two_maps_are_refused(tmp_path):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("[]", r"map\.json holds list, expected an object"),
+        ("[]", r"map\.json contains list, expected a JSON object"),
         ("{", r"map\.json is not JSON"),
         (json.dumps({"format": MAP_FORMAT}), r"map\.json: parts is missing"),
         (json.dumps({"format": 2}), r"has map format 2, expected 6: build it again"),

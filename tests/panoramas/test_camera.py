@@ -206,5 +206,5 @@ def test_a_malformed_file_is_refused_in_one_line(tmp_path, change, message):
         read_camera(written(tmp_path / "a.json", **change))
     assert "\n" not in str(error.value)
     (tmp_path / "a.json").write_text("[1]")
-    with pytest.raises(DataError, match=r"a\.json holds list, expected an object"):
+    with pytest.raises(DataError, match=r"a\.json contains list, expected a JSON object"):
         read_camera(tmp_path / "a.json")

@@ -276,7 +276,7 @@ def test_no_folder_no_manifest_no_json(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="is not JSON"):
         Folder(tmp_path)
     (tmp_path / "manifest.json").write_text("[]")
-    with pytest.raises(DataError, match="holds list, expected an object"):
+    with pytest.raises(DataError, match="contains list, expected a JSON object"):
         Folder(tmp_path)
 
 

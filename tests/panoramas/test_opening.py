@@ -94,7 +94,7 @@ def test_an_image_leads_to_its_frame(fakes, tiny):
     [
         ("{}", r"manifest\.json: .*frames is missing"),
         ('{"frames": [{}]}', r"frames\.0\.id is missing"),
-        ("[]", "holds list"),
+        ("[]", "contains list"),
     ],
 )
 def test_an_image_beside_a_wrong_manifest_is_one_line(tmp_path, content, message):

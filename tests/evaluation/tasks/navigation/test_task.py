@@ -164,7 +164,7 @@ def test_the_command_prints_the_table_and_the_report(read):
         ),
         (
             ("--data", "unmasked"),
-            "error: unmasked has no floor masks, and navigation needs them to detect collisions\n",
+            "error: the dataset unmasked has no floor masks, and navigation needs them to detect collisions\n",
         ),
         (
             ("--data", "apartment", "--episodes", "none.json"),
