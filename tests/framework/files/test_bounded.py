@@ -95,7 +95,7 @@ def test_no_pickle_is_run(tmp_path):
     np.save(tmp_path / "a.npy", np.array([{1}], object), allow_pickle=True)
     with pytest.raises(ValueError, match="Python objects"):
         map_array(tmp_path / "a.npy")
-    with pytest.raises(ValueError, match="BadZipFile"):
+    with pytest.raises(ValueError, match="not a zip file"):
         parse_arrays(pickle.dumps([1]))
 
 
