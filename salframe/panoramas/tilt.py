@@ -18,6 +18,8 @@ MIN_SURFACE_SHARE, MIN_LEVEL_SHARE = 0.45, 0.05
 """Minimum solid angle of the horizontal and vertical surfaces, and of the horizontal ones alone, relative to all
 surfaces. They are 0.75 and 0.3 in rendered rooms, 0.65 and 0.2 with noise of 3 % in each pixel, and 0.2 where the
 ranges have smooth errors of 5 %, from which the tilt is known to 3 deg only."""
+MIN_LINES = 20
+"""Minimum number of line segments. Fewer fit some direction by chance; rooms have a hundred or more."""
 MAX_LINES = 400
 """Maximum number of line segments, the longest first."""
 COARSE_DEG, FINE_DEG = 4.0, 1.5
@@ -105,7 +107,7 @@ def up_from_lines(ends: np.ndarray) -> np.ndarray | None:
         (3,) float64 unit vector at most MAX_TILT_DEG from +z; None where the lines do not determine it.
     """
     normal, length = _lines(ends)
-    if len(normal) < 3:
+    if len(normal) < MIN_LINES:
         return None
     candidates = _directions(MAX_TILT_DEG, COARSE_DEG)
     support = _axis_support(normal, length, candidates, COARSE_DEG)

@@ -224,7 +224,8 @@ def test_without_range_bearings_and_labels_are_drawn(tmp_path):
     objects = seen_objects(pano)
     shown = sightings(pano, objects)
     chance = SENSOR.detection.probability(shown.labels, shown.solid_angle_sr)
-    found = [one for frame in range(FRAMES) for one in noise.spoil(pano, objects, 0) if one.key > 0]
+    views = [replace(pano, id=f"frame-{frame}") for frame in range(FRAMES)]
+    found = [one for view in views for one in noise.spoil(view, objects, 0) if one.key > 0]
     assert len(found) / FRAMES == pytest.approx(chance.sum(), abs=4 * np.sqrt((chance * (1 - chance)).sum() / FRAMES))
     detections = detect(pano, noise=write(tmp_path, SENSOR))
     assert np.isnan(detections.centroid_m).all()
