@@ -27,7 +27,7 @@ Spoil = Callable[[Path], object]
 ROUTE = ("map", "route", "ways", "a", "c")
 LOCALIZE = ("localize", "map", "kitchen-query", "--data", "./data")
 IMAGES = ("localize", "map", "--instances", "data/frames/kitchen-query.instances.png", "--labels", "labels.json")
-EVALUATE = ("evaluate", "runs/*")
+EVALUATE = ("evaluate", "runs/sound-*")
 COMPARE = ("compare", "--methods", "objects", "--engine", "inline")
 SCORE = ("score", "reverie", "reverie/answers.json", "--data", "reverie")
 
@@ -152,9 +152,9 @@ FAULTS: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
         ROUTE,
         r"length_m\.npy holds bool, expected",
     ),
-    "outcome": (text_file("runs/*/methods/objects/outcome.json", "[1]"), EVALUATE, r"outcome\.json"),
+    "outcome": (text_file("runs/sound-*/methods/objects/outcome.json", "[1]"), EVALUATE, r"outcome\.json"),
     "row": (
-        text_file("runs/*/methods/objects/rows.jsonl", '{"a": 1}\n'),
+        text_file("runs/sound-*/methods/objects/rows.jsonl", '{"a": 1}\n'),
         EVALUATE,
         r"rows\.jsonl, line 1 \(remove it to compute it again\)",
     ),
