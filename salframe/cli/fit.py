@@ -23,7 +23,7 @@ def fit(
         typer.Option(
             "--try",
             metavar="KEY.PATH=VALUE,VALUE",
-            help="Values of a matching setting, of which the best is selected; repeatable",
+            help="Values to try for a matching setting; the best one is used; repeatable",
         ),
     ] = None,
     data_dir: DataDir = None,

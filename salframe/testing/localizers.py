@@ -124,7 +124,7 @@ class LocalizerRules(Rules[Localizer]):
                 worker = random.index(random.descriptions, random.frames)
                 for number in reversed(range(first, len(random.queries), 2)):
                     random.check_query("another worker", worker, number)
-                    random.check_query("another worker, asked twice", worker, number)
+                    random.check_query("another worker, for the second time", worker, number)
 
     def sparse_input_raises_no_error(self) -> None:
         inputs = {"of a blank panorama": blind(PARTS), "of half a panorama": halved(self._answers[0][0])}

@@ -76,7 +76,7 @@ def house_frames(preset: str, seed: int) -> tuple[list[ReferenceFrame], list[Flo
 
 
 def notes_of(frames: Frames, floors: Sequence[FloorMasks] = ()) -> list[str]:
-    """Return what a user is told about frames: units, missing readings, storeys, regions and poses."""
+    """Return the warnings about frames: units, missing readings, storeys, regions and poses."""
     try:
         return data_notes(Described(frames, floors))
     except DataError as error:

@@ -58,6 +58,6 @@ def test_the_outline_is_taken_at_one_height_over_the_floor(height_m):
     usual, other = stand(ROOMS[2]), stand(ROOMS[2])
     other[2, 3] = height_m
     first, second = (free_outline(look(ROOMS[2], "q", pose, {"range"}).range_m, pose[2, 3]) for pose in (usual, other))
-    known = np.isfinite(first) & np.isfinite(second)
-    assert known.mean() > 0.9
-    assert np.median(np.abs(np.log(first[known] / second[known]))) < 0.02
+    finite = np.isfinite(first) & np.isfinite(second)
+    assert finite.mean() > 0.9
+    assert np.median(np.abs(np.log(first[finite] / second[finite]))) < 0.02

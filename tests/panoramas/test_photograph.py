@@ -46,11 +46,11 @@ def test_objects_are_annotated_where_they_are_seen():
     ids[:, 50:] = 70  # to the right
     rgb = np.zeros((100, 100, 3), np.uint8)
     panorama = photograph_panorama(camera, "bed", rgb, instance_id=ids, labels={70: "bed"}, height=180)
-    seen = panorama.annotations.instance_id
+    instance_id = panorama.annotations.instance_id
     assert panorama.annotations.labels == {70: "bed"}
-    assert set(np.unique(seen)) == {0, 70}
+    assert set(np.unique(instance_id)) == {0, 70}
     right = equirectangular_rays(180)[..., 1] < 0
-    np.testing.assert_array_equal(seen == 70, panorama.valid & right)
+    np.testing.assert_array_equal(instance_id == 70, panorama.valid & right)
 
 
 def test_images_of_another_size_are_refused():
