@@ -7,17 +7,17 @@ from typing import Literal
 
 import numpy as np
 
-from salframe.framework.component import ComponentConfig, match_only
-from salframe.framework.components.registry import registry
+from salframe.framework.component import match_only
 from salframe.framework.components.slots import slot
 from salframe.graphs.vocabulary import with_object_labels, written_labels
+from salframe.localization.detecting import DetectingLocalizer
 from salframe.localization.localizer import Description, LevelledConfig, posterior_slot, range_slot
 from salframe.panoramas.panorama import Panorama
 from salframe_objects.labels import WeightedLabels
 from salframe_objects.salient import SalientObjects
 
 
-class ObjectSetLocalizer(WeightedLabels):
+class ObjectSetLocalizer(DetectingLocalizer, WeightedLabels):
     """Jaccard index of the label sets of query and map; gives a place and no pose."""
 
     name = "objects"
@@ -32,26 +32,6 @@ class ObjectSetLocalizer(WeightedLabels):
             "objects of each label",
         )
         posterior: posterior_slot()  # type: ignore[valid-type]
-
-    def __init__(self, config: ComponentConfig | None = None) -> None:
-        super().__init__(config)
-        self._detector = registry().build("detector", self.config.detector)
-
-    @property
-    def needs(self) -> frozenset[str]:
-        return self._detector.needs
-
-    @property
-    def column_step(self) -> int | None:  # type: ignore[override]
-        """The `column_step` of the detector."""
-        step: int = self._detector.column_step
-        return step
-
-    @property
-    def turn_tolerance_m(self) -> float:  # type: ignore[override]
-        """The `turn_tolerance_m` of the detector."""
-        tolerance_m: float = self._detector.turn_tolerance_m
-        return tolerance_m
 
     def describe(self, panorama: Panorama) -> Description:
         detections = self._detector.detect(panorama)

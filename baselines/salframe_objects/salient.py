@@ -12,11 +12,12 @@ from salframe.framework.components.registry import registry
 from salframe.framework.components.slots import slot
 from salframe.graphs.detections import Detections
 from salframe.graphs.vocabulary import WRITTEN_LABELS
-from salframe.localization.localizer import Description, LevelledConfig, Localizer, posterior_slot, range_slot
+from salframe.localization.detecting import DetectingLocalizer
+from salframe.localization.localizer import Description, LevelledConfig, posterior_slot, range_slot
 from salframe.panoramas.panorama import Panorama
 
 
-class SalientObjects(Localizer):
+class SalientObjects(DetectingLocalizer):
     """The weight of an object is w = S^p, with its saliency S and p = `saliency_power`."""
 
     uses: ClassVar[frozenset[str]] = frozenset({"range"})
@@ -36,24 +37,7 @@ class SalientObjects(Localizer):
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
-        self._detector = registry().build("detector", self.config.detector)
         self._saliency = registry().build("saliency", self.config.saliency)
-
-    @property
-    def needs(self) -> frozenset[str]:
-        return self._detector.needs
-
-    @property
-    def column_step(self) -> int | None:  # type: ignore[override]
-        """The `column_step` of the detector."""
-        step: int = self._detector.column_step
-        return step
-
-    @property
-    def turn_tolerance_m(self) -> float:  # type: ignore[override]
-        """The `turn_tolerance_m` of the detector."""
-        tolerance_m: float = self._detector.turn_tolerance_m
-        return tolerance_m
 
     def detect(self, panorama: Panorama) -> Detections:
         """Return the objects of a panorama, with the labels of the detector."""

@@ -14,7 +14,8 @@ from salframe.graphs.detections import Detections
 from salframe.graphs.graph import REACH_M, GraphConfig, SaliencyGraph, build_graph
 from salframe.graphs.packing import graph_from_arrays, graph_to_arrays, pack_graph, unpack_graph
 from salframe.graphs.vocabulary import WRITTEN_LABELS, with_object_labels, written_labels
-from salframe.localization.localizer import Description, LevelledConfig, Localizer, range_slot
+from salframe.localization.detecting import DetectingLocalizer
+from salframe.localization.localizer import Description, LevelledConfig, range_slot
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.view import OdometryNoise
 from salframe_graphs.views import ViewObjects, join_objects
@@ -40,32 +41,14 @@ class GraphLocalizerConfig(LevelledConfig):
     )
 
 
-class GraphLocalizer(Localizer):
+class GraphLocalizer(DetectingLocalizer):
     """Base of localizers whose description of a panorama is its saliency graph."""
 
     uses: ClassVar[frozenset[str]] = frozenset({"range"})
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
-        self._detector = registry().build("detector", self.config.detector)
         self._saliency = registry().build("saliency", self.config.saliency)
-
-    @property
-    def needs(self) -> frozenset[str]:
-        needs: frozenset[str] = self._detector.needs
-        return needs
-
-    @property
-    def column_step(self) -> int | None:  # type: ignore[override]
-        """The `column_step` of the detector."""
-        step: int = self._detector.column_step
-        return step
-
-    @property
-    def turn_tolerance_m(self) -> float:  # type: ignore[override]
-        """The `turn_tolerance_m` of the detector."""
-        tolerance_m: float = self._detector.turn_tolerance_m
-        return tolerance_m
 
     def graph(self, detections: Detections) -> SaliencyGraph:
         """Return the 360-degree saliency graph of the detections of a panorama, with their object labels.

@@ -1,0 +1,32 @@
+"""Base of localizers that describe a panorama by the objects of a detector."""
+
+from __future__ import annotations
+
+from salframe.framework.component import ComponentConfig
+from salframe.framework.components.registry import registry
+from salframe.localization.localizer import Localizer
+
+
+class DetectingLocalizer(Localizer):
+    """Base of localizers whose setting `detector` selects the detector. Its symmetries are those of the localizer."""
+
+    def __init__(self, config: ComponentConfig | None = None) -> None:
+        super().__init__(config)
+        self._detector = registry().build("detector", self.config.detector)
+
+    @property
+    def needs(self) -> frozenset[str]:
+        needs: frozenset[str] = self._detector.needs
+        return needs
+
+    @property
+    def column_step(self) -> int | None:  # type: ignore[override]
+        """The `column_step` of the detector."""
+        step: int = self._detector.column_step
+        return step
+
+    @property
+    def turn_tolerance_m(self) -> float:  # type: ignore[override]
+        """The `turn_tolerance_m` of the detector."""
+        tolerance_m: float = self._detector.turn_tolerance_m
+        return tolerance_m
