@@ -85,7 +85,8 @@ class GeometricMatcher(NodeMatcher):
         )
 
     @property
-    def estimates_scale(self) -> bool:
+    def _estimates_scale(self) -> bool:
+        """Whether the ranges of a query may be wrong by one unknown factor."""
         return bool(self.config.max_scale_error)
 
     def match(self, query: SaliencyGraph, index: GraphIndex, top_k: int) -> list[GraphMatch]:
@@ -121,7 +122,7 @@ class GeometricMatcher(NodeMatcher):
 
     def _shortlist(self, graph: SaliencyGraph, index: GraphIndex) -> np.ndarray:
         # Heights and sizes have the same scale error as ranges, so the scene index must not use them.
-        labels_only = without_range(graph) if self.estimates_scale and not graph.bearings_only else graph
+        labels_only = without_range(graph) if self._estimates_scale and not graph.bearings_only else graph
         return super()._shortlist(labels_only, index)
 
     def _rank(self, query: SaliencyGraph, index: GraphIndex, top_k: int) -> _Ranking | None:
@@ -174,7 +175,7 @@ class GeometricMatcher(NodeMatcher):
 
     def _scale_bound(self, candidates: Candidates) -> ScaleBound | None:
         """Return the bounds of the query's scale; None where ranges are metric, or the query has none."""
-        if not self.estimates_scale or candidates.graph.bearings_only:
+        if not self._estimates_scale or candidates.graph.bearings_only:
             return None
         heights = candidates.query.centroid_m[:, 2], candidates.nodes.centroid_m[:, 2]
         return ScaleBound(self.config.max_scale_error, *heights, self.config.height_scale_m)

@@ -84,11 +84,6 @@ class PanoramaMatching:
         the pose of a reference frame."""
         return self.positioner is not None and self.positioner.is_equivariant
 
-    @property
-    def estimates_scale(self) -> bool:
-        """Whether the matcher assumes that the query's ranges have an unknown scale error."""
-        return self._matcher.estimates_scale
-
     def index(self, graphs: Sequence[SaliencyGraph], frames: Sequence[ReferenceFrame]) -> None:
         """Index the graphs of the reference frames."""
         self.graphs, self._index = graphs, self._matcher.index(graphs)

@@ -63,6 +63,41 @@ def join_objects(
     return Detections(merged.labels, scores, merged.centroid_m, np.exp(merged.log_size), yaw_rad)
 
 
+def join_bearings(graphs: Sequence[SaliencyGraph], T_last_view: np.ndarray) -> SaliencyGraph:
+    """Return the nodes without range of views as one graph in the frame of the last view.
+
+    Sightings of one object in several views stay separate nodes: each has the position of its camera as its origin.
+
+    Args:
+        graphs: The graphs of V views.
+        T_last_view: (V, 4, 4) motions that map coordinates of the views to those of the last view.
+    """
+    labels: list[str] = []
+    scores, saliency, bearing, solid_angle_sr, origin_m = [], [], [], [], []
+    for graph, T in zip(graphs, T_last_view, strict=True):
+        rows = np.flatnonzero(np.isnan(graph.centroid_m).any(1))
+        labels += [graph.labels[row] for row in rows]
+        scores.append(graph.scores[rows])
+        saliency.append(graph.saliency[rows])
+        bearing.append(graph.bearing[rows] @ T[:3, :3].T)
+        solid_angle_sr.append(graph.solid_angle_sr[rows])
+        origin_m.append(np.tile(T[:3, 3], (len(rows), 1)))
+    unknown = np.full((len(labels), 3), np.nan)
+    shares = np.concatenate(saliency)
+    return SaliencyGraph(
+        tuple(labels),
+        np.concatenate(scores),
+        shares / max(shares.sum(), 1e-9),
+        unknown,
+        unknown,
+        unknown[:, 0],
+        np.zeros((0, 2), np.int64),
+        np.concatenate(bearing),
+        np.concatenate(solid_angle_sr),
+        np.concatenate(origin_m),
+    )
+
+
 def join_outlines(outlines_m: Sequence[np.ndarray | None], T_last_view: np.ndarray) -> np.ndarray:
     """Return the outline of free space of views: the nearest point in each bin around the last view.
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -37,6 +38,10 @@ class SaliencyGraph:
         yaw_rad: (N,) float64, azimuth of the box's length in the panorama frame.
         edges: (E, 2) int64, pairs of nodes in context, edges[:, 0] < edges[:, 1].
         bearing: (N, 3) float64, unit vectors towards the nodes; by default the directions of the centroids.
+        solid_angle_sr: (N,) float64, solid angle that each node covers, NaN where it is unknown or not needed because
+            the node has a range.
+        origin_m: (N, 3) float64, position of the camera that saw each node, in the panorama frame: 0 but for nodes
+            without range in a graph of several views.
         out_of_reach: Number of objects that were left out because they lie beyond REACH_M along an axis.
     """
 
@@ -48,6 +53,8 @@ class SaliencyGraph:
     yaw_rad: np.ndarray
     edges: np.ndarray
     bearing: np.ndarray = None  # type: ignore[assignment]  # set in __post_init__
+    solid_angle_sr: np.ndarray = None  # type: ignore[assignment]
+    origin_m: np.ndarray = None  # type: ignore[assignment]
     out_of_reach: int = 0
 
     def __post_init__(self) -> None:
@@ -60,7 +67,13 @@ class SaliencyGraph:
         check_array(self, "yaw_rad", np.float64, n)
         if self.bearing is None:
             object.__setattr__(self, "bearing", unit_vectors(self.centroid_m))
+        if self.solid_angle_sr is None:
+            object.__setattr__(self, "solid_angle_sr", np.full(n, np.nan))
+        if self.origin_m is None:
+            object.__setattr__(self, "origin_m", np.zeros((n, 3)))
         check_array(self, "bearing", np.float64, n, 3)
+        check_array(self, "solid_angle_sr", np.float64, n)
+        check_array(self, "origin_m", np.float64, n, 3)
         edges = check_array(self, "edges", np.int64, None, 2)
         if len(edges) and not (edges[:, 0].min() >= 0 and (edges[:, 0] < edges[:, 1]).all() and edges[:, 1].max() < n):
             raise DataError(f"SaliencyGraph.edges must be pairs a < b of nodes below {n}, the number of nodes")
@@ -100,6 +113,28 @@ def without_range(graph: SaliencyGraph) -> SaliencyGraph:
     """Return a graph with bearings only: labels, scores, saliency and bearings remain."""
     unknown = np.full((len(graph), 3), np.nan)
     return replace(graph, centroid_m=unknown, size_m=unknown, yaw_rad=unknown[:, 0], edges=np.zeros((0, 2), np.int64))
+
+
+def with_range(graph: SaliencyGraph) -> SaliencyGraph:
+    """Return the graph of the nodes with range. They are the first nodes of a graph of several views."""
+    count = int(np.isfinite(graph.centroid_m).all(1).sum())
+    if count == len(graph):
+        return graph
+    names = ("scores", "saliency", "centroid_m", "size_m", "yaw_rad", "bearing", "solid_angle_sr", "origin_m")
+    return replace(graph, labels=graph.labels[:count], **{name: getattr(graph, name)[:count] for name in names})
+
+
+def concatenate_graphs(parts: Sequence[SaliencyGraph]) -> SaliencyGraph:
+    """Return the nodes and edges of all parts, at least one, as one graph."""
+    first = np.cumsum([0, *(len(part) for part in parts)])
+    edges = [part.edges + offset for part, offset in zip(parts, first[:-1], strict=True)]
+    names = ("scores", "saliency", "centroid_m", "size_m", "yaw_rad", "bearing", "solid_angle_sr", "origin_m")
+    return SaliencyGraph(
+        tuple(label for part in parts for label in part.labels),
+        edges=np.concatenate(edges),
+        out_of_reach=sum(part.out_of_reach for part in parts),
+        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names},
+    )
 
 
 class GraphConfig(Settings):
@@ -154,6 +189,7 @@ def build_graph(detections: Detections, saliency: np.ndarray, config: GraphConfi
         chosen.yaw_rad,
         np.zeros((0, 2), np.int64) if bearings_only else _edges(chosen, config),
         chosen.bearing if bearings_only else unit_vectors(chosen.centroid_m),
+        chosen.solid_angle_sr if bearings_only else None,
         out_of_reach=int(far.sum()),
     )
 

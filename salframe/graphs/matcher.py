@@ -58,12 +58,6 @@ class GraphMatcher(Role):
     """Whether the matcher takes candidates from a scene index: that of the graphs (`GraphTable.scenes`) where they have
     one."""
 
-    @property
-    def estimates_scale(self) -> bool:
-        """Whether the matcher estimates an unknown factor common to all ranges of a query, whose positions are then not
-        in metres."""
-        return False
-
     @abstractmethod
     def index(self, graphs: Sequence[SaliencyGraph]) -> Any:
         """Return data that makes matching with these graphs fast; it is passed to `match`."""

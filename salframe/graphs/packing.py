@@ -16,11 +16,16 @@ NODE = np.dtype([("score", "u1"), ("yaw", "u1"), ("saliency", "<u2"), ("position
 GRAPH_ARRAYS = frozenset({"labels", "scores", "saliency", "centroid_m", "size_m", "yaw_rad", "edges"})
 """Names of the arrays that `graph_to_arrays` returns for every graph."""
 
+BEARING_ARRAYS = ("bearing", "solid_angle_sr", "origin_m")
+"""Names of the arrays of graphs with nodes without range."""
+
 
 def graph_to_arrays(graph: SaliencyGraph) -> dict[str, np.ndarray]:
     """Return a graph as named arrays, without loss."""
     labels = np.array(graph.labels, dtype=np.str_)
-    bearing = {"bearing": graph.bearing} if graph.bearings_only else {}  # otherwise computed from the centroids
+    has_range = np.isfinite(graph.centroid_m).all()
+    # With range, bearings are computed from the centroids.
+    bearing = {} if has_range else {name: getattr(graph, name) for name in BEARING_ARRAYS}
     out_of_reach = {"out_of_reach": np.array(graph.out_of_reach)} if graph.out_of_reach else {}
     return {
         "labels": labels,
@@ -38,8 +43,7 @@ def graph_to_arrays(graph: SaliencyGraph) -> dict[str, np.ndarray]:
 def graph_from_arrays(arrays: Mapping[str, np.ndarray]) -> SaliencyGraph:
     """Return the graph of arrays from `graph_to_arrays`."""
     fields = {name: arrays[name] for name in ("scores", "saliency", "centroid_m", "size_m", "yaw_rad", "edges")}
-    if "bearing" in arrays:
-        fields["bearing"] = arrays["bearing"]
+    fields |= {name: arrays[name] for name in BEARING_ARRAYS if name in arrays}
     out_of_reach = int(arrays.get("out_of_reach", 0))
     return SaliencyGraph(tuple(arrays["labels"].tolist()), **fields, out_of_reach=out_of_reach)
 

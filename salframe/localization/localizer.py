@@ -183,11 +183,6 @@ class Localizer(Role):
         it can."""
         return None
 
-    def posterior_applies(self, description: Description) -> bool:
-        """Return whether the scores of a query are of the kind that the posterior was fitted to. Queries of another
-        kind are answered without probabilities."""
-        return True
-
     def count_objects(self, description: Description) -> int:
         """Return the number of objects in a description, used by the posterior; 0 for methods without objects."""
         return 0

@@ -347,11 +347,7 @@ class LocalizationMap:
             answer = replace(answer, notes=(*answer.notes, unknown_labels_note(labels)))
         answer = as_it_stood(answer, rotation)
         posterior = self.localizer.posterior
-        if (
-            posterior is None
-            or answer.out_of_map_probability is not None
-            or not self.localizer.posterior_applies(description)
-        ):
+        if posterior is None or answer.out_of_map_probability is not None:
             return answer
         return posterior.apply(answer, self.localizer.count_objects(description))
 

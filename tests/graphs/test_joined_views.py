@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
-from salframe_graphs.places.likelihood import PlaceLikelihood, Poses
+from salframe_graphs.places.likelihood import PlaceLikelihood
 from salframe_graphs.places.merging import Place
 from salframe_graphs.places.place_index import index_places
+from salframe_graphs.places.poses import Poses
+from salframe_graphs.places.query_objects import QueryObjects
 from salframe_graphs.places.rates import Likelihood, shipped_rates
 from salframe_graphs.sectors import BINS, Sectors, shown_bins
 from salframe_graphs.views import ViewObjects, join_objects, join_outlines, join_sectors
@@ -12,7 +14,6 @@ from salframe_graphs.views import ViewObjects, join_objects, join_outlines, join
 from salframe.framework.components.presets import configure, settings
 from salframe.framework.components.registry import registry
 from salframe.graphs.graph import SaliencyGraph
-from salframe.graphs.table import GraphNodes
 from salframe.localization.map import LocalizationMap
 from salframe.panoramas.geometry import equirectangular_rays, invert_pose, pose_2d, pose_errors, transform_points
 from salframe.panoramas.panorama import Annotations, Panorama
@@ -123,7 +124,7 @@ def test_only_objects_in_shown_sectors_count_as_missed():
         np.ones(2),
     )
     index = index_places([place], [np.zeros((1, 3))], rates, likelihood)
-    query = GraphNodes.of(graph(["bed"], [[2, 0, 0]], np.eye(4)), index.vocabulary)
+    query = QueryObjects.of(graph(["bed"], [[2, 0, 0]], np.eye(4)), index.vocabulary)
     front = np.zeros(BINS, bool)
     front[[*range(9), *range(63, 72)]] = True
     pose = Poses(np.zeros(1, int), np.zeros((1, 2)), np.zeros(1))

@@ -5,15 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from salframe_graphs.places.hypotheses import best_poses
-from salframe_graphs.places.likelihood import PlaceLikelihood, Poses
+from salframe_graphs.places.likelihood import PlaceLikelihood
 from salframe_graphs.places.merging import Place
 from salframe_graphs.places.place_index import index_places
+from salframe_graphs.places.poses import Poses
+from salframe_graphs.places.query_objects import QueryObjects
 from salframe_graphs.places.rates import Likelihood, shipped_rates
 from salframe_graphs.places.search import settle
 from scipy.stats import norm
 
 from salframe.graphs.graph import SaliencyGraph
-from salframe.graphs.table import GraphNodes
 from salframe.panoramas.geometry import invert_pose, pose_2d, transform_points
 
 RATES, LIKELIHOOD = shipped_rates(), Likelihood()
@@ -49,7 +50,7 @@ def query(labels, centroid_m, scores=1.0):
 
 def scored(places, graph, rates=RATES):
     index = index_places(places, [np.zeros((1, 3))] * len(places), rates, LIKELIHOOD)
-    return PlaceLikelihood(GraphNodes.of(graph, index.vocabulary), index, rates, LIKELIHOOD)
+    return PlaceLikelihood(QueryObjects.of(graph, index.vocabulary), index, rates, LIKELIHOOD)
 
 
 def at(x_m, y_m, yaw_rad, k=0):

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 
 from salframe.graphs.packing import graph_from_arrays
-from salframe.graphs.table import GraphNodes
 from salframe.localization.localizer import Description
 from salframe_graphs.panorama_matching import PanoramaMatching
 from salframe_graphs.places.distant_views import ViewGroup, combine_groups
 from salframe_graphs.places.gathering import gather_evidence
 from salframe_graphs.places.heights import height_of
-from salframe_graphs.places.likelihood import PlaceLikelihood, Poses
+from salframe_graphs.places.likelihood import PlaceLikelihood
 from salframe_graphs.places.map_places import MapPlaces
 from salframe_graphs.places.outline import OUTLINE
+from salframe_graphs.places.query_objects import QueryObjects
 from salframe_graphs.places.search import Ranking, search
 from salframe_graphs.places.windows import Windows
 from salframe_graphs.views import sectors_from_arrays
@@ -49,14 +49,14 @@ def rank_distant_views(
         groups: The groups of the views.
         matched: (C,) numbers of the places to match, ascending.
     """
-    nodes = GraphNodes.of(graph_from_arrays(description), places.index.vocabulary)
+    nodes = QueryObjects.of(graph_from_arrays(description), places.index.vocabulary)
     if not (nodes.label >= 0).any() or not len(matched):
         return None
     index, sectors, height_m = windows.take(matched), sectors_from_arrays(description), height_of(description)
     result = search(nodes, index, config.rates, config.likelihood, POSES, sectors, height_m)
     if not len(result.poses):
         return None
-    poses = Poses(matched[result.poses.place], result.poses.shift_m, result.poses.yaw_rad)
+    poses = result.poses.at(matched[result.poses.place])
     value = config.weights.likelihood * result.score
     if OUTLINE in description:
         value = value + config.weights.outline * places.outlines.ratio(description[OUTLINE], poses)
@@ -86,7 +86,7 @@ def _group_scores(
 ) -> np.ndarray | None:
     """Return the score (C,) of places for a group of views, if (2,) `shift_m` and `yaw_rad` are the pose of the last
     view; None where the map has none of the group's labels."""
-    nodes = GraphNodes.of(graph_from_arrays(group.description), places.index.vocabulary)
+    nodes = QueryObjects.of(graph_from_arrays(group.description), places.index.vocabulary)
     if not (nodes.label >= 0).any():
         return None
     index, sectors, height_m = (
@@ -97,6 +97,6 @@ def _group_scores(
     scorer = PlaceLikelihood(nodes, index, config.rates, config.likelihood, sectors, height_m)
     poses = group.poses(shift_m, yaw_rad, len(matched))
     likelihood = np.logaddexp(scorer.score(poses)[0], scorer.score_without_pose())
-    names, in_map = places.shown.name[matched], Poses(matched, poses.shift_m, poses.yaw_rad)
+    names, in_map = places.shown.name[matched], poses.at(matched)
     evidence = gather_evidence(places, matching, nodes, group.description, matched, names, in_map, likelihood)
     return evidence.scores(config.weights.model_dump())

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from salframe.framework.validation import Settings
 from salframe.panoramas.geometry import as_complex, pose_yaw
-from salframe_graphs.places.likelihood import Poses
+from salframe_graphs.places.poses import Poses
 
 _MOTIONS = "T_last_group"
 """Key of the motions of the groups in a description."""

@@ -22,6 +22,9 @@ class EvidenceWeights(Settings):
         description="weight of the log likelihood ratio (nats) of the query's objects, at the best pose in the "
         "candidate place"
     )
+    bearing_likelihood: float = Field(
+        description="weight of the same log likelihood ratio (nats) of a query without range"
+    )
     outline: float = Field(
         description="weight of the log likelihood ratio (nats) of the outline of the free space, at the best pose "
         "in the candidate place"

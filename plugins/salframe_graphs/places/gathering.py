@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 
+from salframe.graphs.graph import with_range
 from salframe.graphs.packing import graph_from_arrays
-from salframe.graphs.table import GraphNodes
 from salframe.localization.evidence import Evidence
 from salframe.localization.localizer import Description
 from salframe_graphs.panorama_matching import PanoramaMatching
 from salframe_graphs.places.evidence import label_evidence
 from salframe_graphs.places.heights import at_map_height, height_of
-from salframe_graphs.places.likelihood import Poses
 from salframe_graphs.places.map_places import MapPlaces
 from salframe_graphs.places.outline import OUTLINE
+from salframe_graphs.places.poses import Poses
+from salframe_graphs.places.query_objects import QueryObjects
 
 
 def gather_evidence(
     places: MapPlaces,
     matching: PanoramaMatching,
-    nodes: GraphNodes,
+    nodes: QueryObjects,
     description: Description,
     rows: np.ndarray,
     names: np.ndarray,
@@ -42,13 +43,17 @@ def gather_evidence(
     if OUTLINE in description:
         outline[: len(poses)] = places.outlines.ratio(description[OUTLINE], poses)
     panorama = np.zeros(len(places.names))
-    graph = at_map_height(graph_from_arrays(description), height_of(description), places.index.camera_height_m)
-    for name, score in matching.place_scores(graph).items():
-        if name in places.number:
-            panorama[places.number[name]] = score
+    graph = with_range(graph_from_arrays(description))
+    if len(graph):
+        raised = at_map_height(graph, height_of(description), places.index.camera_height_m)
+        for name, score in matching.place_scores(raised).items():
+            if name in places.number:
+                panorama[places.number[name]] = score
+    unused = np.zeros(len(rows))
     detected_labels, labels_shared = label_evidence(nodes.label, places.index, rows)
     evidence = {
-        "likelihood": likelihood,
+        "likelihood": likelihood if nodes.num_ranged else unused,
+        "bearing_likelihood": unused if nodes.num_ranged else likelihood,
         "outline": outline,
         "panorama": panorama[places.shown.name[rows]],
         "detected_labels": detected_labels,

@@ -6,7 +6,9 @@ import numpy as np
 
 from salframe.graphs.segments import Segments, pairs_within, ranges, run_starts, starts, top_per_group
 from salframe.panoramas.geometry import as_complex
-from salframe_graphs.places.likelihood import PlaceLikelihood, Poses
+from salframe_graphs.places.likelihood import PlaceLikelihood
+from salframe_graphs.places.observations import MAX_LOG_RATIO, PairPoints
+from salframe_graphs.places.poses import PoseColumns, Poses
 
 MAX_PAIRS, MAX_HYPOTHESES = 40, 100
 """Maximum numbers of pairs of similar objects and of hypotheses in each place. A hypothesis consists of two pairs."""
@@ -27,39 +29,63 @@ def best_poses(scorer: PlaceLikelihood, max_poses: int) -> Poses:
     All pairs of similar objects score the two-point hypotheses. The probability of detecting an object of the place is
     approximated by the probability of detecting it from the place's first camera.
     """
-    index, position, rates = scorer.index, scorer.position, scorer.rates
+    index = scorer.index
     i, j = np.nonzero(scorer.same_label & (scorer.log_ratio > MIN_LOG_RATIO))
-    value, place = scorer.log_ratio[i, j], index.place[j]
+    points = _points(scorer, i, j)
+    place = index.place[j]
     order = np.lexsort((j, i, place))
     if np.bincount(place, minlength=1).max() > MAX_PAIRS:
-        order = order[np.sort(top_per_group(value[order], place[order], MAX_PAIRS))]
-    i, j, value, place = i[order], j[order], value[order], place[order]
+        order = order[np.sort(top_per_group(points.value[order], place[order], MAX_PAIRS))]
+    i, j, place, points = i[order], j[order], place[order], points.take(order)
     first, second = pairs_within(starts(np.bincount(place, minlength=len(index))))
     is_base = (i[first] != i[second]) & (j[first] != j[second])
     first, second = first[is_base], second[is_base]
-    i1, i2, j1, j2 = i[first], i[second], j[first], j[second]
-    base, map_base = position[i2] - position[i1], index.position[j2] - index.position[j1]
+    map_point, variance = index.position[j], index.variance_m2[j]
+    base, map_base = points.position[second] - points.position[first], map_point[second] - map_point[first]
     length, map_length = np.abs(base), np.abs(map_base)
-    noise, variance = rates.position_error_m**2 + (rates.range_error_share * scorer.range_m) ** 2, index.variance_m2
-    slack = SLACK_SIGMAS * np.sqrt(noise[i1] + noise[i2] + variance[j1] + variance[j2])
+    direction = base / np.maximum(length, 1e-9)
+    error_m2 = sum(
+        points.across_m2[row]
+        + (points.along_m2 - points.across_m2)[row] * (direction * points.ray[row].conj()).real ** 2
+        + variance[row]
+        for row in (first, second)
+    )
+    scales = points.has_scale[first] & points.has_scale[second]
+    scale_error = np.where(scales, scorer.likelihood.scale_error, 0.0)
+    slack = SLACK_SIGMAS * np.sqrt(error_m2 + (scale_error * length) ** 2)
     fits = (np.abs(length - map_length) < slack) & (np.minimum(length, map_length) > MIN_BASE_M)
-    rank = np.where(fits, value[first] + value[second] + BASE_WORTH * np.minimum(length, MAX_BASE_M), -np.inf)
-    rows = np.sort(top_per_group(rank, place[first], MAX_HYPOTHESES))
-    i1, i2, j1, j2 = i1[rows], i2[rows], j1[rows], j2[rows]
+    rank = points.value[first] + points.value[second] + BASE_WORTH * np.minimum(map_length, MAX_BASE_M)
+    is_uncertain = ~scales
+    rank -= np.where(is_uncertain, 0.5 * (length - map_length) ** 2 / error_m2 + 0.5 * np.log(error_m2), 0)
+    rows = np.sort(top_per_group(np.where(fits, rank, -np.inf), place[first], MAX_HYPOTHESES))
+    first, second, length = first[rows], second[rows], length[rows]
     turn = map_base[rows] * base[rows].conj()
-    turn /= np.abs(turn)
-    shift = (index.position[j1] + index.position[j2]) / 2 - turn * (position[i1] + position[i2]) / 2
-    poses = Poses(index.place[j1], np.array([shift.real, shift.imag]).T, np.angle(turn))
+    turn /= np.maximum(np.abs(turn), 1e-9)
+    precision = scale_error[rows] ** 2 / error_m2[rows]  # of the lengths, relative to the prior of the scale
+    scale = (1 + precision * length * map_length[rows]) / (1 + precision * length * length)
+    middle = (points.position[first] + points.position[second]) / 2
+    shift = (map_point[first] + map_point[second]) / 2 - scale * turn * middle
+    shift_m = np.array([shift.real, shift.imag]).T
+    poses = Poses(place[first], shift_m, np.angle(turn), np.zeros(len(shift)), scale)
     camera_offset = as_complex(index.cameras_m)[poses.place] - shift[:, None]
     poses = poses.take(np.flatnonzero(np.abs(camera_offset).min(1, initial=np.inf) < MAX_SHIFT_M))
     return poses.take(top_per_group(_support(scorer, i, j, poses), poses.place, max_poses))
 
 
+def _points(scorer: PlaceLikelihood, i: np.ndarray, j: np.ndarray) -> PairPoints:
+    """Return the positions of the query objects of pairs of query objects i (P,) and map objects j (P,)."""
+    parts = scorer.rows_of(i)
+    points = [part.pair_points(row, j[position]) for part, position, row in parts]
+    if len(points) == 1:
+        return points[0]
+    order = np.argsort(np.concatenate([np.zeros(0, int), *(position for _, position, _ in parts)]))
+    return PairPoints.concatenate(points).take(order)
+
+
 def _support(scorer: PlaceLikelihood, i: np.ndarray, j: np.ndarray, poses: Poses) -> np.ndarray:
     """Return the contribution (C,) of the pairs of similar objects to the score of each pose.
 
-    Pairs and poses are sorted by place. To save time, each pose is evaluated with the pairs of its place only, in
-    single precision.
+    Pairs and poses are sorted by place. To save time, each pose is evaluated with the pairs of its place only.
     """
     if not len(poses):
         return np.zeros(0)
@@ -67,17 +93,13 @@ def _support(scorer: PlaceLikelihood, i: np.ndarray, j: np.ndarray, poses: Poses
     begin = starts(np.bincount(place, minlength=len(index)))
     count = np.diff(begin)[poses.place]
     pair = ranges(begin[poses.place], count)
-    along, across = scorer.exponents
-    columns = np.array([along[i, j], across[j], scorer.peak[i, j] + scorer.first_camera_logit[j]])
-    origin = as_complex(index.cameras_m[:, 0])  # single precision needs coordinates near 0
-    local = (index.position[j] - origin[place]).astype(np.complex64)
-    shift = (as_complex(poses.shift_m) - origin[poses.place]).astype(np.complex64)
-    rotated_ray = np.exp(1j * poses.yaw_rad).astype(np.complex64)[:, None] * scorer.ray.astype(np.complex64)
-    node = (np.arange(len(poses)) * len(scorer.ray)).repeat(count) + i[pair]
-    offset = (local[pair] - shift.repeat(count)) * rotated_ray.ravel().take(node).conj()
-    along_m, across_m = offset.real - scorer.range_m.astype(np.float32)[i[pair]], offset.imag
-    along, across, peak = columns.take(pair, 1)
-    odds = np.exp(np.minimum(along_m * along_m * along + across_m * across_m * across + peak, 50))
+    query_object, objects = i[pair], j[pair]
+    relative = scorer.relative(poses, PoseColumns(objects, Segments(count)))
+    log_odds = scorer.pair_log_odds(query_object, relative) + scorer.first_camera_logit[objects]
+    odds = np.exp(np.minimum(log_odds, MAX_LOG_RATIO))
+    num_objects = len(scorer.query)
+    node = (np.arange(len(poses)) * num_objects).repeat(count) + query_object
     first = run_starts(node)
     explained = np.log1p(np.add.reduceat(odds, first))
-    return Segments(np.bincount(node[first] // len(scorer.ray), minlength=len(poses))).sum(explained)
+    support = Segments(np.bincount(node[first] // num_objects, minlength=len(poses))).sum(explained)
+    return support + scorer.log_prior(poses)

@@ -17,11 +17,11 @@ from salframe.framework.components.slots import slot
 from salframe.framework.config import merge, read_yaml
 from salframe.framework.files.columns import Columns
 from salframe.framework.validation import Settings, validate
-from salframe.graphs.graph import SaliencyGraph, without_positions
-from salframe.graphs.packing import graph_from_arrays
+from salframe.graphs.graph import SaliencyGraph, concatenate_graphs
+from salframe.graphs.packing import graph_from_arrays, graph_to_arrays
 from salframe.graphs.scene_index import SceneIndex
-from salframe.graphs.table import GraphNodes, MappedGraphs
-from salframe.graphs.vocabulary import unknown_labels
+from salframe.graphs.table import MappedGraphs
+from salframe.graphs.vocabulary import WRITTEN_LABELS, unknown_labels
 from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches, RankedPlace, ranked_places
 from salframe.localization.evidence import Evidence
 from salframe.localization.localizer import Description
@@ -54,13 +54,14 @@ from salframe_graphs.places.heights import (
     pack_height,
     unpack_height,
 )
-from salframe_graphs.places.likelihood import Poses
 from salframe_graphs.places.map_places import MapPlaces
 from salframe_graphs.places.outline import OUTLINE, free_outline, pack_outline, unpack_outline
+from salframe_graphs.places.poses import Poses
+from salframe_graphs.places.query_objects import QueryObjects
 from salframe_graphs.places.rates import SHIPPED, Likelihood, Rates, shipped_rates
 from salframe_graphs.places.search import Ranking, SearchResult, search, settle
 from salframe_graphs.sectors import Sectors, shown_bins
-from salframe_graphs.views import join_outlines, join_sectors, sectors_from_arrays, sectors_to_arrays
+from salframe_graphs.views import join_bearings, join_outlines, join_sectors, sectors_from_arrays, sectors_to_arrays
 
 PACKED = "outline_mm"
 """Key of the outline of free space in a packed description."""
@@ -111,13 +112,13 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
     """Merges the objects of each place's panoramas, and estimates place and pose of a query together.
 
     The evidence for a place is a likelihood ratio of the objects, the outline of free space, the match score of the
-    best single panorama, and rare labels, with fitted weights (`weights`). Queries without range, and all queries if
-    the matcher estimates scale, are matched with single panoramas as in `saliency-graph`. Without a positioner the
-    answer is the pose of the reference frame of the first place.
+    best single panorama, and rare labels, with fitted weights (`weights`). The objects of a query may have a range, or
+    a bearing and a solid angle only. Without a positioner the answer is the pose of the reference frame of the first
+    place.
     """
 
     name = "saliency-places"
-    version = "7"
+    version = "8"
     uses_floors = True
 
     class Config(GraphLocalizerConfig, PanoramaMatchingConfig):
@@ -208,9 +209,16 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
     def _join(
         self, descriptions: Sequence[Description], T_last_view: np.ndarray, odometry: OdometryNoise
     ) -> Description | None:
-        joined = super().join(descriptions, T_last_view, odometry)
-        if joined is None:
-            return None
+        graphs = [graph_from_arrays(description) for description in descriptions]
+        with_range = np.flatnonzero([not graph.bearings_only for graph in graphs])
+        if len(with_range):
+            ranged = [descriptions[number] for number in with_range]
+            joined = {**super().join(ranged, T_last_view[with_range], odometry)}
+        bearings = join_bearings(graphs, T_last_view)
+        if len(bearings):
+            parts = [graph_from_arrays(joined), bearings] if len(with_range) else [bearings]
+            written = np.unique(np.concatenate([description[WRITTEN_LABELS] for description in descriptions]))
+            joined = {**graph_to_arrays(concatenate_graphs(parts)), WRITTEN_LABELS: written}
         parts = [sectors_from_arrays(description) or Sectors.of_view(None, None) for description in descriptions]
         sectors = join_sectors(parts, T_last_view)
         outlines_m = [description.get(OUTLINE) for description in descriptions]
@@ -275,8 +283,6 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
 
     def match(self, description: Description) -> Localization:
         query = graph_from_arrays(description)
-        if self._is_scaleless(description):
-            return self._matching.localize(query)
         if not len(query):
             return Localization((), None, LocalizationStatus.NO_OBJECTS)
         ranking = self._rank(query, description)
@@ -295,8 +301,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
             return self._without_pose(places, names[0])
         pose, covariance = settle(ranking.search.scorer, best, share, MIN_DEVIATION_M)
         camera_z_m = self._map.camera_z_m(int(ranking.poses.place[pose_row[0]]), height_of(description))
-        if np.isnan(camera_z_m):
-            camera_z_m = frames[0].T_world_pano[2, 3]
+        camera_z_m += pose.raised_m[0]
         T_world_query = pose_2d(pose.shift_m[0, 0], pose.shift_m[0, 1], pose.yaw_rad[0], camera_z_m)
         return Localization(places, T_world_query, LocalizationStatus.OK, covariance)
 
@@ -334,12 +339,9 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         )
         return Localization(places, None, LocalizationStatus.NO_POSE, notes=(note,) if divided else ())
 
-    def posterior_applies(self, description: Description) -> bool:
-        return not self._is_scaleless(description)  # the posterior is fitted to scores of queries with metric range
-
     def evidence(self, description: Description) -> Evidence | None:
         query = graph_from_arrays(description)
-        if self._is_scaleless(description) or not len(query):
+        if not len(query):
             return None
         hypotheses = self._hypotheses(query, description)
         return None if hypotheses is None else hypotheses.evidence
@@ -350,17 +352,13 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
     def correspond(self, query: Description, reference: Description) -> NodeMatches:
         return self._matching.correspond(query, reference)
 
-    def _is_scaleless(self, description: Description) -> bool:
-        """Return whether the positions of a query's objects are unknown, or have an unknown scale."""
-        return self._matching.estimates_scale or without_positions(description["centroid_m"])
-
     def _hypotheses(self, query: SaliencyGraph, description: Description) -> _Hypotheses | None:
         """Return the hypotheses of a query: candidates under their best pose, and other places by their labels only.
 
         None where no place has any of the query's labels.
         """
         places = self._map
-        nodes = GraphNodes.of(query, places.index.vocabulary)
+        nodes = QueryObjects.of(query, places.index.vocabulary)
         if not (nodes.label >= 0).any():
             return None
         raised = at_map_height(query, height_of(description), places.index.camera_height_m)
@@ -378,7 +376,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
             height_of(description),
         )
         pose_place = matched[result.poses.place]
-        poses = Poses(pose_place, result.poses.shift_m, result.poses.yaw_rad)
+        poses = result.poses.at(pose_place)
         pose_name = places.names_at(poses)
         has_pose = np.zeros(len(places.names), bool)
         has_pose[pose_name] = True

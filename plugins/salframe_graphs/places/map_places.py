@@ -15,10 +15,10 @@ from salframe.graphs.graph import SaliencyGraph
 from salframe.panoramas.floors import Regions
 from salframe.panoramas.frames import ReferenceFrame
 from salframe_graphs.places.heights import place_heights
-from salframe_graphs.places.likelihood import Poses
 from salframe_graphs.places.merging import gather_places
 from salframe_graphs.places.outline import MapOutlines, unpack_outline
 from salframe_graphs.places.place_index import PLACE_COLUMNS, PlaceIndex, index_places, place_rows, read_places
+from salframe_graphs.places.poses import Poses
 from salframe_graphs.places.rates import Likelihood, Rates
 from salframe_graphs.places.shown import ShownPlaces
 from salframe_graphs.places.windows import Windows
@@ -171,10 +171,12 @@ class MapPlaces:
         return np.sort(self._frames_m[self.shown.of_name(name), 2])
 
     def camera_z_m(self, place: int, camera_height_m: float) -> float:
-        """Return the height in the world of a camera over the floor of a place; NaN where a height is unknown."""
+        """Return the height in the world of a camera over the floor of a place.
+
+        Where a height is unknown, it is the median height of the cameras of the place.
+        """
         frames = self.shown.frame[self.shown.start[place] : self.shown.start[place + 1]]
-        floor_z_m = np.median(self._frames_m[frames, 2]) - self.index.camera_height_m[place]
-        return float(floor_z_m + camera_height_m)
+        return float(np.median(self._frames_m[frames, 2]) - self.index.raised_m(camera_height_m)[place])
 
     def nearest_frames(self, names: np.ndarray, poses: Poses, row: np.ndarray) -> list[int]:
         """Return the scene frame of each place that is nearest to a pose.

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from salframe.panoramas.geometry import equirectangular_rays, wrap_angle
-from salframe_graphs.places.likelihood import Poses
+from salframe_graphs.places.poses import Poses
 from salframe_graphs.sectors import BINS, MIDDLES_RAD, azimuth_bins
 
 OUTLINE = "outline_m"
@@ -114,13 +114,14 @@ class MapOutlines:
             poses: C poses of the query.
         """
         place = poses.place
-        query_m, shift_m, yaw_rad = (a.astype(np.float32) for a in (query_m, poses.shift_m, poses.yaw_rad))
+        scaled_m = poses.scale[:, None] * query_m
+        scaled_m, shift_m, yaw_rad = (a.astype(np.float32) for a in (scaled_m, poses.shift_m, poses.yaw_rad))
         row, frame = np.nonzero(self.has_outline[place])
         map_m, pose = self.range_m[place[row], frame], self.pose[place[row], frame]
         map_offset_m = self.corners_m[place[row], frame] - shift_m[row, None]
-        query_offset_m = _corners(query_m, shift_m, yaw_rad)[row] - pose[:, None, :2]
+        query_offset_m = _corners(scaled_m, shift_m, yaw_rad)[row] - pose[:, None, :2]
         heading = wrap_angle(np.concatenate([yaw_rad[row], pose[:, 2]]))[:, None].astype(np.float32)
-        expected = np.concatenate([np.broadcast_to(query_m, map_m.shape), map_m])
+        expected = np.concatenate([scaled_m[row], map_m])
         total = _fit(np.concatenate([map_offset_m, query_offset_m]), heading, expected).reshape(2, -1).sum(0)
         best = np.full(len(place), -np.inf, total.dtype)
         np.maximum.at(best, row, total)

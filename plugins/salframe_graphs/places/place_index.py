@@ -83,14 +83,19 @@ class PlaceIndex:
         """(K,) float64 sum of the rarities of each place's objects."""
         return self.segments.sum(self.rarity[self.label])
 
+    def raised_m(self, camera_height_m: float) -> np.ndarray:
+        """Return how much the camera of each place is above a camera at a height over the floor, (K,); 0 where a height
+        is unknown (NaN)."""
+        return np.nan_to_num(self.camera_height_m - camera_height_m)
+
     def appearance(self, camera_height_m: float) -> np.ndarray:
         """Return z, log length, log box height, their squares, and ones, (7, M) float64; for `PlaceLikelihood`.
 
         z is relative to a camera at a height over the floor. Where that or the height of the place's camera is unknown
         (NaN), the two are taken to be equal.
         """
-        raised_m = np.nan_to_num(self.camera_height_m - camera_height_m)
-        values = np.stack([self.z_m + self.segments.spread(raised_m), self.log_size[:, 0], self.log_size[:, 2]])
+        height_m = self.z_m + self.segments.spread(self.raised_m(camera_height_m))
+        values = np.stack([height_m, self.log_size[:, 0], self.log_size[:, 2]])
         return np.concatenate([values, values**2, np.ones((1, values.shape[1]))])
 
     def take(self, places: np.ndarray) -> PlaceIndex:

@@ -54,6 +54,59 @@ class Rates(Settings):
     )
 
 
+class BearingErrors(Settings):
+    """Constants of the likelihood of query objects without range."""
+
+    bearing_error_rad: float = Field(
+        0.016, gt=0, description="standard deviation (rad) of each component of the bearing of an object"
+    )
+    horizontal_error_m: float = Field(
+        0.04,
+        ge=0,
+        description="standard deviation (m) of the horizontal position of an object across the bearing, in addition "
+        "to the error of the bearing and of the map",
+    )
+    vertical_error_m: float = Field(
+        0.05,
+        ge=0,
+        description="standard deviation (m) of the height of an object, in addition to the error of the bearing",
+    )
+    side_error_share: float = Field(
+        0.09,
+        ge=0,
+        description="standard deviation of the visible centre of an object, relative to its mean side, because the "
+        "visible part changes with the viewpoint",
+    )
+    size_error_log: float = Field(
+        0.7, gt=0, description="standard deviation of ln(solid angle) of an object of known size and distance"
+    )
+    size_bias_log: float = Field(
+        -0.3,
+        description="mean of ln(solid angle) of an object, relative to that of its box from a random side; "
+        "negative because parts are hidden",
+    )
+    size_span_log: float = Field(
+        5.0,
+        gt=0,
+        description="length of the interval of ln(solid angle) over which the solid angles of clutter are uniform",
+    )
+    clutter_solid_angle_sr: float = Field(
+        7.5, gt=0, description="solid angle (sr) over which the bearings of clutter are uniform"
+    )
+    detection_logit: float = Field(
+        -0.76, description="log-odds of the detection of an object with log-odds of 0 by the rates of the detector"
+    )
+    detection_per_logit: float = Field(
+        1.62,
+        description="change of the log-odds of the detection of an object per unit of its log-odds by the rates "
+        "of the detector, at a distance of 2 m",
+    )
+    detection_per_distance: float = Field(
+        -1.09,
+        description="change of the log-odds of the detection of an object per unit of ln(distance from the camera)",
+    )
+
+
 class Likelihood(Settings):
     """Constants of the likelihood that are independent of the detector."""
 
@@ -83,6 +136,19 @@ class Likelihood(Settings):
     unplaced_share: float = Field(
         0.33, gt=0, le=1, description="factor on the odds of each object in the likelihood of a place without a pose"
     )
+    scale_error: float = Field(
+        0.1,
+        gt=0,
+        description="standard deviation of the factor from the ranges of a query to true ranges, the same factor for "
+        "all objects of a query",
+    )
+    camera_height_error_m: float = Field(
+        0.15,
+        gt=0,
+        description="standard deviation (m) of the height of the query's camera above its expected height, which "
+        "queries without range estimate",
+    )
+    bearings: BearingErrors = Field(BearingErrors(), description="constants for query objects without range")
 
 
 @cache

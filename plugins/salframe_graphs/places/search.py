@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from salframe.graphs.segments import top_per_group
-from salframe.graphs.table import GraphNodes
+from salframe.graphs.segments import Segments, top_per_group
+from salframe_graphs.places.fitting import fit_step
 from salframe_graphs.places.hypotheses import best_poses
-from salframe_graphs.places.likelihood import PlaceLikelihood, Poses, RefinedPoses
+from salframe_graphs.places.likelihood import PlaceLikelihood
 from salframe_graphs.places.place_index import PlaceIndex
+from salframe_graphs.places.poses import PoseColumns, Poses, RefinedPoses
+from salframe_graphs.places.query_objects import QueryObjects
 from salframe_graphs.places.rates import Likelihood, Rates
 from salframe_graphs.sectors import Sectors
 
@@ -19,8 +20,6 @@ SETTLING_STEPS = 6
 """Number of reweighted fits of the final pose."""
 MIN_SHARE = 1e-7
 """Minimum share of a pair that takes part in the fit."""
-_RIDGE = 1e-6 * np.eye(3)
-"""Regularisation that keeps the information matrix invertible."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +66,7 @@ class Ranking:
 
 
 def search(
-    query: GraphNodes,
+    query: QueryObjects,
     index: PlaceIndex,
     rates: Rates,
     likelihood: Likelihood,
@@ -89,9 +88,6 @@ def search(
 def settle(scorer: PlaceLikelihood, pose: Poses, share: np.ndarray, min_deviation_m: float) -> tuple[Poses, np.ndarray]:
     """Fit one pose to the objects that it explains, by iteratively reweighted least squares.
 
-    Errors are assumed to be Cauchy distributed: the visible part of an object changes with the viewpoint, and for a few
-    objects its centroid moves far.
-
     Args:
         scorer: Likelihood of the query in the places of an index.
         pose: One pose.
@@ -101,28 +97,11 @@ def settle(scorer: PlaceLikelihood, pose: Poses, share: np.ndarray, min_deviatio
     Returns:
         The pose, and its first-order covariance (3, 3) of x, y, yaw in the axes of the world (m, rad).
     """
-    objects = slice(*scorer.index.segments.start[pose.place[0] : pose.place[0] + 2])
     i, j = np.nonzero(share > MIN_SHARE)
-    along, across = scorer.variances(objects)
-    along, across, share = along[i, j], across[j], share[i, j].astype(np.float64)
-    inverse = 1 / np.array([along, across])
-    position, query, ray = scorer.index.xy_m[objects][j].T, scorer.position[i], scorer.ray[i]
-    # Columns: derivatives of the deviation along and across each ray, and the query object, all rotated together.
-    base = np.concatenate([ray.real, -ray.imag, query.real, ray.imag, ray.real, query.imag]).reshape(2, -1)
-    slope = np.zeros((3, 2, len(i)))
-    slope[2, 1] = scorer.range_m[i]  # rotation moves an object across its ray
-    shift_m, yaw_rad = pose.shift_m[0], float(pose.yaw_rad[0])
+    share, objects = share[i, j].astype(np.float64), j + scorer.index.segments.start[pose.place[0]]
+    columns = PoseColumns(objects, Segments(np.array([len(objects)])))
+    of_first = np.zeros(len(i), int)
     for _ in range(SETTLING_STEPS):
-        c, s = math.cos(yaw_rad), math.sin(yaw_rad)
-        rotated = (np.array([[c, -s], [s, c]]) @ base).reshape(2, 3, -1)
-        slope[:2] = rotated[:, :2]
-        offset_m = position - rotated[:, 2] - shift_m[:, None]
-        deviation = offset_m[0] * slope[0] + offset_m[1] * slope[1]
-        squares = deviation * deviation * inverse
-        weight = share / (1 + squares[0] + squares[1]) * inverse
-        flat_slope, weighted = slope.reshape(3, -1), (slope * weight).reshape(3, -1)
-        information = weighted @ flat_slope.T + _RIDGE
-        step = np.linalg.solve(information, weighted @ deviation.ravel())
-        shift_m, yaw_rad = shift_m + step[:2], yaw_rad + step[2]
-    covariance = np.linalg.inv(information) + np.diag([min_deviation_m**2, min_deviation_m**2, 0.0])
-    return Poses(pose.place, shift_m[None], np.array([yaw_rad])), covariance
+        pose, information = fit_step(scorer, pose, of_first, i, scorer.relative(pose, columns), share)
+    covariance = np.linalg.inv(information[0])[:3, :3] + np.diag([min_deviation_m**2, min_deviation_m**2, 0.0])
+    return pose, covariance

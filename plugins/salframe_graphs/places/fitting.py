@@ -1,0 +1,97 @@
+"""Fit poses to pairs of a query and a map object, weighted by the probability that both are the same object."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from salframe.graphs.segments import run_starts
+from salframe_graphs.places.place_index import PlaceIndex
+from salframe_graphs.places.poses import PoseColumns, Poses, RelativeObjects
+from salframe_graphs.places.ranged_objects import RangedObjects
+
+if TYPE_CHECKING:
+    from salframe_graphs.places.likelihood import PlaceLikelihood
+
+MAX_STEP_M = 1.5
+"""Maximum distance in metres that one step moves a pose."""
+_RIDGE = 1e-6 * np.eye(5)
+"""Regularisation that keeps the information matrix invertible."""
+
+
+def fit_positions(
+    ranged: RangedObjects, index: PlaceIndex, poses: Poses, columns: PoseColumns, share: np.ndarray, scale_error: float
+) -> Poses:
+    """Return poses and scales fitted in closed form to objects with range.
+
+    Pairs are weighted by their shares and the inverse variance along the ray.
+
+    Args:
+        ranged: The n objects of the query.
+        index: The places.
+        poses: C poses, whose places are fitted.
+        columns: The T objects of the places of the poses.
+        share: (n, T) probability that each query object is each map object.
+        scale_error: Standard deviation of the scale of the query's ranges.
+    """
+    objects = columns.objects
+    weight = share / ranged.along_m2[:, objects]
+    by_query, by_object = columns.poses.sum(weight), weight.sum(0)
+    total = np.maximum(by_query.sum(0), 1e-12)
+    map_position = index.position[objects]
+    query_mean = (ranged.position @ by_query) / total
+    map_mean = columns.poses.sum(by_object * map_position) / total
+    x, y = np.array([ranged.position.real, ranged.position.imag]) @ weight  # a complex factor would copy the weights
+    products = columns.poses.sum((x - 1j * y) * map_position) - total * query_mean.conj() * map_mean
+    squares = (ranged.range_m * ranged.range_m) @ by_query - total * np.abs(query_mean) ** 2
+    scale = (np.abs(products) + scale_error**-2) / (squares + scale_error**-2)
+    yaw = np.angle(products)
+    shift = map_mean - scale * np.exp(1j * yaw) * query_mean
+    return Poses(poses.place, np.array([shift.real, shift.imag]).T, yaw, poses.raised_m, scale)
+
+
+def fit_step(
+    scorer: PlaceLikelihood, poses: Poses, pose: np.ndarray, i: np.ndarray, relative: RelativeObjects, share: np.ndarray
+) -> tuple[Poses, np.ndarray]:
+    """Move poses by one step of iteratively reweighted least squares (Gauss-Newton).
+
+    Args:
+        scorer: The likelihood of the query.
+        poses: C poses.
+        pose: (P,) pose of each pair of objects, ascending.
+        i: (P,) query object of each pair.
+        relative: The P map objects of the pairs, relative to the query under their poses.
+        share: (P,) probability that both are the same object.
+
+    Returns:
+        The poses, and the information matrices (C, 5, 5) of x, y, yaw, height of the camera and scale.
+    """
+    slope, weighted, deviation = np.zeros((5, 2, len(i))), np.zeros((5, 2, len(i))), np.zeros((2, len(i)))
+    for part, position, row in scorer.rows_of(i):
+        residuals = part.residuals(row, relative.take(position))
+        slope[..., position], deviation[:, position] = residuals.slope, residuals.deviation
+        weighted[..., position] = residuals.slope * (residuals.weight * share[position])
+    likelihood = scorer.likelihood
+    prior = np.array([0, 0, 0, likelihood.camera_height_error_m**-2, likelihood.scale_error**-2])
+    offset = np.zeros((len(poses), 5))
+    offset[:, 3], offset[:, 4] = poses.raised_m, poses.scale - 1
+    information = np.tile(np.diag(prior) + _RIDGE, (len(poses), 1, 1))
+    gradient = prior * offset
+    if len(i):
+        first = run_starts(pose)
+        information[pose[first]] += np.add.reduceat(np.einsum("pat,qat->pqt", weighted, slope), first, 2).transpose(
+            2, 0, 1
+        )
+        gradient[pose[first]] += np.add.reduceat(np.einsum("pat,at->pt", weighted, deviation), first, 1).T
+    step = -np.linalg.solve(information, gradient[..., None])[..., 0]
+    length_m = np.hypot(step[:, 0], step[:, 1])
+    step *= np.minimum(1, MAX_STEP_M / np.maximum(length_m, 1e-9))[:, None]
+    moved = Poses(
+        poses.place,
+        poses.shift_m + step[:, :2],
+        poses.yaw_rad + step[:, 2],
+        poses.raised_m + step[:, 3],
+        poses.scale + step[:, 4],
+    )
+    return moved, information

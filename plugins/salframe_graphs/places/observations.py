@@ -1,0 +1,105 @@
+"""What observed objects of a query contribute to the likelihood of a place and to the fit of a pose."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from salframe_graphs.places.place_index import PlaceIndex
+from salframe_graphs.places.poses import RelativeObjects
+from salframe_graphs.places.rates import Rates
+
+MIN_SCORE = 1e-3
+"""Lower bound of a detector's score, which keeps its logarithm finite."""
+MAX_LOG_RATIO = 50.0
+"""Bound of a log ratio, which keeps exponentials finite."""
+
+
+@dataclass(frozen=True, eq=False)
+class PairPoints:
+    """Positions of the query objects of P pairs of a query and a map object, if both are the same object.
+
+    Attributes:
+        position: (P,) complex128, x + iy in the query frame, metres.
+        ray: (P,) complex128, horizontal directions from the camera, of length 1.
+        along_m2: (P,) variance of the position along the ray.
+        across_m2: (P,) variance across it.
+        value: (P,) log ratio of what does not depend on the pose.
+        has_scale: (P,) bool, whether the factor of the query's ranges applies to the position.
+    """
+
+    position: np.ndarray
+    ray: np.ndarray
+    along_m2: np.ndarray
+    across_m2: np.ndarray
+    value: np.ndarray
+    has_scale: np.ndarray
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[PairPoints]) -> PairPoints:
+        """Return the pairs of all parts, one part after the other."""
+        names = cls.__dataclass_fields__
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+    def take(self, rows: np.ndarray) -> PairPoints:
+        """Return the pairs of these rows."""
+        return PairPoints(*(getattr(self, name)[rows] for name in PairPoints.__dataclass_fields__))
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Two residuals of each of P pairs of a query and a map object.
+
+    Attributes:
+        deviation: (2, P) residuals.
+        slope: (5, 2, P) derivatives by x, y and yaw of the pose, the height of the camera, and the scale of ranges.
+        weight: (2, P) inverse variances, times a factor in (0, 1] that limits the influence of large residuals.
+    """
+
+    deviation: np.ndarray
+    slope: np.ndarray
+    weight: np.ndarray
+
+
+class ObservedObjects(ABC):
+    """n objects of a query, compared with the M objects of an index.
+
+    Attributes:
+        same_label: (n, M) bool, whether both have the same label.
+        log_ratio: (n, M) float32, log ratio of what does not depend on the pose, such as the label.
+    """
+
+    same_label: np.ndarray
+    log_ratio: np.ndarray
+
+    @abstractmethod
+    def log_odds(self, relative: RelativeObjects) -> np.ndarray:
+        """Return the log odds (n, T) float32 that each query object is each of T map objects, against clutter, for map
+        objects that are certain to be detected."""
+
+    @abstractmethod
+    def pair_log_odds(self, i: np.ndarray, relative: RelativeObjects) -> np.ndarray:
+        """Return `log_odds` of pairs: of the query objects i (T,), each with one of the T map objects, (T,)."""
+
+    @abstractmethod
+    def pair_points(self, i: np.ndarray, j: np.ndarray) -> PairPoints:
+        """Return the positions of query objects i (P,) that are the map objects j (P,)."""
+
+    @abstractmethod
+    def residuals(self, i: np.ndarray, relative: RelativeObjects) -> Residuals:
+        """Return the residuals of pairs: of the query objects i (T,), each with one of the T map objects."""
+
+
+def label_ratio(label: np.ndarray, same_label: np.ndarray, index: PlaceIndex, rates: Rates) -> np.ndarray:
+    """Return the log ratio (n, M) of the labels of query objects (n,), against clutter."""
+    same = np.log(rates.label_agreement / index.frequency[label])[:, None]
+    return np.where(same_label, same, np.log(1 - rates.label_agreement))
+
+
+def pose_slopes(relative: RelativeObjects) -> np.ndarray:
+    """Return the derivatives (3, T) complex128 of the offsets by x, y and yaw of the pose."""
+    turn = np.exp(-1j * relative.yaw_rad)
+    return np.array([-turn, -1j * turn, -1j * relative.offset])

@@ -1,0 +1,136 @@
+"""Poses of a query in the places of a map, and the objects of the places relative to them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from salframe.graphs.segments import Segments, ranges
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """C poses of a query in the world.
+
+    Attributes:
+        place: (C,) number of the place of each pose.
+        shift_m: (C, 2) x and y in the world, metres.
+        yaw_rad: (C,) heading in the world.
+        raised_m: (C,) height of the camera above its expected height; by default 0.
+        scale: (C,) factor from the query's ranges to true ranges; by default 1.
+    """
+
+    place: np.ndarray
+    shift_m: np.ndarray
+    yaw_rad: np.ndarray
+    raised_m: np.ndarray = None  # type: ignore[assignment]  # set in __post_init__
+    scale: np.ndarray = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        if self.raised_m is None:
+            object.__setattr__(self, "raised_m", np.zeros(len(self.place)))
+        if self.scale is None:
+            object.__setattr__(self, "scale", np.ones(len(self.place)))
+
+    def __len__(self) -> int:
+        return len(self.place)
+
+    def take(self, rows: np.ndarray) -> Poses:
+        """Return the poses of these rows."""
+        return Poses(self.place[rows], self.shift_m[rows], self.yaw_rad[rows], self.raised_m[rows], self.scale[rows])
+
+    def at(self, place: np.ndarray) -> Poses:
+        """Return the same poses with other numbers (C,) of their places."""
+        return Poses(place, self.shift_m, self.yaw_rad, self.raised_m, self.scale)
+
+    def where(self, chosen: np.ndarray, other: Poses) -> Poses:
+        """Return these poses where `chosen` (C,) is true, else those of `other`."""
+        return Poses(
+            self.place,
+            np.where(chosen[:, None], self.shift_m, other.shift_m),
+            np.where(chosen, self.yaw_rad, other.yaw_rad),
+            np.where(chosen, self.raised_m, other.raised_m),
+            np.where(chosen, self.scale, other.scale),
+        )
+
+    def put(self, rows: np.ndarray, other: Poses) -> Poses:
+        """Return these poses with those of `other` in these rows."""
+        shift_m, yaw_rad, raised_m, scale = (
+            values.copy() for values in (self.shift_m, self.yaw_rad, self.raised_m, self.scale)
+        )
+        shift_m[rows], yaw_rad[rows], raised_m[rows], scale[rows] = (
+            other.shift_m,
+            other.yaw_rad,
+            other.raised_m,
+            other.scale,
+        )
+        return Poses(self.place, shift_m, yaw_rad, raised_m, scale)
+
+
+@dataclass(frozen=True, eq=False)
+class PoseColumns:
+    """The objects of the places of C poses, one pose after the other.
+
+    Attributes:
+        objects: (T,) numbers of the objects in the index.
+        poses: The objects grouped by pose.
+    """
+
+    objects: np.ndarray
+    poses: Segments
+
+    def take(self, poses: np.ndarray) -> tuple[PoseColumns, np.ndarray]:
+        """Return the columns of a subset of the poses, and their positions among all columns."""
+        count = self.poses.count[poses]
+        position = ranges(self.poses.start[poses], count)
+        return PoseColumns(self.objects[position], Segments(count)), position
+
+
+@dataclass(frozen=True, eq=False)
+class RelativeObjects:
+    """T objects of places relative to the camera of a query.
+
+    Attributes:
+        objects: (T,) numbers of the objects in the index.
+        offset: (T,) complex128, horizontal positions x + iy in the query frame, metres.
+        height_m: (T,) heights above the query's camera.
+        yaw_rad: (T,) heading of the query in the world.
+        scale: (T,) factor from the query's ranges to true ranges.
+    """
+
+    objects: np.ndarray
+    offset: np.ndarray
+    height_m: np.ndarray
+    yaw_rad: np.ndarray
+    scale: np.ndarray
+
+    def take(self, rows: np.ndarray) -> RelativeObjects:
+        """Return the objects of these rows."""
+        return RelativeObjects(*(getattr(self, name)[rows] for name in RelativeObjects.__dataclass_fields__))
+
+
+@dataclass(frozen=True, eq=False)
+class RefinedPoses:
+    """C poses with their scores, of which R were refined.
+
+    Attributes:
+        poses: The poses.
+        score: (C,) score of each pose.
+        rows: (R,) numbers of the refined poses, whose initial scores were near the best one.
+        refined: The columns of `share`, grouped by refined pose.
+        share: (n, T) probability that each query object is each object of the pose's place.
+    """
+
+    poses: Poses
+    score: np.ndarray
+    rows: np.ndarray
+    refined: Segments
+    share: np.ndarray
+
+    def share_of(self, pose: int) -> np.ndarray | None:
+        """Return the shares (n, m) of a pose; None where it was not refined."""
+        row = int(np.searchsorted(self.rows, pose))
+        if row == len(self.rows) or self.rows[row] != pose:
+            return None
+        return self.share[:, slice(*self.refined.start[row : row + 2])]
