@@ -31,6 +31,8 @@ def best_poses(scorer: PlaceLikelihood, max_poses: int) -> Poses:
     """
     index = scorer.index
     i, j = np.nonzero(scorer.same_label & (scorer.log_ratio > MIN_LOG_RATIO))
+    if not len(i):
+        return Poses(np.zeros(0, int), np.zeros((0, 2)), np.zeros(0))
     points = _points(scorer, i, j)
     place = index.place[j]
     order = np.lexsort((j, i, place))
@@ -78,7 +80,7 @@ def _points(scorer: PlaceLikelihood, i: np.ndarray, j: np.ndarray) -> PairPoints
     points = [part.pair_points(row, j[position]) for part, position, row in parts]
     if len(points) == 1:
         return points[0]
-    order = np.argsort(np.concatenate([np.zeros(0, int), *(position for _, position, _ in parts)]))
+    order = np.argsort(np.concatenate([position for _, position, _ in parts]))
     return PairPoints.concatenate(points).take(order)
 
 
