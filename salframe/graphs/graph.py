@@ -189,7 +189,7 @@ def build_graph(detections: Detections, saliency: np.ndarray, config: GraphConfi
         chosen.yaw_rad,
         np.zeros((0, 2), np.int64) if bearings_only else _edges(chosen, config),
         chosen.bearing if bearings_only else unit_vectors(chosen.centroid_m),
-        chosen.solid_angle_sr if bearings_only else None,
+        chosen.solid_angle_sr if bearings_only else np.full(len(nodes), np.nan),
         out_of_reach=int(far.sum()),
     )
 

@@ -1,5 +1,7 @@
 """Views joined in the frame of the last view, against positions, sectors and outlines worked out by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from salframe_graphs.places.likelihood import PlaceLikelihood
@@ -135,15 +137,40 @@ def test_only_objects_in_shown_sectors_count_as_missed():
     np.testing.assert_allclose(gain, np.log1p(np.exp(logit)), rtol=1e-5)  # the sofa behind the camera
 
 
-@pytest.mark.parametrize("method", ["proposed", "saliency-graph"])
-def test_views_without_range_are_not_joined(method):
-    config = configure("localizer", method, settings("localizer", method), [{"detector": "annotations"}])
-    localizer = registry().build("localizer", config)
+def view_of_a_bed():
     instance_id = np.zeros((64, 128), np.int32)
     instance_id[28:36, 60:68] = 1
-    view = Panorama("view", annotations=Annotations(instance_id, {1: "bed"}))
-    description = localizer.describe(view)
+    return Panorama("view", annotations=Annotations(instance_id, {1: "bed"}))
+
+
+def preset(method):
+    config = configure("localizer", method, settings("localizer", method), [{"detector": "annotations"}])
+    return registry().build("localizer", config)
+
+
+def test_saliency_graph_does_not_join_views_without_range():
+    localizer = preset("saliency-graph")
+    description = localizer.describe(view_of_a_bed())
     assert localizer.join([description] * 2, MOTIONS, OdometryNoise()) is None
+
+
+def test_bearings_of_views_keep_the_positions_of_their_cameras():
+    """The bed lies ahead of both cameras, the first of which is turned by 90 degrees."""
+    localizer = preset("proposed")
+    description = localizer.describe(view_of_a_bed())
+    joined = localizer.join([description] * 2, MOTIONS, OdometryNoise())
+    assert joined["labels"].tolist() == ["bed", "bed"]
+    np.testing.assert_allclose(joined["origin_m"], MOTIONS[:, :3, 3], atol=1e-9)
+    np.testing.assert_allclose(joined["bearing"][0], MOTIONS[0][:3, :3] @ description["bearing"][0], atol=1e-9)
+    np.testing.assert_allclose(joined["solid_angle_sr"], description["solid_angle_sr"][0])
+
+
+def test_views_with_and_without_range_are_one_query():
+    localizer = preset("proposed")
+    description = localizer.describe(view_of_a_bed())
+    ranged = localizer.describe(replace(view_of_a_bed(), range_m=np.full((64, 128), 2.0, np.float32)))
+    joined = localizer.join([description, ranged], MOTIONS, OdometryNoise())
+    assert np.isfinite(joined["centroid_m"]).all(1).tolist() == [True, False]
 
 
 def test_views_that_cover_the_sphere_give_the_pose_of_the_panorama():

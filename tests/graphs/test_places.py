@@ -16,7 +16,6 @@ from salframe_graphs.places.rates import Likelihood, shipped_rates
 from salframe_graphs.sectors import BINS
 
 from salframe.framework.components.identity import identity
-from salframe.graphs.detections import unit_vectors
 from salframe.localization.describing import describe_frame
 from salframe.localization.map import LocalizationMap
 from salframe.panoramas.floors import FloorMasks
@@ -251,25 +250,10 @@ def test_of_many_places_those_that_the_index_puts_first_are_ranked(monkeypatch):
         assert [place.place for place in answer.places] == [room]
 
 
-@pytest.mark.parametrize("scale", [0.0, 0.3])
-def test_without_sure_range_it_answers_as_single_panoramas_do(scale):
-    """Of bearings alone, and where ranges may be off by a factor."""
-    matcher = {"kind": "geometric", "max_scale_error": scale}
-    single = SaliencyGraphLocalizer(SaliencyGraphLocalizer.Config(detector="annotations", matcher=matcher))
-    built = LocalizationMap.build(single, FRAMES)
-    description = dict(single.describe(panorama("q", ["b"], pose_2d(5.5, 0, 0.4))))
-    if not scale:
-        unknown = {name: np.full_like(description[name], np.nan) for name in ("centroid_m", "size_m", "yaw_rad")}
-        bearing = unit_vectors(description["centroid_m"])
-        description |= {**unknown, "edges": np.zeros((0, 2), np.int64), "bearing": bearing}
-    answer, expected = localizer(matcher=matcher).answer(description), built.answer(description)
-    assert answer.places == expected.places
-    assert answer.places[0].place == "b"
-
-
 @pytest.mark.parametrize("made", [SaliencyPlacesLocalizer, SaliencyGraphLocalizer])
 def test_place_only_answers_with_the_pose_of_the_map_frame(made):
-    made = made(made.Config(detector="annotations", positioner=None))
+    place_only = {"pose": False} if made is SaliencyPlacesLocalizer else {"positioner": None}
+    made = made(made.Config(detector="annotations", **place_only))
     built = LocalizationMap.build(made, FRAMES)
     pose = {frame.id: frame.T_world_pano for frame in FRAMES}
     for room, x_m in (("a", 0.7), ("b", 5.5)):
@@ -280,4 +264,4 @@ def test_place_only_answers_with_the_pose_of_the_map_frame(made):
 
 def test_place_only_ranks_the_places_alike():
     query, _ = asked(["a"], 0.7)
-    assert localizer(positioner=None).localize(query).places == localizer().localize(query).places
+    assert localizer(pose=False).localize(query).places == localizer().localize(query).places

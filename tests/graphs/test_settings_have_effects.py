@@ -41,13 +41,8 @@ CHANGES = {
     "matcher.tolerance_share": (0.2, {}),
     "matcher.max_scale_error": (0.2, {}),
     "matcher.max_shift_m": (1.0, {}),
-    "positioner": (None, {}),
-    "positioner.group": ("SE(3)", {"matcher": {"max_scale_error": 0.2}}),
-    "positioner.tolerance_m": (0.1, {}),
-    "positioner.min_inliers": (9, {"matcher": {"max_scale_error": 0.2}}),
-    "positioner.ambiguity": (0.02, {"matcher": {"max_scale_error": 0.2}}),
+    "pose": (False, {}),
     "top_k": (2, {}),
-    "min_score": (2.9, {}),
     "agreement": (0.0, {}),
     "agreement_radius_m": (0.1, {}),
     "nearest_scene": (False, {}),
@@ -62,6 +57,7 @@ CHANGES = {
     "rates.detection_per_distance": (-0.5, {}),
     "rates.clutter": (0.5, {}),
     "weights.likelihood": (0.2, {}),
+    "weights.bearing_likelihood": (0.2, {}),
     "weights.outline": (0.05, {}),
     "weights.panorama": (3.0, {}),
     "weights.detected_labels": (0.5, {}),
@@ -71,6 +67,19 @@ CHANGES = {
     "likelihood.height_span_m": (1.0, {}),
     "likelihood.size_span_log": (1.0, {}),
     "likelihood.unplaced_share": (0.9, {}),
+    "likelihood.scale_error": (0.01, {}),
+    "likelihood.camera_height_error_m": (0.02, {}),
+    "likelihood.bearings.bearing_error_rad": (0.1, {}),
+    "likelihood.bearings.horizontal_error_m": (0.2, {}),
+    "likelihood.bearings.vertical_error_m": (0.2, {}),
+    "likelihood.bearings.side_error_share": (0.3, {}),
+    "likelihood.bearings.size_error_log": (0.3, {}),
+    "likelihood.bearings.size_bias_log": (0.3, {}),
+    "likelihood.bearings.size_span_log": (2.0, {}),
+    "likelihood.bearings.clutter_solid_angle_sr": (1.0, {}),
+    "likelihood.bearings.detection_logit": (1.0, {}),
+    "likelihood.bearings.detection_per_logit": (0.5, {}),
+    "likelihood.bearings.detection_per_distance": (-2.0, {}),
     "posterior.temperature": (2.0, {}),
     "posterior.head.bias": (1.0, {}),
     "posterior.head.top_score": (0.1, {}),
@@ -167,6 +176,8 @@ def scene():
         unknown = {name: np.full_like(query[name], np.nan) for name in ("centroid_m", "size_m", "yaw_rad")}
         bearing = unit_vectors(query["centroid_m"])
         flat = {name: values for name, values in query.items() if name != OUTLINE}
+        range_m = np.linalg.norm(query["centroid_m"], axis=1)
+        flat["solid_angle_sr"] = query["size_m"].prod(1) ** (2 / 3) / range_m**2
         queries += [query, {**flat, **unknown, "edges": np.zeros((0, 2), np.int64), "bearing": bearing}]
     T = pose_2d(WIDTH_M * 1.5 + 0.2, 0.1, 2.0)
     return frames, descriptions, floor, [*queries, described([1, 2], T, (1, 13))]

@@ -4,6 +4,7 @@ pose."""
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -93,17 +94,17 @@ class BearingObjects(ObservedObjects):
         Returns:
             (3, n, T) or (3, T) components along the axes of the query objects, and lengths (n or 1, T) or (T,).
         """
-        dtype = np.float32 if i is None else np.float64
-        vector = np.array([relative.offset.real, relative.offset.imag, relative.height_m], dtype)
+        dtype: Any = np.float32 if i is None else np.float64
+        vector: np.ndarray = np.array([relative.offset.real, relative.offset.imag, relative.height_m], dtype)
         if i is not None:
             vector = vector - self._origin_m[:, i]
             components = np.einsum("akt,kt->at", self._axes[:, :, i], vector)
             return components, np.sqrt((vector * vector).sum(0))
-        axes = self._axes.transpose(0, 2, 1).astype(dtype)
+        axes: np.ndarray = self._axes.transpose(0, 2, 1).astype(dtype)
         components = axes @ vector
         squared = (vector * vector).sum(0)[None]
         if not self._is_central:
-            origin = self._origin_m.astype(dtype)
+            origin: np.ndarray = self._origin_m.astype(dtype)
             components -= np.einsum("ank,kn->an", axes, origin)[..., None]
             squared = squared - 2 * origin.T @ vector + (origin * origin).sum(0)[:, None]
         return components, np.sqrt(np.maximum(squared, 0))

@@ -9,7 +9,7 @@ import numpy as np
 
 from salframe.graphs.packing import graph_from_arrays
 from salframe.localization.localizer import Description
-from salframe_graphs.panorama_matching import PanoramaMatching
+from salframe_graphs.panorama_scores import PanoramaScores
 from salframe_graphs.places.distant_views import ViewGroup, combine_groups
 from salframe_graphs.places.gathering import gather_evidence
 from salframe_graphs.places.heights import height_of
@@ -28,7 +28,7 @@ POSES = 1
 def rank_distant_views(
     places: MapPlaces,
     windows: Windows,
-    matching: PanoramaMatching,
+    matching: PanoramaScores,
     config: Any,
     description: Description,
     groups: Sequence[ViewGroup],
@@ -77,7 +77,7 @@ def rank_distant_views(
 
 def _group_scores(
     places: MapPlaces,
-    matching: PanoramaMatching,
+    matching: PanoramaScores,
     config: Any,
     group: ViewGroup,
     matched: np.ndarray,

@@ -8,7 +8,7 @@ from salframe.graphs.graph import with_range
 from salframe.graphs.packing import graph_from_arrays
 from salframe.localization.evidence import Evidence
 from salframe.localization.localizer import Description
-from salframe_graphs.panorama_matching import PanoramaMatching
+from salframe_graphs.panorama_scores import PanoramaScores
 from salframe_graphs.places.evidence import label_evidence
 from salframe_graphs.places.heights import at_map_height, height_of
 from salframe_graphs.places.map_places import MapPlaces
@@ -19,7 +19,7 @@ from salframe_graphs.places.query_objects import QueryObjects
 
 def gather_evidence(
     places: MapPlaces,
-    matching: PanoramaMatching,
+    matching: PanoramaScores,
     nodes: QueryObjects,
     description: Description,
     rows: np.ndarray,

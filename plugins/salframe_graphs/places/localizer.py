@@ -17,11 +17,11 @@ from salframe.framework.components.slots import slot
 from salframe.framework.config import merge, read_yaml
 from salframe.framework.files.columns import Columns
 from salframe.framework.validation import Settings, validate
-from salframe.graphs.graph import SaliencyGraph, concatenate_graphs
-from salframe.graphs.packing import graph_from_arrays, graph_to_arrays
+from salframe.graphs.graph import SaliencyGraph
+from salframe.graphs.packing import graph_from_arrays
 from salframe.graphs.scene_index import SceneIndex
 from salframe.graphs.table import MappedGraphs
-from salframe.graphs.vocabulary import WRITTEN_LABELS, unknown_labels
+from salframe.graphs.vocabulary import unknown_labels
 from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches, RankedPlace, ranked_places
 from salframe.localization.evidence import Evidence
 from salframe.localization.localizer import Description
@@ -34,7 +34,7 @@ from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.place_heights import MAX_STEP_M
 from salframe.panoramas.view import OdometryNoise
 from salframe_graphs.graph_localizer import GraphLocalizer, GraphLocalizerConfig
-from salframe_graphs.panorama_matching import PanoramaMatching, PanoramaMatchingConfig
+from salframe_graphs.panorama_scores import PanoramaScores, PanoramaScoresConfig
 from salframe_graphs.places.distant_matching import rank_distant_views
 from salframe_graphs.places.distant_views import (
     DistantViews,
@@ -49,11 +49,11 @@ from salframe_graphs.places.heights import (
     PACKED_HEIGHT,
     at_map_height,
     height_of,
-    join_heights,
     measure_height,
     pack_height,
     unpack_height,
 )
+from salframe_graphs.places.joining import add_bearings, join_surroundings
 from salframe_graphs.places.map_places import MapPlaces
 from salframe_graphs.places.outline import OUTLINE, free_outline, pack_outline, unpack_outline
 from salframe_graphs.places.poses import Poses
@@ -61,7 +61,7 @@ from salframe_graphs.places.query_objects import QueryObjects
 from salframe_graphs.places.rates import SHIPPED, Likelihood, Rates, shipped_rates
 from salframe_graphs.places.search import Ranking, SearchResult, search, settle
 from salframe_graphs.sectors import Sectors, shown_bins
-from salframe_graphs.views import join_bearings, join_outlines, join_sectors, sectors_from_arrays, sectors_to_arrays
+from salframe_graphs.views import sectors_from_arrays, sectors_to_arrays
 
 PACKED = "outline_mm"
 """Key of the outline of free space in a packed description."""
@@ -113,15 +113,14 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
 
     The evidence for a place is a likelihood ratio of the objects, the outline of free space, the match score of the
     best single panorama, and rare labels, with fitted weights (`weights`). The objects of a query may have a range, or
-    a bearing and a solid angle only. Without a positioner the answer is the pose of the reference frame of the first
-    place.
+    a bearing and a solid angle only.
     """
 
     name = "saliency-places"
     version = "8"
     uses_floors = True
 
-    class Config(GraphLocalizerConfig, PanoramaMatchingConfig):
+    class Config(GraphLocalizerConfig, PanoramaScoresConfig):
         outline: bool = Field(
             True,
             description="true: the outline of the free space above the furniture is stored in the map and used as "
@@ -162,6 +161,11 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
             description="true: the panoramas of a place are merged into one graph; false: each panorama has its own "
             "graph",
         )
+        pose: bool = match_only(
+            True,
+            description="true: the answer has the estimated pose; false: it has the pose of the nearest reference "
+            "frame",
+        )
         poses: int = match_only(3, ge=1, description="maximum number of pose hypotheses that are refined in each place")
         distant_views: DistantViews = added(
             DistantViews(),
@@ -171,7 +175,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
-        self._matching = PanoramaMatching(self.config)
+        self._matching = PanoramaScores(self.config)
         self._weights = self.config.weights.model_dump()
 
     def describe(self, panorama: Panorama) -> Description:
@@ -188,10 +192,10 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
 
     def join(
         self, descriptions: Sequence[Description], T_last_view: np.ndarray, odometry: OdometryNoise
-    ) -> Description | None:
+    ) -> Description:
         joined = self._join(descriptions, T_last_view, odometry)
         numbers = group_views(T_last_view, self.config.distant_views.near_m)
-        if joined is None or len(numbers) == 1 or self.floors:  # floor masks show the place at a pose
+        if len(numbers) == 1 or self.floors:  # floor masks show the place at a pose
             return joined
         groups = []
         for group in numbers:
@@ -202,29 +206,16 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
                 if len(views) == 1
                 else self._join(views, invert_pose(T_last_group) @ T_last_view[group.start : group.stop], odometry)
             )
-            if description is not None:
-                groups.append(ViewGroup(description, T_last_group))
+            groups.append(ViewGroup(description, T_last_group))
         return {**joined, **groups_to_arrays(groups)}
 
     def _join(
         self, descriptions: Sequence[Description], T_last_view: np.ndarray, odometry: OdometryNoise
-    ) -> Description | None:
-        graphs = [graph_from_arrays(description) for description in descriptions]
-        with_range = np.flatnonzero([not graph.bearings_only for graph in graphs])
-        if len(with_range):
-            ranged = [descriptions[number] for number in with_range]
-            joined = {**super().join(ranged, T_last_view[with_range], odometry)}
-        bearings = join_bearings(graphs, T_last_view)
-        if len(bearings):
-            parts = [graph_from_arrays(joined), bearings] if len(with_range) else [bearings]
-            written = np.unique(np.concatenate([description[WRITTEN_LABELS] for description in descriptions]))
-            joined = {**graph_to_arrays(concatenate_graphs(parts)), WRITTEN_LABELS: written}
-        parts = [sectors_from_arrays(description) or Sectors.of_view(None, None) for description in descriptions]
-        sectors = join_sectors(parts, T_last_view)
-        outlines_m = [description.get(OUTLINE) for description in descriptions]
-        outline = {} if all(o is None for o in outlines_m) else {OUTLINE: join_outlines(outlines_m, T_last_view)}
-        height = join_heights([height_of(description) for description in descriptions], T_last_view)
-        return {**joined, **sectors_to_arrays(sectors), **outline, **height}
+    ) -> Description:
+        ranged = [n for n, part in enumerate(descriptions) if not graph_from_arrays(part).bearings_only]
+        joined = super().join([descriptions[n] for n in ranged], T_last_view[ranged], odometry) if ranged else None
+        joined = add_bearings(joined, descriptions, T_last_view)
+        return {**joined, **join_surroundings(descriptions, T_last_view)}
 
     def pack(self, description: Description) -> Description:
         packed = {**super().pack(description), **pack_height(description)}
@@ -237,7 +228,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
     @property
     def column_step(self) -> int | None:  # type: ignore[override]
         """The `column_step` of the detector; None if the pose does not turn with the panorama."""
-        return super().column_step if self._matching.is_equivariant else None
+        return super().column_step if self.config.pose else None
 
     def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> None:
         graphs = [graph_from_arrays(description) for description in descriptions]
@@ -292,7 +283,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         frames = [self._matching.frames[number] for number in self._map.nearest_frames(names, ranking.poses, pose_row)]
         ids = [frame.id for frame in frames]
         places = ranked_places(ids, [self._map.names[name] for name in names.tolist()], ranking.score.tolist())
-        if self._matching.positioner is None:
+        if not self.config.pose:
             return Localization(places, frames[0].T_world_pano, LocalizationStatus.OK)
         if pose_row[0] < 0:
             return self._without_pose(places, names[0])
