@@ -173,7 +173,7 @@ BROKEN_LOCALIZERS = [
     (Lavish, "received InvalidAnswer: a localization has probabilities that sum to 1.2, expected 1"),
     (Contrary, r"received the probabilities \[0.2, 0.7.*\], expected descending probabilities"),
     (Swayed, "with another lossy: received another description, expected the same description: .* match_only"),
-    (Scrupulous, "with another positioner: received another value, expected the same value: .* match_only"),
+    (Scrupulous, "with another top_k: received another value, expected the same value: .* match_only"),
     (
         Inattentive,
         "describe_identity with another content of the file table: received the same value, expected another",
