@@ -26,8 +26,10 @@ class SaliencyGraph:
     """A place as a 360-degree saliency graph (docs/explanation/method.md#from-panorama-to-graph): salient objects and
     the context between them.
 
-    A graph of a panorama without range has bearings only: centroid_m, size_m and yaw_rad are NaN, there are no edges,
-    and saliency is a share of solid angle. Such a graph can be a query, but not part of a map.
+    A node without range has a bearing only: its centroid_m, size_m and yaw_rad are NaN, and it has no edges. In a
+    graph of one panorama all nodes or none have a range; without range, saliency is a share of solid angle. A graph of
+    several views may have both kinds, first the nodes with range. A graph with nodes without range can be a query, but
+    not part of a map.
 
     Attributes:
         labels: N names.
