@@ -9,6 +9,7 @@ from salframe.graphs.detector import Detector
 from salframe.graphs.matcher import GraphMatcher
 from salframe.graphs.saliency import SaliencyModel
 from salframe.graphs.scene_index import SceneIndex
+from salframe.localization.evidence_model import EvidenceModel
 from salframe.localization.localizer import Localizer
 from salframe.localization.positioner import Positioner
 from salframe.panoramas.dataset import Dataset
@@ -28,6 +29,7 @@ def salframe_provides() -> list[type]:
         SceneIndex,
         GraphMatcher,
         Positioner,
+        EvidenceModel,
         Planner,
         Scorer,
         Localizer,

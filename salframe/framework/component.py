@@ -38,6 +38,13 @@ class ComponentConfig(Settings):
                 raise ValueError(f"kind is {value['kind']!r}, expected {cls.component.name!r}")
         return value
 
+    def keys_of(self, setting: str) -> Mapping[str, str]:
+        """Return the keys of a setting that is a mapping, each with its help, where other settings determine the keys.
+
+        By default, no setting is such a mapping, and the result is empty.
+        """
+        return {}
+
 
 def match_only(default: Any, **field: Any) -> Any:
     """Return a pydantic Field for a setting that affects only matching, not the descriptions of panoramas."""

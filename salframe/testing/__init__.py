@@ -17,6 +17,7 @@ from salframe.testing.datasets import DatasetRules
 from salframe.testing.declaration import check_config, check_declaration
 from salframe.testing.detectors import DetectorRules
 from salframe.testing.engines import EngineRules
+from salframe.testing.evidence import EvidenceRules
 from salframe.testing.expectations import ConformanceError, DoesNotApply, expect
 from salframe.testing.identities import check_files
 from salframe.testing.localizers import LocalizerRules
@@ -46,6 +47,7 @@ _RULES: dict[str, type[Rules[Any]]] = {
     "scene-index": SceneIndexRules,
     "matcher": MatcherRules,
     "positioner": PositionerRules,
+    "evidence": EvidenceRules,
     "planner": PlannerRules,
     "scorer": ScorerRules,
     "localizer": LocalizerRules,

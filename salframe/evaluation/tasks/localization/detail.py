@@ -122,7 +122,7 @@ class _Method:
         self._cache, self._descriptions = Cache(), dict[str, Description]()
         self._describer = digest(localizer.describe_identity())[:8]
         weights = getattr(localizer.config, "weights", None)
-        self._weights: dict[str, float] = weights.model_dump() if isinstance(weights, BaseModel) else {}
+        self._weights: dict[str, float] = dict(weights) if isinstance(weights, BaseModel | Mapping) else {}
         self._frames: dict[str, ReferenceFrame] = {}
 
     def take(self, fold: Fold) -> None:
