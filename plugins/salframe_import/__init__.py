@@ -10,4 +10,6 @@ def salframe_provides() -> list[type[salframe.Component]]:
     """Return the importers."""
     from salframe_import.pictures import PictureImporter
 
-    return [PictureImporter]
+    from salframe_import.perspective import PerspectiveImporter
+
+    return [PictureImporter, PerspectiveImporter]
