@@ -27,6 +27,7 @@ from salframe_import.stations import (
     group_by_station,
     group_by_time,
     other_conventions,
+    read_depth,
     station_record,
     thinned,
 )
@@ -173,16 +174,6 @@ class PerspectiveImporter(Importer):
             places,
             (picture,) if depth is None else (picture, depth),
         )
-
-
-def read_depth(path: Path, encoding: RangeEncoding, lens: Camera) -> np.ndarray:
-    """Read a depth image: depth (h, w) float32 along the optical axis in metres, NaN where unknown. Raises DataError."""
-    depth_m = encoding.photograph_depth(images.read_ids(path))
-    if encoding.kind == RangeKind.RAY:
-        height, width = depth_m.shape
-        axis = lens.rotation[:, 2]
-        depth_m = (depth_m * (lens.scaled(width, height).rays() @ axis)).astype(np.float32)
-    return depth_m
 
 
 def _camera(path: Path, content: _Transforms, frame: _FrameOfFile, picture: Path) -> Camera:

@@ -13,21 +13,24 @@ from pydantic import Field, PositiveFloat
 
 from salframe.framework.component import ComponentConfig
 from salframe.framework.errors import DataError
+from salframe.panoramas import images as image_files
+from salframe.panoramas.camera import Camera
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.importer import PanoramaRecord, PlaceSource
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.pose_conventions import NAMES
+from salframe.panoramas.range_encoding import RangeEncoding, RangeKind
 from salframe.panoramas.stitching import PosedCamera, reading_agreement, stitch_color, stitch_range
 
 MAX_ASPECT_ERROR = 0.02
 """Maximum relative difference of the aspect ratio of an image and of its camera."""
 MIN_OVERLAP, MIN_AGREEMENT = 0.02, 0.6
 """Minimum share of the sphere that two depth images show, and minimum share of it where they agree."""
-MAX_IMAGE_TILT_DEG, LEVEL_TILT_DEG = 45.0, 25.0
+MAX_IMAGE_TILT_DEG, LEVEL_TILT_DEG = 60.0, 35.0
 """Maximum median tilt of images without an error, and maximum of another convention that is named."""
 DISAGREES = (
-    "the depth images of one place contradict each other: check the convention of the poses, the extrinsics, the times, "
-    "and the unit and kind of the depth"
+    "the depth images of one place contradict each other: check the convention of the poses, the extrinsics, the "
+    "times, and the unit and kind of the depth"
 )
 _FULL_TURN_DEG = 360
 
@@ -95,6 +98,8 @@ def station_record(
     sources: Iterable[Path] = (),
     T_world_pano: np.ndarray | None = None,
     check: Callable[[Panorama], str | None] | None = None,
+    *,
+    is_posed: bool = True,
 ) -> PanoramaRecord:
     """Return the record of the panorama that images are stitched to.
 
@@ -106,6 +111,7 @@ def station_record(
         T_world_pano: Pose of the panorama; None: upright, at the mean position of the cameras, with the heading of the
             first image.
         check: Returns a warning about the panorama, or None. By default the overlap of depth images is checked.
+        is_posed: Whether the poses of the cameras are poses in the world. If not, the panorama is a query.
     """
     pose = _upright_pose(images) if T_world_pano is None else T_world_pano
     has_depth = all(image.read_depth is not None for image in images)
@@ -117,11 +123,30 @@ def station_record(
         id,
         partial(_stitch, id, tuple(images), pose, height, has_depth, check),
         parts=frozenset({"rgb", "valid", *(("range",) if has_depth else ())}),
-        T_world_pano=pose,
+        T_world_pano=pose if is_posed else None,
         places=places,
         t_s=images[0].t_s,
         sources=(*sources, *(path for image in images for path in image.sources)),
     )
+
+
+def read_depth(path: Path, encoding: RangeEncoding, lens: Camera) -> np.ndarray:
+    """Read a depth image, (h, w) float32 depth along the optical axis in metres, NaN where unknown.
+
+    Args:
+        path: A 16-bit grey image.
+        encoding: What its values mean, of the kind Z or RAY.
+        lens: The camera of the image, at any size.
+
+    Raises:
+        DataError: The file is not a 16-bit grey image.
+    """
+    depth_m = encoding.photograph_depth(image_files.read_ids(path))
+    if encoding.kind == RangeKind.RAY:
+        height, width = depth_m.shape
+        axis = lens.rotation[:, 2]
+        depth_m = (depth_m * (lens.scaled(width, height).rays() @ axis)).astype(np.float32)
+    return depth_m
 
 
 def group_by_station(images: Sequence[PosedImage]) -> dict[str, list[PosedImage]]:
@@ -216,7 +241,11 @@ def check_upright(poses: Sequence[np.ndarray], others: Mapping[str, Sequence[np.
     if tilt_deg <= MAX_IMAGE_TILT_DEG:
         return
     level = [setting for setting, changed in others.items() if _median_tilt_deg(changed) <= LEVEL_TILT_DEG]
-    cause = f"likely --set {' or --set '.join(level)}" if level else "check the axes of the cameras and of the world"
+    cause = (
+        f"likely --set {' or --set '.join(level)}"
+        if level
+        else "check the axes of the cameras and of the world, and whether the poses map the camera to the world"
+    )
     raise DataError(
         f"the images are {tilt_deg:.0f} deg from upright by their poses (median of {len(poses)}), expected at most "
         f"{MAX_IMAGE_TILT_DEG:g}: {cause}"

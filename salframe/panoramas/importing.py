@@ -203,8 +203,13 @@ class _Writer:
         self._folder, self._recording = folder, recording
         self._entries: list[FrameEntry] = []
         self._truth: dict[str, TruthEntry] = {}
+        self._noted: dict[str, list[str]] = {}
         self.failures: dict[str, str] = {}
-        self.notes: list[str] = []
+
+    @property
+    def notes(self) -> list[str]:
+        """The notes on panoramas, each once, with the panoramas that have it."""
+        return [_listed(ids, note) for note, ids in self._noted.items()]
 
     def write(self, panorama: SelectedPanorama) -> None:
         """Write the images of a panorama, unless they are stored and newer than their sources."""
@@ -220,7 +225,8 @@ class _Writer:
                 else:
                     ids = None if loaded.annotations is None else loaded.annotations.instance_id
                     write_panorama(self._folder, entry, loaded.rgb, loaded.range_m, ids, loaded.valid)
-                    self.notes += [f"{record.id}: {note}" for note in loaded.notes]
+                    for note in loaded.notes:
+                        self._noted.setdefault(note, []).append(record.id)
             except DataError as error:
                 self.failures[record.id] = describe_error(error)
                 return
@@ -277,6 +283,11 @@ def _entry(panorama: SelectedPanorama) -> FrameEntry:
         return FrameEntry(id=record.id, role="query", **keys, **times)
     pose = tuple(np.asarray(record.T_world_pano).ravel().tolist())
     return FrameEntry(id=record.id, role="map", place=panorama.place, pose=pose, **keys)
+
+
+def _listed(ids: Sequence[str], note: str) -> str:
+    others = f" and {len(ids) - 1} other panoramas" if len(ids) > 1 else ""
+    return f"{ids[0]}{others}: {note}"
 
 
 def _copy(source: Path, target: Path) -> None:
