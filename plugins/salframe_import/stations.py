@@ -63,12 +63,13 @@ class PosedImage:
         name: Name for messages.
         camera: Intrinsics and pose.
         read_color: Returns (h, w, 3) uint8 RGB. Raises DataError.
-        read_depth: Returns (h', w') float32 depth along the optical axis in metres, NaN where unknown, for the same
-            view; None without depth. Raises DataError.
+        read_depth: Returns (h', w') float32 depth along the optical axis in metres, NaN where unknown; None without
+            depth. Raises DataError.
         t_s: Time in seconds; None where it is unknown.
         station: Name of its station; None where it is unknown.
         places: Place by the source of its name.
         sources: The files.
+        depth_camera: Intrinsics and pose of the depth; None: those of the image.
     """
 
     name: str
@@ -79,6 +80,7 @@ class PosedImage:
     station: str | None = None
     places: Mapping[PlaceSource, str] = field(default_factory=dict)
     sources: tuple[Path, ...] = ()
+    depth_camera: PosedCamera | None = None
 
     @property
     def forward(self) -> np.ndarray:
@@ -89,6 +91,12 @@ class PosedImage:
     def azimuth_deg(self) -> float:
         """Azimuth of the optical axis in the world."""
         return float(np.degrees(np.arctan2(self.forward[1], self.forward[0])))
+
+
+def z_depth(range_m: np.ndarray, lens: Camera) -> np.ndarray:
+    """Return the depth along the optical axis (h, w) float32 of ranges (h, w) along the rays of a camera."""
+    height, width = range_m.shape
+    return (range_m * (lens.scaled(width, height).rays() @ lens.rotation[:, 2])).astype(np.float32)
 
 
 def station_record(
@@ -142,11 +150,7 @@ def read_depth(path: Path, encoding: RangeEncoding, lens: Camera) -> np.ndarray:
         DataError: The file is not a 16-bit grey image.
     """
     depth_m = encoding.photograph_depth(image_files.read_ids(path))
-    if encoding.kind == RangeKind.RAY:
-        height, width = depth_m.shape
-        axis = lens.rotation[:, 2]
-        depth_m = (depth_m * (lens.scaled(width, height).rays() @ axis)).astype(np.float32)
-    return depth_m
+    return z_depth(depth_m, lens) if encoding.kind == RangeKind.RAY else depth_m
 
 
 def group_by_station(images: Sequence[PosedImage]) -> dict[str, list[PosedImage]]:
@@ -297,8 +301,8 @@ def _stitch(
         try:
             rgb = image.read_color()
             depth_m = image.read_depth() if has_depth and image.read_depth is not None else None
-            camera = _fitted(image, rgb)
-            depth_camera = None if depth_m is None else _fitted(image, depth_m)
+            camera = _fitted(image.name, image.camera, rgb)
+            depth_camera = None if depth_m is None else _fitted(image.name, image.depth_camera or image.camera, depth_m)
         except DataError as error:
             notes.append(f"left out: {error}")
             continue
@@ -324,15 +328,15 @@ def _stitch(
     return Panorama(id, panorama.rgb, panorama.range_m, panorama.valid, notes=tuple(notes))
 
 
-def _fitted(image: PosedImage, pixels: np.ndarray) -> PosedCamera:
+def _fitted(name: str, camera: PosedCamera, pixels: np.ndarray) -> PosedCamera:
     """Return the camera of an image that may have been resized. Raises DataError if its aspect ratio is another."""
-    lens = image.camera.camera
+    lens = camera.camera
     height, width = pixels.shape[:2]
     if (width, height) == (lens.width, lens.height):
-        return image.camera
+        return camera
     if abs(width * lens.height / (height * lens.width) - 1) > MAX_ASPECT_ERROR:
         raise DataError(
-            f"{image.name} is {width} x {height}, expected {lens.width} x {lens.height} or the same ratio, the size "
-            "that its camera was calibrated for"
+            f"{name} is {width} x {height}, expected {lens.width} x {lens.height} or the same ratio, the size that its "
+            "camera was calibrated for"
         )
-    return image.camera.scaled(width, height)
+    return camera.scaled(width, height)
