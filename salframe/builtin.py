@@ -14,6 +14,7 @@ from salframe.localization.localizer import Localizer
 from salframe.localization.positioner import Positioner
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.folder import FolderDataset
+from salframe.panoramas.importer import Importer
 from salframe.panoramas.range_model import RangeModel
 from salframe.topology.planner import Planner
 
@@ -23,6 +24,7 @@ def salframe_provides() -> list[type]:
     """Return the roles and components of the core."""
     return [
         Dataset,
+        Importer,
         RangeModel,
         Detector,
         SaliencyModel,

@@ -9,8 +9,9 @@ import numpy as np
 from salframe.panoramas.camera_height import NUM_FRAMES, LevelSurfaces, units_note
 from salframe.panoramas.cube_depth import is_cube_depth
 from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import Fold
-from salframe.panoramas.opening import reference_frames
+from salframe.panoramas.opening import distinct_references
 from salframe.panoramas.panorama import Panorama, unlabelled_note
 from salframe.panoramas.place_heights import storeys_note
 from salframe.panoramas.pose_checks import pose_notes
@@ -23,7 +24,12 @@ MAX_HEIGHT_ERROR = 0.07
 
 
 def data_notes(dataset: Dataset) -> list[str]:
-    """Return warnings about a prepared dataset; empty where its conventions are as expected.
+    """Return warnings about a prepared dataset; empty where its conventions are as expected. See `fold_notes`."""
+    return fold_notes(dataset.folds(), dataset.floors())
+
+
+def fold_notes(folds: Sequence[Fold], floors: Sequence[FloorMasks] = ()) -> list[str]:
+    """Return warnings about reference frames; empty where their conventions are as expected.
 
     The reference frames of the first fold are checked: a sample of them for the unit of the ranges, for values without
         a reading and for their poses; all of them for their places and up directions.
@@ -32,7 +38,7 @@ def data_notes(dataset: Dataset) -> list[str]:
         DataError: Many panoramas are not upright by their poses, many frames stand outside the region of their place,
             or the floor masks are malformed.
     """
-    folds, frames, floors = dataset.folds(), reference_frames(dataset), dataset.floors()
+    frames = distinct_references(folds)
     units = units_note(frames)
     notes = units, missing_note(frames), storeys_note(frames), check_regions(frames, floors), motion_note(folds)
     references = folds[0].references if folds else ()

@@ -20,6 +20,7 @@ from salframe.testing.engines import EngineRules
 from salframe.testing.evidence import EvidenceRules
 from salframe.testing.expectations import ConformanceError, DoesNotApply, expect
 from salframe.testing.identities import check_files
+from salframe.testing.importers import ImporterRules, check_recording
 from salframe.testing.localizers import LocalizerRules
 from salframe.testing.planners import PlannerRules
 from salframe.testing.range_models import RangeModelRules
@@ -36,11 +37,13 @@ __all__ = [
     "RuleStatus",
     "Rules",
     "check_component",
+    "check_recording",
     "expect",
 ]
 
 _RULES: dict[str, type[Rules[Any]]] = {
     "dataset": DatasetRules,
+    "importer": ImporterRules,
     "range-model": RangeModelRules,
     "detector": DetectorRules,
     "saliency": SaliencyRules,
