@@ -29,7 +29,7 @@ _MATCHER = "matcher"
 class PanoramaMatchingConfig(ComponentConfig):
     """Settings of the matching of a query with each reference frame."""
 
-    matcher: slot("matcher", "geometric", match_only=True)  # type: ignore[valid-type]
+    matcher: slot("matcher", "geometric", match_only=True, description="graph matcher")  # type: ignore[valid-type]
     positioner: slot(  # type: ignore[valid-type]
         "positioner",
         "robust",
@@ -45,8 +45,8 @@ class PanoramaMatchingConfig(ComponentConfig):
     agreement: float = match_only(
         0.5,
         ge=0,
-        description="factor on the scores of agreeing matches (which give a similar query pose in the world) that "
-        "are added to the score of a match; 0: off",
+        description="weight of agreeing matches (other reference frames that give a similar query pose), whose "
+        "scores are added to the score of a match; 0: scores are not added",
     )
     agreement_radius_m: float = match_only(
         1.5, gt=0, description="maximum distance (m) between the query poses of two agreeing matches"

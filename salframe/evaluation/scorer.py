@@ -16,7 +16,7 @@ from salframe.navigation.episodes import EpisodeRequest
 
 
 class Scorer(Role):
-    """Scores the answers of any program to a benchmark by the rules of that task."""
+    """Scores the answers of any program to a benchmark by the rules of that benchmark."""
 
     role = "scorer"
 

@@ -31,7 +31,8 @@ class EvidenceWeights(Settings):
         "candidate place"
     )
     detected_labels: float = Field(
-        description="weight of the share of the query's labels that the candidate place has; rare labels count more"
+        description="weight of the share of the query's labels that occur in the candidate place; rare labels count "
+        "more"
     )
     labels_shared: float = Field(
         description="weight of the Jaccard index of the labels of query and candidate place; rare labels count more"

@@ -110,10 +110,10 @@ class _Hypotheses:
 class SaliencyPlacesLocalizer(GraphLocalizer):
     """Merges the objects of each place's panoramas, and estimates place and pose of a query together.
 
-    The evidence for a place is a likelihood ratio of the objects, the outline of free space, the match score of the
-    best single panorama, and rare labels, with fitted weights (`weights`). Queries without range, and all queries if
-    the matcher estimates scale, are matched with single panoramas as in `saliency-graph`. Without a positioner the
-    answer is the pose of the reference frame of the first place.
+    The score of a place is a weighted sum of its evidence: the likelihood of the objects, the outline of free space,
+    the match score of the best single panorama, and the shared labels. The `weights` are fitted. Queries without range,
+    and all queries if the matcher estimates scale, are matched with single panoramas as in `saliency-graph`. Without a
+    positioner, the answer has the pose of the reference frame of the first place.
     """
 
     name = "saliency-places"
@@ -155,7 +155,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
             ge=1,
             description="maximum number of places that are matched object by object, the best ones of the scene index",
         )
-        scene_index: slot("scene-index", "by-size", match_only=True)  # type: ignore[valid-type]
+        scene_index: slot("scene-index", "by-size", match_only=True, description="place index")  # type: ignore[valid-type]
         merged: bool = match_only(
             True,
             description="true: the panoramas of a place are merged into one graph; false: each panorama has its own "
