@@ -26,7 +26,7 @@ class GraphLocalizerConfig(LevelledConfig):
 
     range: range_slot()  # type: ignore[valid-type]
     detector: slot("detector", "auto")  # type: ignore[valid-type]
-    saliency: slot("saliency", "volumetric")  # type: ignore[valid-type]
+    saliency: slot("saliency", "volumetric", description="weights of the objects")  # type: ignore[valid-type]
     graph: GraphConfig = GraphConfig.model_validate({})
     odometry: OdometryNoise = added(
         OdometryNoise(),

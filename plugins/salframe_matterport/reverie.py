@@ -33,7 +33,7 @@ NAMED = 5
 
 
 class Reverie(Scorer):
-    """The task REVERIE: an agent reaches the viewpoint that shows the target object (SR, OSR, SPL), and names the
+    """The benchmark REVERIE: an agent reaches the viewpoint that shows the target object (SR, OSR, SPL), and names the
     object (RGS, RGSPL)."""
 
     name = "reverie"

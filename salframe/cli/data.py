@@ -38,7 +38,7 @@ def list_(as_json: Json = False) -> None:
 
 @app.command()
 def info(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, as_json: Json = False) -> None:
-    """Print the numbers of folds, reference frames, queries and places.
+    """Check a dataset, and print its numbers of reference frames, queries and places.
 
     Renders the dataset first if necessary.
     """
@@ -94,7 +94,7 @@ def render(
 ) -> None:
     """Prepare a dataset in advance.
 
-    Without this command, `compare` prepares the dataset on first use. Run the same command again to resume an
+    Other commands prepare a dataset when they first use it. Run the same command again to resume an
     interrupted run.
     """
     from salframe.cli.output import Bars

@@ -1,4 +1,4 @@
-"""The role `scorer`: the metrics that a published task defines."""
+"""The role `scorer`: the metrics that a benchmark defines."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from salframe.navigation.episodes import EpisodeRequest
 
 
 class Scorer(Role):
-    """Scores the answers of any program to a published task by the rules of that task."""
+    """Scores the answers of any program to a benchmark by the rules of that benchmark."""
 
     role = "scorer"
 
@@ -64,7 +64,7 @@ def find_scorer(task: str) -> Scorer:
 
 
 def score(task: str, answers: str | Path, root: str | Path) -> list[Mapping[str, Any]]:
-    """Score a file of answers to a published task.
+    """Score a file of answers to a benchmark.
 
     Args:
         task: Name of the scorer.

@@ -152,11 +152,11 @@ class GraphConfig(Settings):
         None, ge=1, description="maximum number of nodes of the graph, the most salient ones; null: all"
     )
     extent: Literal["mean", "max"] = Field(
-        "mean", description="size l of a box in Eq. 1 of the paper: mean or max of its three dimensions"
+        "mean", description="size l of a box in Eq. 1 of the paper: the mean or the maximum of its three dimensions"
     )
     distance: Literal["surface", "centroid"] = Field(
         "surface",
-        description="distance d_s of two objects in Eq. 1 of the paper: surface: between the upright boxes; "
+        description="distance d_s of two objects in Eq. 1 of the paper. surface: between the upright boxes; "
         "centroid: between the centroids",
     )
 

@@ -27,7 +27,7 @@ class NavigationRow(MethodRow):
     Rates are over all episodes with their 95 % intervals; a crashed episode counts as a failure. Other means are over
     the episodes that ended. `p_value` is that of the exact paired test of success, clustered by goal, against the first
     measured method, and `p_adjusted` its adjustment by Holm's method. `scores` are the metrics of the scorer of a
-    published task by name, averaged over data sets.
+    benchmark by name, averaged over data sets.
     """
 
     episodes: int
@@ -76,7 +76,7 @@ ABOUT = (
 
 
 def score_tables(rows: Sequence[NavigationRow], leading: Mapping[str, Sequence[str]] | None = None) -> list[Table]:
-    """Return the table of the metrics that a published task defines; none without a published task."""
+    """Return the table of the metrics that a benchmark defines; none without a benchmark."""
     scored = [row for row in rows if row.scores]
     if not scored:
         return []
