@@ -31,6 +31,12 @@ class EvidenceRules(Rules[EvidenceModel]):
         """The first localizer with the setting `evidence`, with this evidence alone. A column without a weight has the
         weight 1."""
         model = self.make()
+        expect(
+            model.name in registry().names(model.role),
+            f"evidence {model.name!r}",
+            "no registered evidence of this name",
+            "one that a plugin provides (`salframe_provides`)",
+        )
         users = [
             component
             for component, _ in registry()
@@ -58,10 +64,6 @@ class EvidenceRules(Rules[EvidenceModel]):
             expect(
                 column.weight is None or np.isfinite(column.weight), checked, f"weight {column.weight}", "a finite one"
             )
-
-    def described_arrays_are_declared(self) -> None:
-        for what, panorama in self._panoramas():
-            self._arrays(what, panorama)
 
     def packing_is_stable(self) -> None:
         model = self.make()
@@ -101,8 +103,6 @@ class EvidenceRules(Rules[EvidenceModel]):
     def _arrays(self, what: str, panorama: Panorama) -> Description:
         checked, model = f"describe {what}", self.make()
         arrays: Description = ask(checked, model.describe, panorama, self._base(panorama))
-        undeclared = sorted(set(arrays) - set(model.arrays))
-        expect(not undeclared, checked, f"the arrays {undeclared}", f"only those of `arrays`: {list(model.arrays)}")
         are_arrays = all(isinstance(array, np.ndarray) and array.dtype != object for array in arrays.values())
         expect(are_arrays, checked, {name: type(array).__name__ for name, array in arrays.items()}, "arrays of numbers")
         return arrays
