@@ -59,6 +59,10 @@ from .localization.answers import LocalizationStatus as LocalizationStatus
 from .localization.answers import NodeMatches as NodeMatches
 from .localization.answers import PointMatches as PointMatches
 from .localization.answers import RankedPlace as RankedPlace
+from .localization.evidence_model import EvidenceColumn as EvidenceColumn
+from .localization.evidence_model import EvidenceModel as EvidenceModel
+from .localization.evidence_model import PlaceFrames as PlaceFrames
+from .localization.evidence_model import PlaceHypotheses as PlaceHypotheses
 from .localization.localizer import Localizer as Localizer
 from .localization.map import LocalizationMap as LocalizationMap
 from .localization.map import open_map as open_map

@@ -1,4 +1,4 @@
-"""The role `evidence`: numbers that speak for a place of the map as the place of a query."""
+"""The role `evidence`: numbers that support places of the map as the place of a query."""
 
 from __future__ import annotations
 
@@ -21,11 +21,13 @@ class EvidenceColumn:
     """A named column of evidence: one number for each hypothesis, a larger number supports it more.
 
     Attributes:
+        name: Lower-case letters, digits and underscores.
         description: What the numbers are, with their unit.
         weight: Weight of the column in the score of a place, unless it is set or fitted (`salframe fit`); None: it must
             be.
     """
 
+    name: str
     description: str
     weight: float | None = None
 
@@ -92,16 +94,16 @@ class PlaceHypotheses:
 
 
 class EvidenceModel(Role):
-    """Scores hypotheses of the place of a query by what the localizer does not see otherwise.
+    """Computes columns of numbers that support hypotheses of the place of a query.
 
-    A component sets `columns` and implements `score`. One that stores something of each panorama also sets `arrays` and
-    implements `describe` and `index`. All other methods have a default. Of a panorama that lacks what `describe` needs,
-    it returns no arrays, and the columns of such a query are 0.
+    A component sets `columns` and implements `score`. A component that stores arrays of each panorama also sets
+    `arrays` and implements `describe` and `index`. All other methods have a default. If a panorama lacks the parts that
+    `describe` reads, `describe` returns no arrays, and the columns of such a query are 0.
     """
 
     role = "evidence"
-    columns: ClassVar[Mapping[str, EvidenceColumn]]
-    """The columns that `score` returns, by name: lower-case letters, digits and underscores."""
+    columns: ClassVar[tuple[EvidenceColumn, ...]]
+    """The columns that `score` returns."""
     arrays: ClassVar[tuple[str, ...]] = ()
     """Names of all arrays that `describe` may return."""
     uses: ClassVar[frozenset[str]] = frozenset()
@@ -160,7 +162,7 @@ class EvidenceModel(Role):
 
     @abstractmethod
     def score(self, description: Description, hypotheses: PlaceHypotheses) -> Mapping[str, np.ndarray]:
-        """Return the columns, (H,) float64 and finite each. Must not change its input.
+        """Return the columns by name, (H,) float64 and finite each. Must not change its input.
 
         Args:
             description: The description of the query, by localizer and evidence.

@@ -40,10 +40,12 @@ def columns_of(evidence: Sequence[ComponentConfig]) -> dict[str, EvidenceColumn]
     columns: dict[str, EvidenceColumn] = {}
     models: list[Any] = [config.component for config in evidence]
     for model in models:
-        for name, column in model.columns.items():
-            if name in columns:
-                raise ValueError(f"two components of evidence have the column {name!r}, expected each column once")
-            columns[name] = column
+        for column in model.columns:
+            if column.name in columns:
+                raise ValueError(
+                    f"two components of evidence have the column {column.name!r}, expected each column once"
+                )
+            columns[column.name] = column
     return columns
 
 
@@ -191,10 +193,11 @@ def _merged(description: Description, arrays: Description, name: str) -> Descrip
 
 def _checked(model: EvidenceModel, columns: Mapping[str, np.ndarray], count: int) -> Mapping[str, np.ndarray]:
     """Return the columns of a component. Raises InvalidAnswer where they are not those that it declares."""
-    if columns.keys() != model.columns.keys():
+    names = [column.name for column in model.columns]
+    if columns.keys() != set(names):
         raise InvalidAnswer(
             f"the evidence {model.name!r} returned the columns {', '.join(columns) or 'none'}, "
-            f"expected {', '.join(model.columns)}"
+            f"expected {', '.join(names)}"
         )
     for name, values in columns.items():
         if values.shape != (count,) or values.dtype != np.float64 or not np.isfinite(values).all():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -54,12 +53,12 @@ class LikelihoodEvidence(EvidenceModel):
 
     name = "likelihood"
     version = "1"
-    columns: ClassVar[Mapping[str, EvidenceColumn]] = {
-        "likelihood": EvidenceColumn(
-            "log likelihood ratio (nats) of the query's objects, at the best pose in the candidate place"
+    columns = (
+        EvidenceColumn(
+            "likelihood", "log likelihood ratio (nats) of the query's objects, at the best pose in the candidate place"
         ),
-        "bearing_likelihood": EvidenceColumn("same log likelihood ratio (nats) of a query without range"),
-    }
+        EvidenceColumn("bearing_likelihood", "same log likelihood ratio (nats) of a query without range"),
+    )
     uses_pose = True
 
     def score(self, description: Description, hypotheses: PlaceHypotheses) -> Mapping[str, np.ndarray]:
@@ -77,11 +76,12 @@ class OutlineEvidence(EvidenceModel):
 
     name = "outline"
     version = "1"
-    columns: ClassVar[Mapping[str, EvidenceColumn]] = {
-        "outline": EvidenceColumn(
-            "log likelihood ratio (nats) of the outline of the free space, at the best pose in the candidate place"
-        )
-    }
+    columns = (
+        EvidenceColumn(
+            "outline",
+            "log likelihood ratio (nats) of the outline of the free space, at the best pose in the candidate place",
+        ),
+    )
     arrays = (OUTLINE,)
     uses = frozenset({"range"})
     uses_pose = True
@@ -129,11 +129,11 @@ class PanoramaEvidence(EvidenceModel):
 
     name = "panorama"
     version = "1"
-    columns: ClassVar[Mapping[str, EvidenceColumn]] = {
-        "panorama": EvidenceColumn(
-            "best score among the matches of the query with the single panoramas of the candidate place"
-        )
-    }
+    columns = (
+        EvidenceColumn(
+            "panorama", "best score among the matches of the query with the single panoramas of the candidate place"
+        ),
+    )
 
     def score(self, description: Description, hypotheses: PlaceHypotheses) -> Mapping[str, np.ndarray]:
         made = _with_objects(self, hypotheses)
@@ -153,14 +153,14 @@ class LabelEvidence(EvidenceModel):
 
     name = "labels"
     version = "1"
-    columns: ClassVar[Mapping[str, EvidenceColumn]] = {
-        "detected_labels": EvidenceColumn(
-            "share of the query's labels that the candidate place has; rare labels count more"
+    columns = (
+        EvidenceColumn(
+            "detected_labels", "share of the query's labels that the candidate place has; rare labels count more"
         ),
-        "labels_shared": EvidenceColumn(
-            "Jaccard index of the labels of query and candidate place; rare labels count more"
+        EvidenceColumn(
+            "labels_shared", "Jaccard index of the labels of query and candidate place; rare labels count more"
         ),
-    }
+    )
 
     def score(self, description: Description, hypotheses: PlaceHypotheses) -> Mapping[str, np.ndarray]:
         made = _with_objects(self, hypotheses)

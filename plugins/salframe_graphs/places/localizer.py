@@ -157,8 +157,8 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
     def column_step(self) -> int | None:  # type: ignore[override]
         """Least common multiple of the steps of detector and evidence; None if the pose does not turn with the
         panorama."""
-        steps = super().column_step, self._evidence.column_step
-        return None if None in steps or not self.config.pose else lcm(*steps)
+        detector, evidence = super().column_step, self._evidence.column_step
+        return None if detector is None or evidence is None or not self.config.pose else lcm(detector, evidence)
 
     def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> None:
         graphs = [graph_from_arrays(description) for description in descriptions]
