@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.packing import graph_from_arrays
 from salframe.localization.localizer import Description
 from salframe_graphs.places.distant_views import ViewGroup, combine_groups
@@ -26,6 +27,7 @@ def rank_distant_views(
     evidence: PlaceEvidence,
     windows: Windows,
     config: Any,
+    query: SaliencyGraph,
     description: Description,
     groups: Sequence[ViewGroup],
     matched: np.ndarray,
@@ -40,12 +42,13 @@ def rank_distant_views(
         evidence: The evidence, indexed for the map.
         windows: The windows of the places of the map.
         config: Config of the localizer `saliency-places`.
-        description: The joined description of all views.
+        query: The joined graph of all views.
+        description: Their joined description.
         groups: The groups of the views.
         matched: (C,) numbers of the places to match, ascending.
     """
     places = evidence.places
-    nodes = QueryObjects.of(graph_from_arrays(description), places.index.vocabulary)
+    nodes = QueryObjects.of(query, places.index.vocabulary)
     if not (nodes.label >= 0).any() or not len(matched):
         return None
     index, sectors, height_m = windows.take(matched), sectors_from_arrays(description), height_of(description)
