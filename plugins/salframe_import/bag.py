@@ -109,7 +109,7 @@ class Bag:
             listed = f"such as {self._all_topics()}" if not candidates else f"{_listed(candidates)}"
             fix = "expected one" if not candidates else f"expected one: choose it with {option}=TOPIC"
             raise DataError(f"{self.path} has {count} of the type {expected} ({listed}), {fix}")
-        return candidates[0]
+        return next(iter(candidates))
 
     def messages(self, topics: Collection[str], at_log_ns: int | None = None) -> Iterator[tuple[str, StampedMessage]]:
         """Yield (topic, message) in the order of their recording.

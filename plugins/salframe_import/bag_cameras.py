@@ -63,12 +63,14 @@ def find_cameras(
     """
     shown = {topic: is_depth(bag.first(topic).content) for topic in bag.topics(_IMAGE_TYPES)}
     colors = [topic for topic, depth in shown.items() if not depth]
-    color_topics = [bag.choose("image", name, _IMAGE_TYPES, colors) for name in _names(images) or [None]]
+    color_names: Sequence[str | None] = _names(images) or [None]
+    color_topics = [bag.choose("image", name, _IMAGE_TYPES, colors) for name in color_names]
     if depths == "none" or (depths is None and not any(shown.values())):
         depth_topics: Sequence[str | None] = [None] * len(color_topics)
     else:
         candidates = [topic for topic, depth in shown.items() if depth]
-        depth_topics = [bag.choose("depth", name, _IMAGE_TYPES, candidates) for name in _names(depths) or [None]]
+        depth_names: Sequence[str | None] = _names(depths) or [None]
+        depth_topics = [bag.choose("depth", name, _IMAGE_TYPES, candidates) for name in depth_names]
         _check_count("depth", depth_topics, color_topics)
     info_topics: Sequence[str | None] = _names(infos) or [None] * len(color_topics)
     _check_count("camera_info", info_topics, color_topics)

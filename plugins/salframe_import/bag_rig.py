@@ -26,7 +26,7 @@ Message = tuple[int, int]
 
 
 @dataclass(frozen=True)
-class Shot:
+class BagShot:
     """The messages of one time.
 
     Attributes:
@@ -77,7 +77,7 @@ class BagRig:
         """Whether the camera is equirectangular."""
         return self.cameras[0].color.camera is None
 
-    def find_shots(self) -> tuple[list[Shot], list[str]]:
+    def find_shots(self) -> tuple[list[BagShot], list[str]]:
         """Return the shots in the order of time, and notes about pictures that are left out.
 
         Raises:
@@ -95,8 +95,8 @@ class BagRig:
                 missing[absent[0]] += 1
                 continue
             colors = tuple(message for camera in self.cameras if (message := messages[camera.color.topic]))
-            depths = tuple(camera.depth and messages[camera.depth.topic] for camera in self.cameras)
-            shots.append(Shot(number, colors, depths))
+            depths = tuple(messages[camera.depth.topic] if camera.depth else None for camera in self.cameras)
+            shots.append(BagShot(number, colors, depths))
         notes = [
             f"{count} of {len(stamps)} pictures of {topics[0]} have no message of {topic} within {self.tolerance_s:g} "
             "s: left out"
@@ -109,7 +109,7 @@ class BagRig:
             )
         return shots, notes
 
-    def posed_images(self, shot: Shot, T_world_frame: np.ndarray) -> list[PosedImage]:
+    def posed_images(self, shot: BagShot, T_world_frame: np.ndarray) -> list[PosedImage]:
         """Return the pictures of a shot, by the pose of the frame of the first camera. Raises DataError."""
         images = []
         for camera, color, depth in zip(self.cameras, shot.colors, shot.depths, strict=True):
@@ -123,7 +123,7 @@ class BagRig:
             images.append(image)
         return images
 
-    def equirectangular(self, name: str, shot: Shot) -> Panorama:
+    def equirectangular(self, name: str, shot: BagShot) -> Panorama:
         """Return the panorama of an equirectangular picture, with its depth at the resolution of the picture.
 
         Raises:
@@ -144,7 +144,7 @@ class BagRig:
         """Return the pose T_world_pano (4, 4) of an equirectangular picture."""
         return T_world_frame if self.axes == "body" else T_world_frame @ invert_pose(LEVEL)
 
-    def notes(self, shot: Shot, T_world_frame: np.ndarray) -> list[str]:
+    def notes(self, shot: BagShot, T_world_frame: np.ndarray) -> list[str]:
         """Return one-line warnings about images that are not upright by the transforms, by one shot."""
         if self.is_equirectangular:
             return []
@@ -179,8 +179,9 @@ class BagRig:
 
     def _z_depth_m(self, images: BagImages, message: Message) -> np.ndarray:
         depth_m = self._depth_m(images, message)
-        is_range = self.depth_kind == RangeKind.RAY and images.camera is not None
-        return z_depth(depth_m, images.camera) if is_range else depth_m
+        if self.depth_kind != RangeKind.RAY or images.camera is None:
+            return depth_m
+        return z_depth(depth_m, images.camera)
 
 
 def _nearest(times: np.ndarray, stamp_ns: int, tolerance_ns: int) -> Message | None:

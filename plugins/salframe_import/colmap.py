@@ -93,7 +93,7 @@ class ColmapImporter(Importer):
             return Recording(tuple(records), notes=(*notes, *([note] if note else [])))
         return Recording(tuple(pictures.record(frame) for frame in frames.values()), notes=tuple(notes))
 
-    def _world(self, model: Model) -> tuple[World, list[str]]:
+    def _world(self, model: Model) -> tuple[ModelWorld, list[str]]:
         """Return the transformation from the model to metres with z up, and notes about it."""
         config = self.config
         if (config.scale is None) == (config.camera_height is None):
@@ -110,8 +110,8 @@ class ColmapImporter(Importer):
             floor_z = floor_height(points_z, cameras_z)
             scale = config.camera_height / (float(np.median(cameras_z)) - floor_z)
             note = f"scale: {scale:.4g} m per unit of the model, by a camera {config.camera_height:g} m above the floor"
-            return World(rotation, scale, floor_z), [note]
-        world = World(rotation, config.scale)
+            return ModelWorld(rotation, scale, floor_z), [note]
+        world = ModelWorld(rotation, config.scale)
         try:
             height_m = config.scale * (float(np.median(cameras_z)) - floor_height(points_z, cameras_z))
         except DataError:  # no floor in the points: the scale cannot be checked
@@ -126,7 +126,7 @@ class ColmapImporter(Importer):
 
 
 @dataclass(frozen=True, eq=False)
-class World:
+class ModelWorld:
     """The world in metres with z up, relative to the world of a model.
 
     Attributes:
@@ -152,7 +152,7 @@ class _Pictures:
     """The pictures of a model, with their depth."""
 
     folder: Path
-    world: World
+    world: ModelWorld
     config: ColmapImporter.Config
 
     def record(self, pictures: list[ModelPicture]) -> PanoramaRecord:

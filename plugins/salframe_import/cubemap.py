@@ -17,7 +17,7 @@ from salframe.panoramas.importer import Importer, PanoramaRecord, PlaceSource, R
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.range_encoding import MAX_STEP, MILLIMETRE, RangeEncoding, RangeKind
 from salframe.panoramas.stitching import AGREEING, PosedCamera
-from salframe_import.pose_table import PoseSettings, TableRow, read_pose_table
+from salframe_import.pose_table import PoseSettings, PoseRow, read_pose_table
 from salframe_import.stations import PosedImage, read_depth, station_record
 
 FACES = ("front", "right", "back", "left", "up", "down")
@@ -92,7 +92,7 @@ class CubemapImporter(Importer):
         records = tuple(self._record(source, name, rows.get(name)) for name in sorted(names))
         return Recording(records, notes=tuple(notes))
 
-    def _record(self, source: Path, name: str, row: TableRow | None) -> PanoramaRecord:
+    def _record(self, source: Path, name: str, row: PoseRow | None) -> PanoramaRecord:
         pose = np.eye(4) if row is None else row.T_world_pano
         has_depth = (source / self._file(self.config.depth, name, self.config.faces[0])).exists()
         encoding = RangeEncoding(self.config.depth_unit_m, self.config.depth_missing, RangeKind(self.config.depth_kind))

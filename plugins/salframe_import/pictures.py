@@ -10,7 +10,7 @@ from pydantic import Field, PositiveFloat
 from salframe.framework.errors import DataError
 from salframe.panoramas.importer import ImageFiles, Importer, PanoramaRecord, PlaceSource, Recording
 from salframe.panoramas.range_encoding import MAX_STEP, MILLIMETRE, RangeEncoding, RangeKind
-from salframe_import.pose_table import PoseSettings, TableRow, read_pose_table
+from salframe_import.pose_table import PoseSettings, PoseRow, read_pose_table
 
 PICTURES = (".jpg", ".jpeg", ".png")
 RANGE, VALID, OBJECTS = ".range.png", ".valid.png", ".objects.png"
@@ -56,7 +56,7 @@ class PictureImporter(Importer):
         return Recording(records, notes=tuple(notes))
 
 
-def _record(source: Path, name: str, encoding: RangeEncoding, row: TableRow | None) -> PanoramaRecord:
+def _record(source: Path, name: str, encoding: RangeEncoding, row: PoseRow | None) -> PanoramaRecord:
     """Return the record of a picture."""
     picture = source / name
     range_image, valid = (

@@ -32,7 +32,7 @@ class PoseSettings(ComponentConfig):
 
 
 @dataclass(frozen=True, eq=False)
-class TableRow:
+class PoseRow:
     """A row of the table: pose (4, 4), place by source, and time in seconds if the table has it."""
 
     T_world_pano: np.ndarray
@@ -40,7 +40,7 @@ class TableRow:
     t_s: float | None
 
 
-def read_pose_table(path: Path, config: PoseSettings) -> dict[str, TableRow]:
+def read_pose_table(path: Path, config: PoseSettings) -> dict[str, PoseRow]:
     """Return the rows of a table of poses by the name in the column `picture`.
 
     The orientation is given by yaw_deg, and optionally pitch_deg and roll_deg, or by the quaternion qx, qy, qz, qw.
@@ -63,7 +63,7 @@ def read_pose_table(path: Path, config: PoseSettings) -> dict[str, TableRow]:
     numbers = read_csv_numbers(path, (*POSITION, *orientation), (*ANGLES, "t_s"))
     names = [Path(text.strip()).as_posix() for text in texts["picture"]]
     places = [text.strip() for text in texts.get("place", [""] * len(names))]
-    rows: dict[str, TableRow] = {}
+    rows: dict[str, PoseRow] = {}
     for name, place, row in zip(names, places, numbers, strict=True):
         if name in rows:
             raise DataError(f"{path} has two rows of the picture {name}, expected one")
@@ -72,7 +72,7 @@ def read_pose_table(path: Path, config: PoseSettings) -> dict[str, TableRow]:
         pose[:3, :3] = _rotation(row[3:-1], f"{path}: the quaternion of {name}")
         converted = convert_pose(pose, config.pose_convention, config.position_unit_m)
         t_s = float(row[-1]) if np.isfinite(row[-1]) else None
-        rows[name] = TableRow(converted, {PlaceSource.COLUMN: place} if place else {}, t_s)
+        rows[name] = PoseRow(converted, {PlaceSource.COLUMN: place} if place else {}, t_s)
     return rows
 
 

@@ -19,7 +19,7 @@ from salframe.panoramas.range_encoding import MILLIMETRE, RangeKind
 from salframe_import.bag import ODOMETRY, Bag
 from salframe_import.bag_cameras import BagCamera, Projection, find_cameras
 from salframe_import.bag_poses import PoseSource, find_poses, odometry_source, read_transforms
-from salframe_import.bag_rig import BagRig, CameraAxes, Shot
+from salframe_import.bag_rig import BagRig, CameraAxes, BagShot
 from salframe_import.stations import StationSettings, group_by_motion, station_record, thinned
 from salframe_import.view_selection import ViewSpacing, choose_views
 
@@ -140,8 +140,8 @@ class RosBagImporter(Importer):
         notes.append(f"the motion between the views of a sequence is that of {motion}")
         sequenced, left_out = self._with_sequences(records)
         odometry = _odometry_rows(rig, motion, [(*shot, record) for shot, record in zip(posed, sequenced, strict=True)])
-        kept = tuple(record for number, record in enumerate(sequenced) if number not in left_out)
-        return Recording(kept, odometry, notes=tuple(notes))
+        remaining = tuple(record for number, record in enumerate(sequenced) if number not in left_out)
+        return Recording(remaining, odometry, notes=tuple(notes))
 
     def _check_settings(self) -> None:
         """Check that the settings do not contradict each other. Raises ConfigError."""
@@ -168,7 +168,7 @@ class RosBagImporter(Importer):
             raise ConfigError(f"depth_kind is {kind} for {projection} images, expected {' or '.join(kinds)}")
         return kind
 
-    def _record(self, rig: BagRig, shot: Shot, T_world_frame: np.ndarray, files: Sequence[Path]) -> PanoramaRecord:
+    def _record(self, rig: BagRig, shot: BagShot, T_world_frame: np.ndarray, files: Sequence[Path]) -> PanoramaRecord:
         """Return the panorama of a shot."""
         id = f"{shot.number:06d}"
         if not rig.is_equirectangular:
@@ -229,7 +229,7 @@ def _upright_axes(rig: BagRig, T_world_frames: Sequence[np.ndarray]) -> CameraAx
     return best
 
 
-def _delay_notes(shots: Sequence[Shot], poses: PoseSource) -> list[str]:
+def _delay_notes(shots: Sequence[BagShot], poses: PoseSource) -> list[str]:
     """Return a warning where the stamps of pictures and poses seem to be of different clocks."""
     delay_s = float(np.median([log_ns - stamp_ns for shot in shots for stamp_ns, log_ns in shot.colors[:1]])) / 1e9
     if abs(delay_s - poses.delay_s) <= MAX_DELAY_S:
@@ -242,7 +242,7 @@ def _delay_notes(shots: Sequence[Shot], poses: PoseSource) -> list[str]:
 
 
 def _odometry_rows(
-    rig: BagRig, motion: PoseSource, shots: Sequence[tuple[Shot, np.ndarray, PanoramaRecord]]
+    rig: BagRig, motion: PoseSource, shots: Sequence[tuple[BagShot, np.ndarray, PanoramaRecord]]
 ) -> np.ndarray:
     """Return the poses of the panoramas of views by the odometry, (N, 5): t_s, x_m, y_m, z_m, yaw_deg.
 

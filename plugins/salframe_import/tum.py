@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 from pydantic import Field, PositiveFloat
@@ -88,8 +88,8 @@ class TumImporter(Importer):
         if not is_matched.any():
             raise DataError(
                 f"no image of {source / COLOR} has a pose{'' if depths is None else ' and a depth image'} within "
-                f"{self.config.max_time_s:g} s (the nearest is {gap_s.min():.3g} s away), expected times of one clock: set "
-                "pose_offset_s or max_time_s"
+                f"{self.config.max_time_s:g} s (the nearest is {gap_s.min():.3g} s away), expected times of one clock: "
+                "set pose_offset_s or max_time_s"
             )
         lens, note = self._camera(source)
         encoding = RangeEncoding(self.config.depth_unit_m, kind=RangeKind.Z)
@@ -149,7 +149,7 @@ class TumImporter(Importer):
         other = "wxyz" if order == "xyzw" else "xyzw"
         others = {f"quaternion={other}": self._camera_poses(sample, convention, other)}
         for name in other_conventions(convention):
-            others[f"pose_convention={name}"] = self._camera_poses(sample, name, order)
+            others[f"pose_convention={name}"] = self._camera_poses(sample, cast(PoseConvention, name), order)
         check_upright(self._camera_poses(sample, convention, order), others)
 
     def _camera(self, source: Path) -> tuple[Camera, str | None]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from pydantic import Field
@@ -53,8 +53,8 @@ class Matterport3DImporter(Importer):
         num_outside = len(viewpoints) - len(records)
         note = f"{num_outside} of {len(viewpoints)} viewpoints are left out, because they are in no region"
         objects = labels(house.objects)
-        columns = {"instance_id": list(objects), "label": list(objects.values())} if objects else None
-        return Recording(records, objects=columns, notes=(note,) if num_outside else ())
+        columns: dict[str, list[Any]] = {"instance_id": list(objects), "label": list(objects.values())}
+        return Recording(records, objects=columns if objects else None, notes=(note,) if num_outside else ())
 
     def _record(self, viewpoint: Viewpoint, house: HouseFile, region: int) -> PanoramaRecord:
         sources = cameras_path(viewpoint.folder), house_path(viewpoint.folder), *viewpoint.files(self.config.color)

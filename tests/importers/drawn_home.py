@@ -180,8 +180,8 @@ def write_tum(root: Path, unit_m: float = 1 / 5000, offset_s: float = 0.0, order
     Examples/RGB-D/TestSet/rgbd_dataset_freiburg1_xyz (rgb.txt and depth.txt of commit
     b269178685d0d78ed2096cddabf27e60a2134e63, groundtruth.txt of c91a463cdf0aea42b3898530cbbbff62ffc493f0).
 
-    The camera turns once to the left at one stand, to the right at the next, and so on, and walks in between. Poses come
-    at ten times the rate of the images, and `offset_s` later than they should.
+    The camera turns once to the left at one stand, to the right at the next, and so on, and walks in between. Poses
+    come at ten times the rate of the images, and `offset_s` later than they should.
     """
     calibration = {"w": 320, "h": 240, "fl_x": 262.5, "fl_y": 262.5, "cx": 160.0, "cy": 120.0}
     spin_s, walk_s = 360 / SPIN_DEG_S, 2.0
