@@ -17,7 +17,7 @@ from salframe.panoramas.importer import Importer, PanoramaRecord, PlaceSource, R
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.range_encoding import MAX_STEP, MILLIMETRE, RangeEncoding, RangeKind
 from salframe.panoramas.stitching import AGREEING, PosedCamera
-from salframe_import.pose_table import PoseSettings, PoseRow, read_pose_table
+from salframe_import.pose_table import PoseRow, PoseSettings, read_pose_table
 from salframe_import.stations import PosedImage, read_depth, station_record
 
 FACES = ("front", "right", "back", "left", "up", "down")

@@ -10,7 +10,7 @@ from pydantic import Field, PositiveFloat
 from salframe.framework.errors import DataError
 from salframe.panoramas.importer import ImageFiles, Importer, PanoramaRecord, PlaceSource, Recording
 from salframe.panoramas.range_encoding import MAX_STEP, MILLIMETRE, RangeEncoding, RangeKind
-from salframe_import.pose_table import PoseSettings, PoseRow, read_pose_table
+from salframe_import.pose_table import PoseRow, PoseSettings, read_pose_table
 
 PICTURES = (".jpg", ".jpeg", ".png")
 RANGE, VALID, OBJECTS = ".range.png", ".valid.png", ".objects.png"

@@ -19,7 +19,7 @@ from salframe.panoramas.range_encoding import MILLIMETRE, RangeKind
 from salframe_import.bag import ODOMETRY, Bag
 from salframe_import.bag_cameras import BagCamera, Projection, find_cameras
 from salframe_import.bag_poses import PoseSource, find_poses, odometry_source, read_transforms
-from salframe_import.bag_rig import BagRig, CameraAxes, BagShot
+from salframe_import.bag_rig import BagRig, BagShot, CameraAxes
 from salframe_import.stations import StationSettings, group_by_motion, station_record, thinned
 from salframe_import.view_selection import ViewSpacing, choose_views
 

@@ -50,7 +50,7 @@ def test_poses_are_those_of_the_cameras_in_the_model(tmp_path, text):
     model = pycolmap.Reconstruction()
     model.add_camera_with_trivial_rig(pycolmap.Camera.create_from_model_name(1, "PINHOLE", 300.0, 640, 480))
     half = np.sqrt(0.5)
-    # World to camera: x right stays, y down is -z, z forward is y: a turn by 90 deg about x.
+    # ModelWorld to camera: x right stays, y down is -z, z forward is y: a turn by 90 deg about x.
     turn = pycolmap.Rotation3d(np.array([half, 0, 0, half]))  # x, y, z, w
     image = pycolmap.Image(name="a.png", camera_id=1, image_id=1)
     model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(turn, -turn.matrix() @ [3.0, 4.0, 1.5]))
