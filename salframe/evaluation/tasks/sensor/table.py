@@ -81,4 +81,4 @@ def alike_tables(rows: Sequence[SensorRow], leading: Mapping[str, Sequence[str]]
         for name, line in row.lines.items()
     ]
     headings = (*leading, "objects", "annotated", "detected %", "model %", "detected with\nright label %")
-    return [Table(headings, cells, leading=len(leading) + 1, title="by size, range and what hides them")]
+    return [Table(headings, cells, leading=len(leading) + 1, title="by size, range and occlusion")]
