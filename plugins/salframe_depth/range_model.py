@@ -111,8 +111,8 @@ class OnnxDepth(RangeModel):
             )
         if settings.input == "equirectangular" and settings.gives == "z-depth":
             raise ConfigError(
-                f"the range model {self.name!r} has gives: z-depth and input: equirectangular, but a panorama "
-                "has no axis along which to measure depth; expected gives: range, inverse or points"
+                f"the range model {self.name!r} has gives: z-depth with input: equirectangular, expected gives: "
+                "range, inverse or points, because a panorama has no optical axis"
             )
         width, height = settings.size_px or (None, None)
         self._model = open_model(settings.model, [(None, 3, height, width)])

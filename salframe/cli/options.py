@@ -169,10 +169,7 @@ def range_options(
         from salframe.framework.errors import ConfigError
 
         option = next(iter(chosen)).removesuffix("_m").replace("_", "-")
-        raise ConfigError(
-            f"received --{option} without --range, expected also --range FILE, the range image "
-            f"that --{option} describes"
-        )
+        raise ConfigError(f"received --{option} without --range: add --range FILE, the range image")
     return chosen
 
 

@@ -45,10 +45,10 @@ MAX_HEIGHTS = 200
 
 
 class LocalizationMap:
-    """A localizer with its reference frames, their packed descriptions, and the floors that it uses.
+    """A map in which a localizer localizes queries: reference frames, their packed descriptions, and floor masks.
 
-    Create one with `build`, `from_descriptions` or `open`. The localizer holds the index of one map at a time: a map is
-    no longer usable when another map was created with the same localizer.
+    Create one with `build`, `from_descriptions` or `open`. Use a new localizer for each map: a localizer holds the
+    index of one map at a time.
     """
 
     def __init__(
@@ -122,7 +122,7 @@ class LocalizationMap:
 
         Args:
             directory: The folder of the map.
-            localizer: Replaces the localizer with the saved settings, to change settings of matching.
+            localizer: A localizer with other settings of matching; None: the localizer of the map.
 
         Raises:
             DataError: `directory` contains no map, or the map was edited, truncated, or described in another way.
@@ -223,9 +223,9 @@ class LocalizationMap:
     ) -> Localization:
         """Localize a frame, a panorama, the images of a panorama, or several views with the motion between them.
 
-        Views are joined to one query by localizers that implement `join`. If the localizer cannot join the views, or
-        the motion is unknown, each view is localized alone and the answers are fused. A note states this. The pose is
-        that of the last view. If the last view has a `position_m`, it is the pose of its base.
+        Pass one of: a query, the images of a panorama, or views. The pose of several views is the pose of the last
+        view, or of its base if it has a `position_m`. If the localizer cannot join views, or their motion is unknown,
+        each view is localized alone and the probabilities are multiplied. A note of the answer states this.
 
         Args:
             query: The frame or panorama.
@@ -318,10 +318,10 @@ class LocalizationMap:
         return replace(fused, notes=tuple(notes))
 
     def answer(self, description: Description) -> Localization:
-        """Localize a described query.
+        """Localize a query from its description.
 
-        Where the localizer has a posterior, it adds probabilities to answers of `match` without probabilities. A note
-        names the labels of the query that the map does not know.
+        If the localizer has a posterior, it adds probabilities to the answer. A note names the labels of the query that
+        no object of the map has.
 
         Raises:
             InvalidAnswer: `match` did not return a Localization.
@@ -383,7 +383,7 @@ def build_localization(
 ) -> LocalizationMap:
     """Build the map of a prepared dataset. Raises as `LocalizationMap.build`.
 
-    Where the number of workers of its engine is set, the workers describe the frames first.
+    If the engine has a number of workers, the workers describe the frames first.
     """
     describe_ahead(localizer.config, dataset, progress)
     frames, floors = reference_frames(dataset), dataset.floors()

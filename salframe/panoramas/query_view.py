@@ -147,7 +147,8 @@ def _with_motion(query: QueryFrame, config: Any, content: str) -> QueryFrame:
             )
     elif query.earlier:
         raise DataError(
-            f"the query {query.id} has {len(query.views)} views in the data, expected query_views=1, which keeps them"
+            f"the query {query.id} has {len(query.views)} views in the data, expected query_views=1, which uses "
+            "these views"
         )
     else:
         fov_deg = config.query_fov_deg

@@ -115,7 +115,7 @@ def _result(future: Future[Any]) -> Any:
     try:
         return future.result()
     except BrokenProcessPool:
-        raise MethodFailed("the process that had opened the map ended before its answer") from None
+        raise MethodFailed("the process that opened the map ended before it answered: run the command again") from None
 
 
 def save_first_map(method: str, data: str, output: str) -> None:

@@ -155,10 +155,11 @@ OUT_OF_MAP = (
 )
 """Columns of the table of methods with out-of-map queries."""
 ABOUT = (
-    "Accuracy, recalls and curves are over all queries: a failure counts as wrong and infinitely far; "
-    "intervals are of queries clustered by place. The median error is over the correctly localized queries that have a "
-    "pose. Times are medians when first computed, without loading images. p: exact paired test of the accuracy, "
-    "clustered by place, against the first measured method of the same run, after Holm."
+    "Accuracy, recalls and curves are over all queries. A failed query counts as wrong, with an infinite pose error. "
+    "The intervals take into account that queries of one place are correlated. The median error is over the queries "
+    "with "
+    "the correct place and a pose. Times are medians, without loading images. p: exact paired test of the accuracy "
+    "against the first measured method of the same run, clustered by place, adjusted by Holm's method."
 )
 """Note on the columns for the page."""
 
@@ -180,4 +181,4 @@ def describe_times_note(rows: Sequence[LocalizationRow]) -> list[str]:
     """Return a note on the methods whose time to describe a panorama includes no detector; none without them."""
     methods = [row.title for row in rows if row.measured and any(part.startswith("annotations") for part in row.input)]
     listed = list_methods(methods, [row.title for row in rows])
-    return [f"describe ms: no detector ran for {listed}, which had annotations"] if methods else []
+    return [f"describe ms: no detector time for {listed}, which use annotations"] if methods else []

@@ -68,9 +68,9 @@ COLUMNS: dict[str, Column[NavigationRow]] = {
 }
 USUAL = tuple(COLUMNS)
 ABOUT = (
-    "SR: the agent stops at most 0.5 m from the goal. SPL: success times the length of the shortest path along the "
-    "map over the longer of that and the path of the agent. Rates are over all episodes. p: exact paired test of "
-    "SR, clustered by goal, against the first measured method of the same run, after Holm."
+    "SR: share of all episodes in which the agent stops at most 0.5 m from the goal. SPL: mean of success (1 or 0) x "
+    "d0 / max(d0, d), where d is the distance walked and d0 the length of the shortest path along the map. p: exact "
+    "paired test of SR against the first measured method of the same run, clustered by goal, adjusted by Holm's method."
 )
 """Note on the columns for the page."""
 
@@ -81,7 +81,7 @@ def score_tables(rows: Sequence[NavigationRow], leading: Mapping[str, Sequence[s
     if not scored:
         return []
     columns: list[Column[NavigationRow]] = [INPUT, *map(_score_column, scored[0].scores)]
-    title = "by the task's own scorer: an upper bound, goals are known"
+    title = "scores of the benchmark, an upper bound: goals are known"
     return [draw_table(columns, scored, select_leading(leading, rows, scored), title)]
 
 
