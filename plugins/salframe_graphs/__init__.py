@@ -3,12 +3,6 @@
 import salframe
 from salframe_graphs.geometric import GeometricMatcher
 from salframe_graphs.localizer import SaliencyGraphLocalizer
-from salframe_graphs.places.evidence_components import (
-    LabelEvidence,
-    LikelihoodEvidence,
-    OutlineEvidence,
-    PanoramaEvidence,
-)
 from salframe_graphs.places.localizer import SaliencyPlacesLocalizer
 from salframe_graphs.positioning import LeastSquaresPositioner, RobustPositioner
 from salframe_graphs.retrieval.by_size import BySize
@@ -31,10 +25,6 @@ def salframe_provides():
         TripletMatcher,
         RobustPositioner,
         LeastSquaresPositioner,
-        LikelihoodEvidence,
-        OutlineEvidence,
-        PanoramaEvidence,
-        LabelEvidence,
         SaliencyGraphLocalizer,
         SaliencyPlacesLocalizer,
     ]

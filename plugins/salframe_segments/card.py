@@ -107,8 +107,7 @@ class Card(Settings):
             if len(kinds) != 1:
                 sections = " and ".join(kinds) or "none"
                 raise ValueError(
-                    f"the label {label!r} is in {sections} of the sections structure, fixed and objects, expected it "
-                    "in exactly one"
+                    f"the label {label!r} is in {sections} of structure, fixed and objects, expected exactly one"
                 )
         return self
 

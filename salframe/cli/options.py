@@ -69,17 +69,17 @@ def limit_parser(option: str) -> Callable[[Any], float | None]:
 
 
 Methods = Annotated[str, typer.Option(help="Methods or YAML files, comma-separated; see `salframe methods`")]
-Data = Annotated[str, typer.Option(help="Dataset: a name of `salframe data list`, a YAML file or a folder")]
-DataArgument = Annotated[str, typer.Argument(help="Dataset: a name of `salframe data list`, a YAML file or a folder")]
+Data = Annotated[str, typer.Option(help="Dataset preset, dataset, YAML file, or folder with a manifest.json")]
+DataArgument = Annotated[str, typer.Argument(help="Dataset preset, dataset, YAML file, or folder with a manifest.json")]
 DataDir = Annotated[
-    Path | None, typer.Option(help="Folder with the files of the dataset, such as the downloaded files")
+    Path | None, typer.Option(help="Folder that contains the files of the dataset (its setting `root`)")
 ]
 Set = Annotated[
     list[str] | None,
     typer.Option(
         "--set",
         metavar="KEY.PATH=VALUE",
-        help="Change a setting: KEY (of all methods), METHOD.KEY, data.KEY or engine.KEY",
+        help="Change a setting: KEY (all methods), METHOD.KEY, data.KEY or engine.KEY",
     ),
 ]
 Name = Annotated[str | None, typer.Option(help="Name of the run folder (default: name of the dataset)")]
@@ -91,14 +91,14 @@ Workers = Annotated[
         "--workers",
         parser=number_parser("--workers", int, 1, MAX_WORKERS),
         metavar="N",
-        help="Number of worker processes (default: one per core, or one to measure times)",
+        help="Number of worker processes (default: one per core, one if times are measured)",
     ),
 ]
 parse_seed = number_parser("--seed", int, 0, MAX_SEED)
 Seed = Annotated[int, typer.Option(parser=parse_seed, metavar="N", help="Random seed of the confidence intervals")]
 Style = Annotated[
     Literal["table", "md", "latex", "csv"],
-    typer.Option("--format", help="Format of the tables; csv does not round numbers"),
+    typer.Option("--format", help="Format of tables; csv has all digits of every number"),
 ]
 Columns = Annotated[
     str | None,
@@ -112,13 +112,16 @@ Timeout = Annotated[
         "--timeout",
         parser=limit_parser("--timeout"),
         metavar="SECONDS",
-        help="Time limit in seconds for each query, pair of frames or episode",
+        help="Time limit of one query, pair of frames or episode",
     ),
 ]
 Memory = Annotated[
     float | None,
     typer.Option(
-        "--memory", parser=limit_parser("--memory"), metavar="MB", help="Memory limit in megabytes for each method"
+        "--memory",
+        parser=limit_parser("--memory"),
+        metavar="MB",
+        help="Memory limit of the process of a method in megabytes",
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON")]
@@ -127,13 +130,16 @@ RangeUnit = Annotated[
     typer.Option(
         parser=number_parser("--range-unit", float, 1e-6, 1.0),
         metavar="METRES",
-        help="Unit of the range image in metres (default: 0.001, millimetres)",
+        help="Unit of the range image: metres per step of a pixel value (default: 0.001)",
     ),
 ]
 RangeMissing = Annotated[
     list[int] | None,
     typer.Option(
-        metavar="VALUE", min=0, max=65535, help="Value of the range image that means no reading, besides 0; repeatable"
+        metavar="VALUE",
+        min=0,
+        max=65535,
+        help="Pixel value of the range image that means no reading, besides 0; repeatable",
     ),
 ]
 
@@ -142,11 +148,12 @@ Fov = Annotated[
     typer.Option(
         parser=number_parser("--fov", float, MIN_FOV_DEG, MAX_FOV_DEG),
         metavar="DEG",
-        help="Horizontal field of view in degrees, for photographs",
+        help="Horizontal field of view, if the images are photographs",
     ),
 ]
 CameraFile = Annotated[
-    Path | None, typer.Option("--camera", metavar="FILE", help="Calibration of the camera, for photographs: JSON file")
+    Path | None,
+    typer.Option("--camera", metavar="FILE", help="Camera of the photographs: JSON with width, height, fx, fy, cx, cy"),
 ]
 
 
@@ -169,7 +176,10 @@ def range_options(
         from salframe.framework.errors import ConfigError
 
         option = next(iter(chosen)).removesuffix("_m").replace("_", "-")
-        raise ConfigError(f"received --{option} without --range: add --range FILE, the range image")
+        raise ConfigError(
+            f"received --{option} without --range, expected also --range FILE, the range image "
+            f"that --{option} describes"
+        )
     return chosen
 
 

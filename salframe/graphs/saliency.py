@@ -17,4 +17,5 @@ class SaliencyModel(Role):
 
     @abstractmethod
     def score(self, detections: Detections) -> np.ndarray:
-        """Return the saliency of each object, (N,) float64: shares of at least 0 that sum to 1."""
+        """Return the saliency of each object, (N,) float64: non-negative shares that sum to 1 where there are
+        objects."""

@@ -38,9 +38,9 @@ class Dataset(Role):
     @property
     @abstractmethod
     def fingerprint(self) -> str:
-        """Digest of the content of all frames and truths, part of every cache key.
+        """Digest that changes with the content of any frame and with any truth; part of every cache key.
 
-        It does not depend on the settings of QueryView.
+        It is independent of the settings of QueryView.
         """
 
     @final
@@ -60,10 +60,11 @@ class Dataset(Role):
     @final
     @property
     def question_key(self) -> str:
-        """Key of the maps and queries of a run: a digest of the fingerprint and of the changed `match_only` settings.
+        """Key of the maps and queries of a run: a digest of the fingerprint and of the `match_only` settings that are
+        not the defaults.
 
-        These settings select reference frames and queries, but do not change panoramas. Runs that differ only in these
-        settings share descriptions.
+        These settings select reference frames and queries. No panorama depends on them, so that runs which differ only
+        in them share descriptions.
         """
         chosen = matching_settings(self.config)
         return digest([self.fingerprint, chosen]) if chosen else self.fingerprint
@@ -84,7 +85,7 @@ class Dataset(Role):
     def folds(self) -> Sequence[Fold]:
         """Return the folds: each has reference frames with poses, and queries without poses.
 
-        A fold is a map with its queries. Most datasets have one fold; leave-one-out evaluation has many.
+        Most datasets have one fold; leave-one-out evaluation has many.
         """
 
     @final

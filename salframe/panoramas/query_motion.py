@@ -26,8 +26,7 @@ class OdometryErrors(OdometryNoise):
     scale_share: float = Field(
         0.0,
         ge=0,
-        description="standard deviation of the random factor (mean 1) that multiplies all travelled distances of a "
-        "query",
+        description="standard deviation of the random factor on all travelled distances of a query, relative to 1",
     )
     shuffled: bool = Field(
         False,

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import salframe
 from salframe_rangefinder.detector import HeightBands
-from salframe_rangefinder.evidence import RangeSpectrum
 from salframe_rangefinder.localizer import RangeProfile
 from salframe_rangefinder.planner import NetworkxPlanner
 from salframe_rangefinder.rooms import BoxRooms
@@ -14,5 +13,4 @@ from salframe_rangefinder.stages import ApparentSize, BoxSizes, PlanarFit
 @salframe.hookimpl
 def salframe_provides():
     presets = salframe.Presets(Path(__file__).parent / "presets")
-    stages = [ApparentSize, BoxSizes, PlanarFit, RangeSpectrum]
-    return [BoxRooms, HeightBands, *stages, NetworkxPlanner, RangeProfile, presets]
+    return [BoxRooms, HeightBands, ApparentSize, BoxSizes, PlanarFit, NetworkxPlanner, RangeProfile, presets]
