@@ -2,22 +2,31 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
 from salframe.graphs.segments import run_starts
+from salframe_graphs.places.observations import ObservedObjects
 from salframe_graphs.places.place_index import PlaceIndex
 from salframe_graphs.places.poses import PoseColumns, Poses, RelativeObjects
 from salframe_graphs.places.ranged_objects import RangedObjects
-
-if TYPE_CHECKING:
-    from salframe_graphs.places.likelihood import PlaceLikelihood
+from salframe_graphs.places.rates import Likelihood
 
 MAX_STEP_M = 1.5
 """Maximum distance in metres that one step moves a pose."""
 _RIDGE = 1e-6 * np.eye(5)
 """Regularisation that keeps the information matrix invertible."""
+
+
+class FittedObjects(Protocol):
+    """What the fit needs of the likelihood of a query: its priors, and its objects by kind."""
+
+    likelihood: Likelihood
+
+    def rows_of(self, i: np.ndarray) -> list[tuple[ObservedObjects, np.ndarray, np.ndarray]]:
+        """As PlaceLikelihood.rows_of."""
+        ...
 
 
 def fit_positions(
@@ -52,7 +61,7 @@ def fit_positions(
 
 
 def fit_step(
-    scorer: PlaceLikelihood, poses: Poses, pose: np.ndarray, i: np.ndarray, relative: RelativeObjects, share: np.ndarray
+    scorer: FittedObjects, poses: Poses, pose: np.ndarray, i: np.ndarray, relative: RelativeObjects, share: np.ndarray
 ) -> tuple[Poses, np.ndarray]:
     """Move poses by one step of iteratively reweighted least squares (Gauss-Newton).
 
