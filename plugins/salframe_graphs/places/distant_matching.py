@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.packing import graph_from_arrays
 from salframe.localization.localizer import Description
 from salframe_graphs.panorama_scores import PanoramaScores
@@ -30,6 +31,7 @@ def rank_distant_views(
     windows: Windows,
     matching: PanoramaScores,
     config: Any,
+    query: SaliencyGraph,
     description: Description,
     groups: Sequence[ViewGroup],
     matched: np.ndarray,
@@ -45,11 +47,12 @@ def rank_distant_views(
         windows: Their windows.
         matching: Matches a query with single panoramas of the map.
         config: Config of the localizer `saliency-places`.
-        description: The joined description of all views.
+        query: The joined graph of all views.
+        description: Their joined description.
         groups: The groups of the views.
         matched: (C,) numbers of the places to match, ascending.
     """
-    nodes = QueryObjects.of(graph_from_arrays(description), places.index.vocabulary)
+    nodes = QueryObjects.of(query, places.index.vocabulary)
     if not (nodes.label >= 0).any() or not len(matched):
         return None
     index, sectors, height_m = windows.take(matched), sectors_from_arrays(description), height_of(description)

@@ -193,29 +193,32 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
     def join(
         self, descriptions: Sequence[Description], T_last_view: np.ndarray, odometry: OdometryNoise
     ) -> Description:
-        joined = self._join(descriptions, T_last_view, odometry)
+        graphs = [graph_from_arrays(description) for description in descriptions]
+        joined = self._join(descriptions, graphs, T_last_view, odometry)
         numbers = group_views(T_last_view, self.config.distant_views.near_m)
         if len(numbers) == 1 or self.floors:  # floor masks show the place at a pose
             return joined
         groups = []
         for group in numbers:
-            T_last_group = T_last_view[group[-1]]
-            views = [descriptions[number] for number in group]
-            description = (
-                views[0]
-                if len(views) == 1
-                else self._join(views, invert_pose(T_last_group) @ T_last_view[group.start : group.stop], odometry)
-            )
+            T_last_group, views = T_last_view[group[-1]], slice(group.start, group.stop)
+            description = descriptions[group[-1]]
+            if len(group) > 1:
+                T_group_view = invert_pose(T_last_group) @ T_last_view[views]
+                description = self._join(descriptions[views], graphs[views], T_group_view, odometry)
             groups.append(ViewGroup(description, T_last_group))
         return {**joined, **groups_to_arrays(groups)}
 
     def _join(
-        self, descriptions: Sequence[Description], T_last_view: np.ndarray, odometry: OdometryNoise
+        self,
+        descriptions: Sequence[Description],
+        graphs: Sequence[SaliencyGraph],
+        T_last_view: np.ndarray,
+        odometry: OdometryNoise,
     ) -> Description:
-        ranged = [n for n, part in enumerate(descriptions) if not graph_from_arrays(part).bearings_only]
-        joined = super().join([descriptions[n] for n in ranged], T_last_view[ranged], odometry) if ranged else None
-        joined = add_bearings(joined, descriptions, T_last_view)
-        return {**joined, **join_surroundings(descriptions, T_last_view)}
+        ranged = [n for n, graph in enumerate(graphs) if not graph.bearings_only]
+        joined = self.join_graphs([graphs[n] for n in ranged], T_last_view[ranged], odometry) if ranged else None
+        joined = add_bearings(joined, graphs, T_last_view)
+        return {**self.joined_arrays(joined, descriptions), **join_surroundings(descriptions, T_last_view)}
 
     def pack(self, description: Description) -> Description:
         packed = {**super().pack(description), **pack_height(description)}
@@ -303,7 +306,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
             raised = at_map_height(query, height_of(description), self._map.index.camera_height_m)
             matched, _ = self._shortlist(raised)
             ranking = rank_distant_views(
-                self._map, self._windows, self._matching, self.config, description, groups, matched
+                self._map, self._windows, self._matching, self.config, query, description, groups, matched
             )
             if ranking is not None:
                 return ranking
