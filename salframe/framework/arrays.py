@@ -59,14 +59,11 @@ def check_array(
 
 
 def _fits(shape: tuple[int, ...], expected: tuple[int | None, ...]) -> bool:
-    if len(shape) != len(expected):
-        return False
-    for got, want in zip(
-        shape, expected, strict=True
-    ):  # a loop is faster than a generator, and graphs have many arrays
-        if want is not None and want != got:
-            return False
-    return True
+    return len(shape) == len(expected) and shape == tuple(map(_known, expected, shape))
+
+
+def _known(expected: int | None, got: int) -> int:
+    return got if expected is None else expected
 
 
 def _convert(

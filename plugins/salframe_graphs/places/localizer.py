@@ -217,8 +217,8 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
     ) -> Description:
         ranged = [n for n, graph in enumerate(graphs) if not graph.bearings_only]
         joined = self.join_graphs([graphs[n] for n in ranged], T_last_view[ranged], odometry) if ranged else None
-        joined = add_bearings(joined, graphs, T_last_view)
-        return {**self.joined_arrays(joined, descriptions), **join_surroundings(descriptions, T_last_view)}
+        whole = add_bearings(joined, graphs, T_last_view)
+        return {**self.joined_arrays(whole, descriptions), **join_surroundings(descriptions, T_last_view)}
 
     def pack(self, description: Description) -> Description:
         packed = {**super().pack(description), **pack_height(description)}
