@@ -45,9 +45,9 @@ def bearings(labels, centroid_m, origin_m=(0, 0, 0)):
     """Cubes seen from a position: by Cauchy's formula a cube covers 1.5 side^2 / range^2 on average."""
     offset_m = np.array(centroid_m, float) - origin_m
     solid_angle_sr = 1.5 * SIDE_M**2 / (offset_m**2).sum(1) * np.exp(BEARINGS.size_bias_log)
-    seen = without_range(with_range(labels, centroid_m))
+    graph = without_range(with_range(labels, centroid_m))
     origins = np.tile(np.array(origin_m, float), (len(labels), 1))
-    return replace(seen, bearing=unit_vectors(offset_m), solid_angle_sr=solid_angle_sr, origin_m=origins)
+    return replace(graph, bearing=unit_vectors(offset_m), solid_angle_sr=solid_angle_sr, origin_m=origins)
 
 
 def scorer_of(places, graph):
@@ -61,7 +61,7 @@ def room(seed):
 
 
 def test_one_bearing_has_the_density_of_student_and_of_the_solid_angle():
-    """A lamp ahead, of which the map says that it is 0.03 rad to the left and 0.02 rad above, at 3 m."""
+    """The query sees a lamp straight ahead. In the map it is at 3 m, 0.03 rad to the left and 0.02 rad higher."""
     azimuth, elevation, range_m = 0.03, 0.02, 3.0
     point = range_m * np.array(
         [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
@@ -103,8 +103,8 @@ def test_bearings_give_place_pose_and_height_of_the_camera(raised_m):
     assert refined.poses.place[best] == 3
     start = refined.poses.take(np.array([best]))
     pose, covariance = settle(scorer, start, scorer.score(start)[1], 0.0)
-    found = [*pose.shift_m[0], pose.yaw_rad[0] % (2 * np.pi)]
-    np.testing.assert_allclose(found, [0.6, -0.3, 2.2], atol=0.01 + 0.03 * abs(raised_m))
+    estimate = [*pose.shift_m[0], pose.yaw_rad[0] % (2 * np.pi)]
+    np.testing.assert_allclose(estimate, [0.6, -0.3, 2.2], atol=0.01 + 0.03 * abs(raised_m))
     assert pose.raised_m[0] == pytest.approx(raised_m, abs=0.01 + 0.1 * abs(raised_m))
     assert (np.diag(covariance) > 0).all()
 

@@ -57,8 +57,7 @@ def best_poses(scorer: PlaceLikelihood, max_poses: int) -> Poses:
     slack = SLACK_SIGMAS * np.sqrt(error_m2 + (scale_error * length) ** 2)
     fits = (np.abs(length - map_length) < slack) & (np.minimum(length, map_length) > MIN_BASE_M)
     rank = points.value[first] + points.value[second] + BASE_WORTH * np.minimum(map_length, MAX_BASE_M)
-    is_uncertain = ~scales
-    rank -= np.where(is_uncertain, 0.5 * (length - map_length) ** 2 / error_m2 + 0.5 * np.log(error_m2), 0)
+    rank -= np.where(scales, 0, 0.5 * (length - map_length) ** 2 / error_m2 + 0.5 * np.log(error_m2))
     rows = np.sort(top_per_group(np.where(fits, rank, -np.inf), place[first], MAX_HYPOTHESES))
     first, second, length = first[rows], second[rows], length[rows]
     turn = map_base[rows] * base[rows].conj()
@@ -80,7 +79,7 @@ def _points(scorer: PlaceLikelihood, i: np.ndarray, j: np.ndarray) -> PairPoints
     points = [part.pair_points(row, j[position]) for part, position, row in parts]
     if len(points) == 1:
         return points[0]
-    order = np.argsort(np.concatenate([position for _, position, _ in parts]))
+    order = np.argsort(np.concatenate([np.arange(len(i))[position] for _, position, _ in parts]))
     return PairPoints.concatenate(points).take(order)
 
 

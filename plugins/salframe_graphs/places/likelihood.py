@@ -28,7 +28,7 @@ MAX_GAIN_NATS = 30.0
 median, by 9 at the 99th percentile, and by at most 21 (126 queries of `house-42`, seed 100)."""
 STEPS = 2
 """Number of times that a pose is fitted to the objects that it explains."""
-MIN_SHARE = 1e-3
+MIN_PAIR_SHARE = 1e-3
 """Minimum probability of a pair of objects that takes part in the fit of a pose to bearings."""
 
 
@@ -86,10 +86,13 @@ class PlaceLikelihood:
             self._detection_logit = bearings.detection_logit + bearings.detection_per_logit * index.detection_logit
             self._detection_per_distance = bearings.detection_per_distance
 
-    def rows_of(self, i: np.ndarray) -> list[tuple[ObservedObjects, np.ndarray, np.ndarray]]:
+    def rows_of(self, i: np.ndarray) -> list[tuple[ObservedObjects, np.ndarray | slice, np.ndarray]]:
         """Return for each part with any of the query objects i (P,): the part, the positions of its objects in `i`,
         and the numbers of these objects in the part."""
-        first, rows = 0, []
+        if len(self.parts) == 1:
+            return [(self.parts[0], slice(None), i)]
+        first = 0
+        rows: list[tuple[ObservedObjects, np.ndarray | slice, np.ndarray]] = []
         for part in self.parts:
             count = len(part.log_ratio)
             position = np.flatnonzero((i >= first) & (i < first + count))
@@ -101,8 +104,6 @@ class PlaceLikelihood:
     def pair_log_odds(self, i: np.ndarray, relative: RelativeObjects) -> np.ndarray:
         """Return the log odds of pairs of query objects i (T,), each with one of T map objects, without the detection
         logit, (T,)."""
-        if len(self.parts) == 1:
-            return self.parts[0].pair_log_odds(i, relative)
         log_odds = np.empty(len(i))
         for part, position, row in self.rows_of(i):
             log_odds[position] = part.pair_log_odds(row, relative.take(position))
@@ -205,7 +206,7 @@ class PlaceLikelihood:
         part = self.parts[0]
         if len(self.parts) == 1 and isinstance(part, RangedObjects):
             return fit_positions(part, self.index, poses, columns, share, self.likelihood.scale_error)
-        t, i = np.nonzero(share.T > MIN_SHARE)
+        t, i = np.nonzero(share.T > MIN_PAIR_SHARE)
         pose = columns.poses.spread(np.arange(len(poses)))[t]
         return fit_step(self, poses, pose, i, self.relative(poses, columns).take(t), share[i, t])[0]
 

@@ -105,7 +105,7 @@ class RelativeObjects:
     yaw_rad: np.ndarray
     scale: np.ndarray
 
-    def take(self, rows: np.ndarray) -> RelativeObjects:
+    def take(self, rows: np.ndarray | slice) -> RelativeObjects:
         """Return the objects of these rows."""
         return RelativeObjects(*(getattr(self, name)[rows] for name in RelativeObjects.__dataclass_fields__))
 
