@@ -16,8 +16,8 @@ from salframe_graphs.places.query_objects import QueryObjects
 from salframe_graphs.places.rates import Likelihood, Rates
 from salframe_graphs.sectors import Sectors
 
-SETTLING_STEPS = 6
-"""Number of reweighted fits of the final pose."""
+SETTLING_STEPS, SETTLED_M = 6, 5e-4
+"""Maximum number of reweighted fits of the final pose, and the distance in metres below which a step is the last."""
 MIN_SHARE = 1e-7
 """Minimum share of a pair that takes part in the fit."""
 
@@ -102,6 +102,9 @@ def settle(scorer: PlaceLikelihood, pose: Poses, share: np.ndarray, min_deviatio
     columns = PoseColumns(objects, Segments(np.array([len(objects)])))
     of_first = np.zeros(len(i), int)
     for _ in range(SETTLING_STEPS):
+        before_m = pose.shift_m
         pose, information = fit_step(scorer, pose, of_first, i, scorer.relative(pose, columns), share)
+        if np.abs(pose.shift_m - before_m).max() < SETTLED_M:
+            break
     covariance = np.linalg.inv(information[0])[:3, :3] + np.diag([min_deviation_m**2, min_deviation_m**2, 0.0])
     return pose, covariance
