@@ -55,9 +55,9 @@ def write_cli() -> str:
     """The page of the commands: what `--help` says of each."""
     pages = [
         "# The command line",
-        "Generated from `salframe --help` by docs/generate_reference.py. An error that you can cause is one line on "
-        "stderr and exit status 2; a comparison in which nothing was measured or a method crashed exits with 1, one "
-        "that was interrupted with 130.",
+        "Generated from `salframe --help` by docs/generate_reference.py.",
+        "Exit statuses: 0, success; 1, nothing was measured or a method crashed; 2, an error in the input, which is "
+        "printed in one line on stderr; 130, interrupted.",
     ]
     for path, command in _commands("salframe", typer.main.get_command(app)):
         required = [_spelling(parameter)[-1] for parameter in command.params if parameter.required]

@@ -38,9 +38,9 @@ def pages() -> list[Path]:
 
 
 def draw(name: str) -> str:
-    """Return the tables of an experiment: question, command, measured tables, figures reported by papers."""
+    """Return the tables of an experiment: command, measured tables, figures reported by papers."""
     experiment, results = read_experiment(name), read_results(RESULTS / f"{name}.json")
-    parts = [experiment.question, f"```\nsalframe experiment {name}{_options(experiment)}\n```"]
+    parts = [f"```\nsalframe experiment {name}{_options(experiment)}\n```"]
     for table, study in experiment.tables.items():
         whole, quick = results.whole.get(table), results.quick.get(table)
         short = in_quick(study, table) if whole is None else None
@@ -50,9 +50,11 @@ def draw(name: str) -> str:
             parts += _table(short, quick, ", with `--quick`: fewer seeds, queries and methods")
         else:
             parts.append(f"**{study.title}**: not measured yet.")
-    for source, part in reported_in(experiment):
-        parts.append(f"Reported, not measured: {part.title}. {source}. {experiment.differs}")
-        parts.append(to_markdown(reported_table(part)).rstrip())
+    reported = reported_in(experiment)
+    if reported:
+        parts.append(f"**Reported by a paper, not measured here** ({reported[0][0]}). {experiment.differs}")
+    for _, part in reported:
+        parts += [f"*{part.title}*", to_markdown(reported_table(part)).rstrip()]
     return "\n\n".join(parts) + "\n"
 
 

@@ -1,5 +1,7 @@
 # What `import salframe` promises, each name from where it lives; __init__.py reads this file.
 from .drawing.floor_picture import draw_topology as draw_topology
+from .drawing.import_preview import ImportPreview as ImportPreview
+from .drawing.import_preview import preview_import as preview_import
 from .drawing.show_objects import show_objects as show_objects
 from .evaluation.finished_runs import Report as Report
 from .evaluation.finished_runs import evaluate as evaluate
@@ -57,6 +59,10 @@ from .localization.answers import LocalizationStatus as LocalizationStatus
 from .localization.answers import NodeMatches as NodeMatches
 from .localization.answers import PointMatches as PointMatches
 from .localization.answers import RankedPlace as RankedPlace
+from .localization.evidence_model import EvidenceColumn as EvidenceColumn
+from .localization.evidence_model import EvidenceModel as EvidenceModel
+from .localization.evidence_model import PlaceFrames as PlaceFrames
+from .localization.evidence_model import PlaceHypotheses as PlaceHypotheses
 from .localization.localizer import Localizer as Localizer
 from .localization.map import LocalizationMap as LocalizationMap
 from .localization.map import open_map as open_map
@@ -78,6 +84,13 @@ from .panoramas.geometry import invert_pose as invert_pose
 from .panoramas.geometry import pose_2d as pose_2d
 from .panoramas.geometry import rays_to_pixels as rays_to_pixels
 from .panoramas.geometry import transform_points as transform_points
+from .panoramas.importer import ImageFiles as ImageFiles
+from .panoramas.importer import Importer as Importer
+from .panoramas.importer import PanoramaRecord as PanoramaRecord
+from .panoramas.importer import PlaceSource as PlaceSource
+from .panoramas.importer import Recording as Recording
+from .panoramas.importing import ImportResult as ImportResult
+from .panoramas.importing import import_data as import_data
 from .panoramas.opening import find_dataset as find_dataset
 from .panoramas.opening import find_frame as find_frame
 from .panoramas.opening import reference_frames as reference_frames

@@ -9,10 +9,12 @@ from salframe.graphs.detector import Detector
 from salframe.graphs.matcher import GraphMatcher
 from salframe.graphs.saliency import SaliencyModel
 from salframe.graphs.scene_index import SceneIndex
+from salframe.localization.evidence_model import EvidenceModel
 from salframe.localization.localizer import Localizer
 from salframe.localization.positioner import Positioner
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.folder import FolderDataset
+from salframe.panoramas.importer import Importer
 from salframe.panoramas.range_model import RangeModel
 from salframe.topology.planner import Planner
 
@@ -22,12 +24,14 @@ def salframe_provides() -> list[type]:
     """Return the roles and components of the core."""
     return [
         Dataset,
+        Importer,
         RangeModel,
         Detector,
         SaliencyModel,
         SceneIndex,
         GraphMatcher,
         Positioner,
+        EvidenceModel,
         Planner,
         Scorer,
         Localizer,

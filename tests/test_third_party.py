@@ -48,6 +48,7 @@ def test_what_it_brings_is_listed_with_its_package(python, folder):
         ("saliency", "apparent-size"),
         ("matcher", "box-sizes"),
         ("positioner", "planar-fit"),
+        ("evidence", "range-spectrum"),
         ("planner", "networkx"),
         ("localizer", "range-profile"),
     }

@@ -29,12 +29,12 @@ which cannot resolve less."""
 class ImageFeatures(Localizer):
     """Cosine similarity of pooled network features of perspective views, with the position of the best reference frame.
 
-    The paper names image features (ResNet-101) without details. This is the strongest simple use of them that we know.
-    Each view's feature map is pooled by the generalised mean (Radenovic et al. 2019) and normalised to unit length. The
-    score of a reference frame is the mean cosine between the views of the query and the views of the frame, at the best
-    relative heading; invalid views count 0. The pose is that of the best frame, rotated by the best heading, which is
-    refined by a parabola through it and its neighbours. So the heading is measured, and the accuracy of the position
-    depends on the density of the map. There is no pose if all headings fit equally well.
+    The paper names image features (ResNet-101) without details. Each view's feature map is pooled by the generalised
+    mean (Radenovic et al. 2019) and normalised to unit length. The score of a reference frame is the mean cosine
+    between the views of the query and the views of the frame, at the best relative heading; invalid views count 0. The
+    pose is that of the best frame, rotated by the best heading, which is refined by a parabola through it and its
+    neighbours. The heading is therefore measured, but the position is that of a reference frame. There is no pose if
+    all headings fit equally well.
     """
 
     name = "image"
@@ -43,7 +43,7 @@ class ImageFeatures(Localizer):
     column_step: ClassVar[int | None] = None  # views of a rotated panorama show other parts of it
 
     class Config(LevelledConfig):
-        network: slot("image-network", "efficientnet-lite0")  # type: ignore[valid-type]
+        network: slot("image-network", "efficientnet-lite0", description="feature network")  # type: ignore[valid-type]
         views: int = Field(
             12,
             ge=3,

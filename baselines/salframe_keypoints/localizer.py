@@ -36,13 +36,13 @@ class Keypoints(Localizer):
     column_step: ClassVar[int | None] = None  # views of a rotated panorama are sampled at other pixels
 
     class Config(LevelledConfig):
-        features: slot("feature-matcher", "xfeat")  # type: ignore[valid-type]
+        features: slot("feature-matcher", "xfeat", description="keypoint network")  # type: ignore[valid-type]
         range: range_slot()  # type: ignore[valid-type]
         views: int = Field(
             6, ge=3, description="number of perspective views that are cut from the panorama, evenly spaced in azimuth"
         )
-        view_width_px: int = Field(480, ge=64, le=4096)
-        view_height_px: int = Field(352, ge=64, le=4096)
+        view_width_px: int = Field(480, ge=64, le=4096, description="width of each perspective view (pixels)")
+        view_height_px: int = Field(352, ge=64, le=4096, description="height of each perspective view (pixels)")
         hfov_deg: float = Field(
             90.0, gt=0, lt=150, description="horizontal field of view of each perspective view (degrees)"
         )
@@ -58,14 +58,14 @@ class Keypoints(Localizer):
         shortlist: int | None = match_only(
             5,
             ge=1,
-            description="number of reference frames to match, those with the most similar global descriptors; null: "
+            description="number of reference frames to match: those with the most similar global descriptors; null: "
             "all",
         )
         inlier_deg: float = match_only(
             1.0,
             gt=0,
-            description="maximum angle between the observed bearing of a matched point and its bearing under the "
-            "pose, for the match to be an inlier (degrees)",
+            description="maximum angle (degrees) of an inlier, between the observed bearing of a matched point and "
+            "its bearing computed from the pose",
         )
         hypotheses: int = match_only(
             500, ge=1, description="number of random samples of three points from which poses are computed"

@@ -94,8 +94,8 @@ class Lines(Localizer):
         shortlist: int = match_only(
             8,
             ge=1,
-            description="number of pairs of a reference frame and a rotation that are aligned, those with the best "
-            "agreement of line distance functions",
+            description="number of candidates (pairs of a reference frame and a rotation) that are aligned: those "
+            "with the best agreement of line distance functions",
         )
         min_agreement: float = match_only(
             0.1,

@@ -28,8 +28,8 @@ class ObjectSetLocalizer(DetectingLocalizer, WeightedLabels):
         detector: slot("detector", "auto")  # type: ignore[valid-type]
         labels: Literal["set", "multiset"] = match_only(
             "set",
-            description="how the labels of two panoramas are compared: as sets, or as multisets, which count the "
-            "objects of each label",
+            description="how the labels of two panoramas are compared. set: without their counts; multiset: with "
+            "their counts",
         )
         posterior: posterior_slot()  # type: ignore[valid-type]
 

@@ -59,10 +59,9 @@ class AnnotationDetector(Detector):
         noise: Literal["auto", "none", "uniform", "uniform-heavy", "panoseg", "segments"] | Noise | UserFile = Field(
             "auto",
             union_mode="left_to_right",
-            description="detector errors to simulate: as measured for a detector (panoseg, segments, or a file written "
-            "by `salframe sensor`), with equal rates for all objects (uniform, uniform-heavy, or your own rates), or "
-            "none; auto: panoseg on rendered panoramas, whose annotations are perfect, and none on real panoramas, "
-            "whose annotations have errors",
+            description="errors to simulate. panoseg, segments, or a file written by `salframe sensor`: the measured "
+            "errors of a detector; uniform, uniform-heavy, or your own rates: equal rates for all objects; none: no "
+            "errors; auto: panoseg on rendered panoramas, none on real panoramas",
         )
         seed: int = Field(0, ge=0, description="random seed of the simulated detector errors")
 

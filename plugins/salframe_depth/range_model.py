@@ -29,11 +29,10 @@ UNSEEN = 128
 class OnnxDepth(RangeModel):
     """Any monocular depth network in ONNX, on overlapping views that are aligned, or on the whole panorama.
 
-    Tested only with synthetic networks whose output is known in closed form; no published network was tested. The depth
-    of each view is scaled, and shifted if the shift of the network is unknown, so that views agree where they overlap.
-    The views are then merged with weights that fall to 0 at a view's border. If the network is metric, its overall
-    scale is used. With `camera_height_m` the scale follows from the floor, which must be visible; otherwise no range is
-    known.
+    No published network was tested. The depth of each view is scaled, and shifted if the shift of the network is
+    unknown, so that views agree where they overlap. The views are then merged with weights that fall to 0 at a view's
+    border. With `camera_height_m`, the ranges are scaled so that the floor has this distance from the camera. If no
+    floor is visible, a metric network keeps its scale, and otherwise no range is known.
     """
 
     name = "onnx-depth"
@@ -43,7 +42,7 @@ class OnnxDepth(RangeModel):
         model: SingleFile | None = Field(None, description="path of the network, an ONNX file (required)")
         gives: Literal["inverse", "z-depth", "range", "points"] = Field(
             "inverse",
-            description="quantity that the network outputs: inverse: 1 / depth; z-depth: depth along the view's axis; "
+            description="quantity that the network outputs. inverse: 1 / depth; z-depth: depth along the view's axis; "
             "range: distance along the ray; points: points (x, y, z)",
         )
         metric: bool = Field(
@@ -58,7 +57,7 @@ class OnnxDepth(RangeModel):
             "null: the network gives metres",
         )
         input: Literal["views", "equirectangular"] = Field(
-            "views", description="input of the network: views: perspective views; equirectangular: the whole panorama"
+            "views", description="input of the network. views: perspective views; equirectangular: the whole panorama"
         )
         size_px: tuple[int, int] | None = Field(
             None, description="width and height of the network's input (pixels); null: read from the file"
@@ -112,8 +111,8 @@ class OnnxDepth(RangeModel):
             )
         if settings.input == "equirectangular" and settings.gives == "z-depth":
             raise ConfigError(
-                f"the range model {self.name!r} has gives: z-depth and input: equirectangular, but a panorama "
-                "has no axis along which to measure depth; expected gives: range, inverse or points"
+                f"the range model {self.name!r} has gives: z-depth with input: equirectangular, expected gives: "
+                "range, inverse or points, because a panorama has no optical axis"
             )
         width, height = settings.size_px or (None, None)
         self._model = open_model(settings.model, [(None, 3, height, width)])

@@ -48,7 +48,7 @@ class OnnxDetector(Detector):
             union_mode="left_to_right",
             description=f"path of an ONNX file, or name of weights to download: {', '.join(ZOO)}",
         )
-        decoder: slot("detection-decoder", "yolox")  # type: ignore[valid-type]
+        decoder: slot("detection-decoder", "yolox", description="format of the outputs")  # type: ignore[valid-type]
         labels: Literal["coco-80"] | tuple[str, ...] = Field(
             "coco-80",
             description="list of the class labels in the order of the network's outputs, or coco-80 for the 80 "

@@ -3,6 +3,12 @@
 import salframe
 from salframe_graphs.geometric import GeometricMatcher
 from salframe_graphs.localizer import SaliencyGraphLocalizer
+from salframe_graphs.places.evidence_components import (
+    LabelEvidence,
+    LikelihoodEvidence,
+    OutlineEvidence,
+    PanoramaEvidence,
+)
 from salframe_graphs.places.localizer import SaliencyPlacesLocalizer
 from salframe_graphs.positioning import LeastSquaresPositioner, RobustPositioner
 from salframe_graphs.retrieval.by_size import BySize
@@ -25,6 +31,10 @@ def salframe_provides():
         TripletMatcher,
         RobustPositioner,
         LeastSquaresPositioner,
+        LikelihoodEvidence,
+        OutlineEvidence,
+        PanoramaEvidence,
+        LabelEvidence,
         SaliencyGraphLocalizer,
         SaliencyPlacesLocalizer,
     ]

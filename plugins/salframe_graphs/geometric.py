@@ -75,8 +75,8 @@ class GeometricMatcher(NodeMatcher):
             0.0,
             ge=0,
             lt=1,
-            description="geometric verification: maximum relative error of the scale of a query's ranges, whose scale "
-            "is estimated with the pose; 0: ranges are metric, as from a depth sensor",
+            description="geometric verification: maximum relative error of the scale of a query's ranges; the scale "
+            "is estimated with the pose; 0: the scale is known, as for a depth sensor",
         )
         max_shift_m: float = Field(
             6.0,

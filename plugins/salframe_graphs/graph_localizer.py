@@ -26,7 +26,7 @@ class GraphLocalizerConfig(LevelledConfig):
 
     range: range_slot()  # type: ignore[valid-type]
     detector: slot("detector", "auto")  # type: ignore[valid-type]
-    saliency: slot("saliency", "volumetric")  # type: ignore[valid-type]
+    saliency: slot("saliency", "volumetric", description="weights of the objects")  # type: ignore[valid-type]
     graph: GraphConfig = GraphConfig.model_validate({})
     odometry: OdometryNoise = added(
         OdometryNoise(),
@@ -68,8 +68,17 @@ class GraphLocalizer(DetectingLocalizer):
         graphs = [graph_from_arrays(description) for description in descriptions]
         if any(graph.bearings_only for graph in graphs):
             return None  # objects without positions cannot be moved
+        return self.joined_arrays(self.join_graphs(graphs, T_last_view, odometry), descriptions)
+
+    def join_graphs(
+        self, graphs: Sequence[SaliencyGraph], T_last_view: np.ndarray, odometry: OdometryNoise
+    ) -> SaliencyGraph:
+        """Return the graph of the merged objects of views with range, in the frame of the last view."""
         objects = join_objects(graphs, T_last_view, odometry, self.config.view_objects)
-        joined = build_graph(objects, self._saliency.score(objects), self.config.graph)
+        return build_graph(objects, self._saliency.score(objects), self.config.graph)
+
+    def joined_arrays(self, joined: SaliencyGraph, descriptions: Sequence[Description]) -> Description:
+        """Return the description of the joined graph of views, from their descriptions."""
         written = np.unique(np.concatenate([description[WRITTEN_LABELS] for description in descriptions]))
         return {**graph_to_arrays(joined), WRITTEN_LABELS: written}
 

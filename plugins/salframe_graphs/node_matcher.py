@@ -56,8 +56,8 @@ class NodeMatcherConfig(ComponentConfig):
         0.25,
         ge=0,
         le=1,
-        description="minimum Jaccard index between the labels of a candidate and of the query, divided by "
-        "that of the best candidate (paper: 0.6)",
+        description="minimum label similarity (Jaccard index) of a candidate with the query, divided by that of the "
+        "best candidate (paper: 0.6)",
     )
     max_candidates: int | None = Field(
         100,
@@ -65,7 +65,7 @@ class NodeMatcherConfig(ComponentConfig):
         description="maximum number of candidate graphs for a query, selected by the scene index; null: all "
         "graphs (as in the paper)",
     )
-    scene_index: slot("scene-index", "by-size")  # type: ignore[valid-type]
+    scene_index: slot("scene-index", "by-size", description="index that selects candidates")  # type: ignore[valid-type]
     height_scale_m: float | None = Field(
         0.2,
         gt=0,

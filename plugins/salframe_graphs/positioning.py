@@ -59,7 +59,7 @@ class RobustPositioner(Positioner):
 
     class Config(ComponentConfig):
         group: Literal["SE(2)", "SE(3)"] = Field(
-            "SE(2)", description="motion to estimate: SE(2): x, y and yaw; SE(3): all six degrees of freedom"
+            "SE(2)", description="motion to estimate. SE(2): x, y and yaw; SE(3): all six degrees of freedom"
         )
         tolerance_m: float = Field(
             0.8, gt=0, description="maximum residual (m) of a matched object that is an inlier of a pose"
@@ -199,11 +199,13 @@ class LeastSquaresPositioner(Positioner):
 
     class Config(ComponentConfig):
         norms: Literal["squared", "literal"] = Field(
-            "squared", description="norms in the vector b: squared: as in the proof; literal: as printed in the theorem"
+            "squared",
+            description="norms in the vector b of the paper. squared: as in the proof; literal: as printed in the "
+            "theorem",
         )
         angle: Literal["atan2", "arccos"] = Field(
             "atan2",
-            description="rotation angle of each matched node between query and map: atan2: signed; arccos: unsigned, "
+            description="rotation angle of each matched node between query and map. atan2: signed; arccos: unsigned, "
             "as in the paper",
         )
         mean: Literal["circular", "arithmetic"] = Field(

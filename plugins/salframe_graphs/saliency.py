@@ -15,10 +15,11 @@ from salframe.graphs.saliency import SaliencyModel
 
 
 class VolumetricSaliency(SaliencyModel):
-    """Saliency is an object's share of the volume of all objects: S_b = V_b / sum(V), with V_b of the convex hull.
+    """Saliency is an object's share of the volume of all objects: S_b = V_b / sum(V).
 
-    An object of unknown volume has saliency 0. Where no volume is known, as without range, saliency is the share of
-    solid angle. Where no solid angle is known either, all objects have equal saliency.
+    V_b is the volume of the convex hull of the object's points. An object of unknown volume has saliency 0. Where no
+    volume is known, as without range, saliency is the share of solid angle. Where no solid angle is known either, all
+    objects have equal saliency.
     """
 
     name = "volumetric"

@@ -78,6 +78,8 @@ class Sectors:
 
     def show(self, points: np.ndarray) -> np.ndarray:
         """Return whether at least one view should see objects at points (T,) complex x + iy in metres, (T,) bool."""
+        if np.isinf(self.reach_m).all(1).any():  # a whole panorama, with walls at unknown distances
+            return np.ones(len(points), bool)
         shown = np.zeros(len(points), bool)
         for reach_m, position in zip(self.reach_m, as_complex(self.position_m), strict=True):
             offset = points - position

@@ -72,35 +72,38 @@ def merge_sightings(sightings: Sightings, variance_m2: np.ndarray) -> MergedSigh
     """
     count = len(sightings.labels)
     owner = np.full(count, -1)
-    weight, centre, label = np.zeros(count), np.zeros((count, 3)), np.empty(count, object)
+    weight, centre = np.zeros(count), np.zeros((count, 3))
+    labels: list[str] = []
     frames_of_group: list[set[int]] = []
-    for row in np.argsort(sightings.range_m, kind="stable"):
-        open_groups = [
-            g
-            for g in range(len(frames_of_group))
-            if label[g] == sightings.labels[row] and sightings.frame[row] not in frames_of_group[g]
-        ]
-        distance = np.hypot(*(centre[open_groups, :2] - sightings.centroid_m[row, :2]).T)
-        is_near = distance < MAX_SIGMAS * np.sqrt(1 / weight[open_groups] + variance_m2[row])
-        if is_near.any():
-            group = int(open_groups[int(np.argmin(np.where(is_near, distance, np.inf)))])
-        else:
-            group = len(frames_of_group)
+    groups_of_label: dict[str, list[int]] = {}
+    names, frames = sightings.labels.tolist(), sightings.frame.tolist()
+    for row in np.argsort(sightings.range_m, kind="stable").tolist():
+        same_label = groups_of_label.setdefault(names[row], [])
+        open_groups = [g for g in same_label if frames[row] not in frames_of_group[g]]
+        group = -1
+        if open_groups:
+            distance = np.hypot(*(centre[open_groups, :2] - sightings.centroid_m[row, :2]).T)
+            is_near = distance < MAX_SIGMAS * np.sqrt(1 / weight[open_groups] + variance_m2[row])
+            if is_near.any():
+                group = open_groups[int(np.argmin(np.where(is_near, distance, np.inf)))]
+        if group < 0:
+            group = len(labels)
+            labels.append(names[row])
             frames_of_group.append(set())
-            label[group] = sightings.labels[row]
+            same_label.append(group)
         owner[row] = group
-        frames_of_group[group].add(int(sightings.frame[row]))
+        frames_of_group[group].add(frames[row])
         total = weight[group] + 1 / variance_m2[row]
         centre[group] += (sightings.centroid_m[row] - centre[group]) / variance_m2[row] / total
         weight[group] = total
-    size = len(frames_of_group)
+    size = len(labels)
     num_sightings = np.bincount(owner, minlength=size).astype(np.float64)
     log_size, log_saliency = np.zeros((size, 3)), np.zeros(size)
     np.add.at(log_size, owner, sightings.log_size)
     np.add.at(log_saliency, owner, sightings.log_saliency)
     return MergedSightings(
         owner,
-        tuple(label[:size]),
+        tuple(labels),
         centre[:size],
         1 / weight[:size],
         log_size / num_sightings[:, None],

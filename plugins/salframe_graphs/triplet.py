@@ -31,12 +31,12 @@ class TripletMatcher(NodeMatcher):
     class Config(NodeMatcherConfig):
         labels: Literal["set", "multiset"] = Field(
             "multiset",
-            description="Jaccard index that selects candidates: set: of the sets of labels; multiset: of the labels "
-            "with their counts",
+            description="labels that are compared to select candidates. set: without their counts; multiset: with "
+            "their counts",
         )
         structure: Literal["rings", "node2vec"] = Field(
             "rings",
-            description="structural feature of a node: rings: label counts in distance rings and by number of edges; "
+            description="structural feature of a node. rings: label counts in distance rings and by number of edges; "
             "node2vec: an embedding",
         )
         saliency_weight: float = Field(
@@ -51,8 +51,8 @@ class TripletMatcher(NodeMatcher):
         )
         edge_weights: Literal["saliency", "unit"] = Field(
             "saliency",
-            description="weight of a triplet: saliency: sqrt(S_a S_b) of the saliencies of its two nodes; unit: 1 "
-            "(unweighted graph)",
+            description="weight of a triplet. saliency: sqrt(S_a S_b), where S_a and S_b are the saliencies of its "
+            "two nodes; unit: 1 (unweighted graph)",
         )
         similarity_score: float = Field(
             0.0,

@@ -38,15 +38,12 @@ APART_M = 1000.0
 
 
 class MatterportAnnotations(NavigableDataset):
-    """Real buildings: viewpoints of Matterport3D, objects from REVERIE's boxes, one fold per query.
+    """Real buildings: the objects visible from each viewpoint of Matterport3D, from the annotations of REVERIE.
 
-    Every included viewpoint that sees an object is a scene (a reference frame). Ranges come from object positions that
-    are triangulated from all bearings of an object. A query is a viewpoint whose region has another scene. The query's
-    own scene is left out of its fold's map, and the query is turned by a random yaw. The settings `leave_out`,
-    `query_triangulates`, `one_map`, `map_share` and `hide_query_place` control the other content of the map.
-
-    The views of a driven query are the scenes of a random walk that ends at the query (`Walks`), each turned by a
-    random yaw. The map contains none of them.
+    By default, each query has a map of all other viewpoints of its building. The query is turned by a random yaw. The
+    range of an object comes from its position, which is triangulated from its bearings at several viewpoints. The views
+    of a driven query are the viewpoints of a random walk that ends at the query, each turned by a random yaw. The map
+    contains none of them.
     """
 
     name = "matterport-annotations"
@@ -63,12 +60,10 @@ class MatterportAnnotations(NavigableDataset):
             0.05,
             ge=0,
             lt=1,
-            description="standard deviation of the random factor on the range of an object, relative to 1; each "
-            "object has its own factor at each viewpoint",
+            description="standard deviation of the random factor (mean 1) that multiplies the range of an object; "
+            "each object has its own factor at each viewpoint",
         )
-        min_visible: int = Field(
-            3, ge=1, description="minimum number of visible objects at a viewpoint for it to be a query"
-        )
+        min_visible: int = Field(3, ge=1, description="minimum number of visible objects in a query")
         seed: int = Field(
             0,
             description="random seed of the range noise, of the ranges of objects seen from one viewpoint only, and "
@@ -95,8 +90,8 @@ class MatterportAnnotations(NavigableDataset):
             match_only=True,
             gt=0,
             lt=1,
-            description="share of the viewpoints of each building that are its map, drawn by the seed; the others are "
-            "the queries, in one fold per building, and leave_out must be 1; null: one fold per query, leave-one-out",
+            description="share of the viewpoints of each building that are its map, drawn at random; all others are "
+            "queries, and leave_out must be 1; null: each query has a map of all other viewpoints",
         )
         hide_query_place: bool = hide_query_place_setting()
 
@@ -104,8 +99,8 @@ class MatterportAnnotations(NavigableDataset):
         def _one_way_to_leave_out(self) -> MatterportAnnotations.Config:
             if self.map_share is not None and self.leave_out > 1:
                 raise ValueError(
-                    f"leave_out is {self.leave_out} and map_share is {self.map_share}, expected leave_out=1 with "
-                    "map_share: all viewpoints that are not in the map are left out"
+                    f"leave_out is {self.leave_out} and map_share is {self.map_share}, expected leave_out=1 if "
+                    "map_share is set"
                 )
             return self
 

@@ -34,9 +34,9 @@ class Matterport3D(Dataset):
     """Real buildings of Matterport3D: the 18 colour and depth images of each viewpoint, stitched to one RGB-D panorama.
 
     Annotations are the objects of the .house file: a pixel shows the object whose oriented box contains its point.
-    Places are the regions of the .house file; viewpoints outside all regions are left out. There is one fold per query.
-    A query is a viewpoint whose region has another viewpoint; it is left out of its fold's map, and its panorama is
-    turned by a random yaw. Panoramas are stitched once and stored in salframe's cache.
+    Places are the regions of the .house file; viewpoints outside all regions are left out. Each query has a map of all
+    other viewpoints; the region of the query must have another viewpoint. The query is turned by a random yaw.
+    Panoramas are stitched once and stored in salframe's cache.
     """
 
     name = "matterport3d"

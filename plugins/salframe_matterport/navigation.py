@@ -99,7 +99,9 @@ class ViewpointWorld(World):
     def draw_start(self, rng: np.random.Generator) -> np.ndarray:
         inside = [number for number, node in enumerate(self._viewpoints.map.nodes) if node.regions]
         if not inside:
-            raise DataError(f"{self.id} has no viewpoint in a region, expected at least one to start at")
+            raise DataError(
+                f"{self.id} has no viewpoint in a region, expected at least one for the start of an episode"
+            )
         return self._pose_at(int(rng.choice(inside)), rng.uniform(-np.pi, np.pi))
 
     def region(self, T_world_pano: np.ndarray) -> str:

@@ -16,9 +16,10 @@ import numpy as np
 from salframe.framework.errors import DataError
 from salframe.framework.files.reading import read_text
 from salframe.panoramas import images
+from salframe.panoramas.camera import Camera
 from salframe.panoramas.geometry import is_rigid, pose_2d
 from salframe.panoramas.panorama import Panorama
-from salframe_matterport.stitching import RigCamera, stitch_color, stitch_range
+from salframe.panoramas.stitching import PosedCamera, stitch_color, stitch_range
 
 WIDTH_PX, HEIGHT_PX = 1280, 1024
 _DEPTH_PER_METRE = 4000
@@ -40,7 +41,7 @@ class DepthShot:
 
     depth: str
     picture: str
-    camera: RigCamera
+    camera: PosedCamera
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +92,7 @@ class Viewpoint:
         rgb, valid = stitch_color(pictures, cameras, self.T_world_pano, range_m)
         return Panorama(self.name, rgb, range_m, valid)
 
-    def _skybox(self, widths_px: Sequence[int]) -> list[RigCamera]:
+    def _skybox(self, widths_px: Sequence[int]) -> list[PosedCamera]:
         """Return the cameras of the six skybox faces, centred between the viewpoint's cameras; widths in pixels."""
         first = next((shot.camera for shot in self.shots if _SKYBOX_STOP in shot.picture), None)
         if first is None:
@@ -106,7 +107,7 @@ class Viewpoint:
         for axes, width in zip(faces, widths_px, strict=True):
             pose = np.eye(4)
             pose[:3, :3], pose[:3, 3] = np.stack(axes, 1), self.T_world_pano[:3, 3]
-            cameras.append(RigCamera(width / 2, width / 2, (width - 1) / 2, (width - 1) / 2, pose))
+            cameras.append(PosedCamera(Camera.of_field_of_view(width, width, 90.0), pose))
         return cameras
 
 
@@ -159,7 +160,8 @@ def read_viewpoints(folder: Path) -> dict[str, Viewpoint]:
                         f"the camera of the picture {words[1]} has a pose that is no rigid motion, "
                         "or a number that is not finite"
                     )
-                camera = RigCamera(float(fx), float(fy), float(cx), float(HEIGHT_PX - 1 - cy), pose)
+                lens = Camera(WIDTH_PX, HEIGHT_PX, float(fx), float(fy), float(cx), float(HEIGHT_PX - 1 - cy))
+                camera = PosedCamera(lens, pose)
                 shots.setdefault(words[2].split("_")[0], []).append(DepthShot(words[1], words[2], camera))
     except (IndexError, UnboundLocalError, ValueError) as error:
         raise DataError(f"{path} is not a valid camera file of the Matterport3D release: {error}") from None

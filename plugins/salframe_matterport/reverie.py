@@ -33,7 +33,7 @@ NAMED = 5
 
 
 class Reverie(Scorer):
-    """The task REVERIE: an agent reaches the viewpoint that shows the target object (SR, OSR, SPL), and names the
+    """The benchmark REVERIE: an agent reaches the viewpoint that shows the target object (SR, OSR, SPL), and names the
     object (RGS, RGSPL)."""
 
     name = "reverie"
@@ -91,8 +91,8 @@ class Reverie(Scorer):
         ]
         if hidden:
             _log.warning(
-                "%s: the target object of %d of %d instructions is not in the box file of the end of the path, "
-                "expected it there; the first is %s",
+                "%s: the target object of %d of %d instructions is not in the box file of the last viewpoint of "
+                "the path; the first is %s",
                 *(root, len(hidden), sum(map(len, scored.values())), hidden[0]),
             )
         return rows

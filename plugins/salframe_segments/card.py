@@ -107,7 +107,8 @@ class Card(Settings):
             if len(kinds) != 1:
                 sections = " and ".join(kinds) or "none"
                 raise ValueError(
-                    f"the label {label!r} is in {sections} of structure, fixed and objects, expected exactly one"
+                    f"the label {label!r} is in {sections} of the sections structure, fixed and objects, expected it "
+                    "in exactly one"
                 )
         return self
 

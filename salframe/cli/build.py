@@ -14,16 +14,17 @@ if TYPE_CHECKING:
 
 
 def build(
-    data: Annotated[str, typer.Argument(help="Dataset preset, dataset, or folder with a manifest.json")],
+    data: Annotated[str, typer.Argument(help="Dataset: a name of `salframe data list`, a YAML file or a folder")],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="MAP", help="Folder to write the map to")],
-    method: Annotated[
-        str, typer.Option(help="Localization method: a preset or localizer; see `salframe methods`")
-    ] = MAP_METHOD,
+    method: Annotated[str, typer.Option(help="Localization method; see `salframe methods`")] = MAP_METHOD,
     topology: Annotated[
-        bool, typer.Option("--topology/--no-topology", help="Build the topology from the floor masks of the dataset")
+        bool,
+        typer.Option(
+            "--topology/--no-topology", help="Include nodes and edges for routes, if the dataset has floor masks"
+        ),
     ] = True,
     choose: Annotated[
-        bool, typer.Option("--choose", help="Place scene nodes where regions are widest, not at reference frames")
+        bool, typer.Option("--choose", help="Place the nodes of rooms in the widest part, not at reference frames")
     ] = False,
     data_dir: DataDir = None,
     overrides: Set = None,
@@ -32,7 +33,7 @@ def build(
 ) -> None:
     """Build a map from the reference frames of a dataset.
 
-    The map includes a topology if the dataset has floor masks.
+    The map includes a topology (nodes and edges for routes) if the dataset has floor masks.
     """
     from salframe.cli.output import Bars, tell
     from salframe.evaluation.tables.text import format_bytes

@@ -12,9 +12,9 @@ app = typer.Typer(help="Show or clear the cache of panorama descriptions", no_ar
 
 @app.command()
 def info(as_json: Json = False) -> None:
-    """Show the folder, number of entries, size and size limit of the cache.
+    """Show the folder, the number of entries, the size and the size limit of the cache.
 
-    Set the limit with the environment variable SALFRAME_CACHE_GB.
+    The environment variable SALFRAME_CACHE_GB changes the limit.
     """
     from dataclasses import asdict
 

@@ -25,14 +25,15 @@ from salframe.cli.output import show
 def compare(
     methods: Methods = METHODS,
     reported: Annotated[
-        bool, typer.Option("--reported", help="Also show results reported in papers, in separate tables")
+        bool, typer.Option("--reported", help="Also print tables with the results that papers report")
     ] = False,
     *,
     options: CommonOptions,
 ) -> None:
     """Compare methods on the same queries.
 
-    Prints the accuracy and the cost of each method. Run the same command again to resume an interrupted run.
+    Prints the accuracy, the times and the map size of each method. Run the same command again to resume an interrupted
+    run.
     """
     from salframe.evaluation.tasks.localization.task import LocalizationTask
     from salframe.evaluation.tasks.localization.task import compare as run
@@ -42,21 +43,16 @@ def compare(
 
 
 @with_common_options(
-    data=(
-        Annotated[str | None, typer.Option(help="Dataset to use instead of the dataset that the ablation file names")],
-        None,
-    )
+    data=(Annotated[str | None, typer.Option(help="Dataset to use instead of the one in the ablation file")], None)
 )
 def ablate(
-    file: Annotated[
-        Path, typer.Argument(help="Ablation: YAML file with `method:` and `vary:`, or name of a shipped one")
-    ],
+    file: Annotated[Path, typer.Argument(help="YAML file with `method:` and `vary:`, or name of an included ablation")],
     *,
     options: CommonOptions,
 ) -> None:
-    """Compare all combinations of settings of a method.
+    """Measure the effect of settings of a method.
 
-    Prints one table with a row for each combination.
+    Prints a table with a row for each combination of values.
     """
     from salframe.evaluation.studies.study import ablate as run
     from salframe.evaluation.studies.study import read_study
@@ -66,14 +62,14 @@ def ablate(
 
 
 def evaluate(
-    run: Annotated[Path, typer.Argument(help="Run folder of an earlier `salframe` command")],
+    run: Annotated[Path, typer.Argument(help="Folder of a run, such as runs/house-12-1a2b3c4d")],
     style: Style = "table",
     columns: Columns = None,
     as_json: Json = False,
 ) -> None:
-    """Compute the metrics of a run again from its recorded answers.
+    """Compute the metrics of a run again from its stored answers.
 
-    Runs no method.
+    Does not run the methods again.
     """
     from salframe.evaluation.finished_runs import evaluate as measure
 

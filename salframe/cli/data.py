@@ -1,13 +1,16 @@
-"""The commands `data list`, `data info` and `data render`."""
+"""The commands `data list`, `data info`, `data render` and `data import`."""
 
 from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
 
 import typer
 
 from salframe.cli.options import ENGINE, DataArgument, DataDir, EngineName, Json, Set, Workers, with_workers
 from salframe.cli.output import print_json
 
-app = typer.Typer(help="List, inspect and render datasets", no_args_is_help=True)
+app = typer.Typer(help="List, inspect, render and import datasets", no_args_is_help=True)
 
 
 @app.command("list")
@@ -35,7 +38,7 @@ def list_(as_json: Json = False) -> None:
 
 @app.command()
 def info(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, as_json: Json = False) -> None:
-    """Print the numbers of folds, reference frames, queries and places.
+    """Check a dataset, and print its numbers of reference frames, queries and places.
 
     Renders the dataset first if necessary.
     """
@@ -91,7 +94,7 @@ def render(
 ) -> None:
     """Prepare a dataset in advance.
 
-    Without this command, `compare` prepares the dataset on first use. Run the same command again to resume an
+    Other commands prepare a dataset when they first use it. Run the same command again to resume an
     interrupted run.
     """
     from salframe.cli.output import Bars
@@ -100,3 +103,60 @@ def render(
     with Bars() as bars:
         dataset = find_dataset(data, data_dir, with_workers(overrides, workers), bars.update, engine)
     print(f"{data} is ready: fingerprint {dataset.fingerprint}")
+
+
+@app.command("import")
+def import_(
+    format: Annotated[str, typer.Argument(help="Format of the recording; see the importers in `salframe plugins`")],
+    source: Annotated[Path, typer.Argument(help="Folder or file of the recording")],
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Folder to write the dataset to")],
+    place_from: Annotated[
+        Literal["column", "region", "folder", "none"] | None,
+        typer.Option(help="Source of the places (default: the first one that the recording has)"),
+    ] = None,
+    queries: Annotated[
+        str | None,
+        typer.Option(metavar="every:N|FILE", help="Every Nth panorama with a pose, or a file of ids, as queries"),
+    ] = None,
+    every: Annotated[
+        str | None, typer.Option(metavar="Nm|Ns", help="Minimum distance or time between panoramas, as 0.5m or 2s")
+    ] = None,
+    overrides: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a setting of the importer")
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Print the numbers and draw two pictures, without an import")
+    ] = False,
+    as_json: Json = False,
+) -> None:
+    """Write a recording of another format as a folder of panoramas.
+
+    Every command accepts the folder as a dataset. Panoramas without a pose become queries. A panorama that cannot be
+    read is left out, and the exit status is then 1. Run the same command again to resume an interrupted import.
+    """
+    from salframe.cli.output import Bars, tell, warn
+    from salframe.drawing.import_preview import preview_import
+    from salframe.panoramas.importing import import_data
+
+    run = preview_import if dry_run else import_data
+    with Bars() as bars:
+        result = run(
+            format,
+            source,
+            output,
+            settings=overrides or (),
+            place_from=place_from,
+            queries=queries,
+            every=every,
+            progress=bars.update,
+        )
+    if as_json:
+        print_json(result.to_json())
+    else:
+        print("\n".join(result.lines()))
+    for note in result.notes:
+        warn(note)
+    for id, error in result.failures.items():
+        tell(f"error: {id}: {error}")
+    if result.failures:
+        raise typer.Exit(1)

@@ -13,7 +13,7 @@ from salframe.cli.output import show
 @with_common_options(without=["seed"])
 def detection(
     detectors: Annotated[str, typer.Option(help="Detectors, comma-separated")] = DETECTORS,
-    classes: Annotated[bool, typer.Option("--classes", help="Also print a table of the classes")] = False,
+    classes: Annotated[bool, typer.Option("--classes", help="Also print the results of each class")] = False,
     *,
     options: CommonOptions,
 ) -> None:

@@ -20,20 +20,21 @@ ALL = "all"
 @with_common_options(without=["data", "overrides", "name", "timeout", "memory"])
 def experiment(
     name: Annotated[
-        str | None, typer.Argument(help="Experiment, YAML file or `all` (default: list the experiments)")
+        str | None, typer.Argument(help="Name of an experiment, YAML file, or `all` (default: list the experiments)")
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Use fewer seeds, queries and methods")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Measure again even if a result is stored")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Measure tables again even if they are stored")] = False,
     results: Annotated[
-        Path, typer.Option(metavar="DIR", help="Folder of stored results, one JSON file per experiment")
+        Path, typer.Option(metavar="DIR", help="Folder of the stored tables, one JSON file per experiment")
     ] = Path("results"),
     *,
     options: CommonOptions,
 ) -> None:
     """Measure the tables of an experiment and store them.
 
-    A table that is stored with the same settings and versions is shown without measuring it again. An interrupted run
-    resumes. Tables on data that salframe does not render need --data-dir.
+    An experiment is a set of tables, such as those on the results pages. A table that is stored with the same settings
+    and versions is only printed. Tables of real buildings need --data-dir. Run the same command again to resume an
+    interrupted run.
     """
     from salframe.cli.tables import format_experiment, print_experiment, print_table
     from salframe.evaluation.studies.experiment import experiment_names, read_experiment, run_experiment

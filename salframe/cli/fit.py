@@ -11,19 +11,17 @@ from salframe.cli.options import DataDir, Set
 
 
 def fit(
-    method: Annotated[str, typer.Argument(help="Method to fit: a preset or localizer with the setting `posterior`")],
+    method: Annotated[str, typer.Argument(help="Method to fit; it must have the setting `posterior`")],
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="FILE.yaml", help="YAML file to write the fitted parameters to")
     ],
-    data: Annotated[
-        list[str], typer.Option(help="Dataset to fit to, not the one that results are reported on; repeatable")
-    ],
+    data: Annotated[list[str], typer.Option(help="Dataset to fit to (do not report results on it); repeatable")],
     tries: Annotated[
         list[str] | None,
         typer.Option(
             "--try",
             metavar="KEY.PATH=VALUE,VALUE",
-            help="Values to try for a matching setting; the best one is used; repeatable",
+            help="Values to try for a setting; the best one is used; repeatable",
         ),
     ] = None,
     data_dir: DataDir = None,
@@ -31,10 +29,9 @@ def fit(
 ) -> None:
     """Fit the parameters of a method to tuning data.
 
-    Selects the best values of --try, and fits the weights of the evidence if the method has any. Then fits the
-    posterior: the probabilities of the places, and the probability that the query is out of the map. For the posterior,
-    each query is localized in its map and in the map without its place. Use the file with `--set posterior=FILE.yaml`
-    and `--set weights=FILE.yaml`.
+    First selects the best values of --try. Then fits the weights of the parts of the score, if the method has them.
+    Then fits the posterior, which converts scores to the probabilities of the places and of a query out of the map.
+    Use the file with `--set posterior=FILE.yaml` and `--set weights=FILE.yaml`.
     """
     from salframe.cli.output import Bars, tell
     from salframe.evaluation.studies.fitting import fit_method

@@ -19,15 +19,13 @@ if TYPE_CHECKING:
     from salframe.framework.components.settings import Setting
 
 
-Verbose = Annotated[
-    bool, typer.Option("--verbose", "-v", help="Also show versions and paths, and do not shorten messages")
-]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Also show versions and paths, and full messages")]
 
 
 def methods(verbose: Verbose = False, as_json: Json = False) -> None:
-    """List the presets and localizers that `--methods` accepts.
+    """List the methods that `--methods` accepts.
 
-    Each line has the name, the package, and what is missing to run it.
+    Each line has the name, the package, and what is missing to run the method.
     """
     from salframe.framework.components.installation import list_names
 
@@ -49,7 +47,7 @@ def _print_statuses(entries: Sequence[ComponentStatus], verbose: bool, indent: s
 def plugins(verbose: Verbose = False, as_json: Json = False) -> None:
     """List every component, preset and command.
 
-    Components are grouped by role. Each line has the name, the package, and what is missing to run it.
+    Components are grouped by role. Each line has the name, the package, and what is missing to run the component.
     """
     from salframe.framework.components.installation import list_components
     from salframe.framework.components.registry import load_commands, registry
@@ -83,13 +81,13 @@ def plugins(verbose: Verbose = False, as_json: Json = False) -> None:
 
 
 def show(
-    name: Annotated[str, typer.Argument(help="Name of a method, dataset or other component, or of a role")],
+    name: Annotated[str, typer.Argument(help="Name of a method, a dataset, another component, or a role")],
     verbose: Verbose = False,
     as_json: Json = False,
 ) -> None:
     """Show the settings of a component, or the components of a role.
 
-    Each row has the value, type and help of a setting. The settings of a component in a slot follow the slot.
+    Each row has the value, the type and the meaning of a setting.
     """
     from salframe.cli.tables import print_table
     from salframe.framework.components.installation import list_names, summary_of

@@ -17,17 +17,15 @@ if TYPE_CHECKING:
 
 def localize(
     map: Annotated[Path, typer.Argument(help="Map folder written by `salframe build`")],
-    frame: Annotated[
-        list[str] | None, typer.Argument(help="Image of a manifest.json, frame id with --data, or a photograph")
-    ] = None,
+    frame: Annotated[list[str] | None, typer.Argument(help="Image of the query, or id of a frame of --data")] = None,
     views: Annotated[bool, typer.Option("--views", help="Localize all images together, as views of one query")] = False,
     motion: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="CSV of the motion of --views: t_s, x_m, y_m, z_m and yaw_deg of each view"),
+        typer.Option(metavar="FILE", help="CSV file with the pose of each view: t_s, x_m, y_m, z_m, yaw_deg"),
     ] = None,
     data: Annotated[str | None, typer.Option(help="Dataset that contains the frame FRAME")] = None,
     rgb: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Equirectangular image or photograph, instead of FRAME")
+        Path | None, typer.Option(metavar="FILE", help="Colour image of the query, instead of FRAME")
     ] = None,
     range_image: Annotated[
         list[Path] | None,
@@ -37,13 +35,13 @@ def localize(
     range_missing: RangeMissing = None,
     range_kind: Annotated[
         Literal["ray", "z", "cube"] | None,
-        typer.Option(help="What a range image holds (default: ray for panoramas, z for photographs)"),
+        typer.Option(help="Quantity in the range image (default: ray, or z for photographs)"),
     ] = None,
     fov: Fov = None,
     camera: CameraFile = None,
     instances: Annotated[
         list[Path] | None,
-        typer.Option(metavar="FILE", help="Object ids, 16-bit PNG, 0 for no object; with --views, one for each view"),
+        typer.Option(metavar="FILE", help="Image of object ids, 16-bit PNG, 0: no object; with --views, one per view"),
     ] = None,
     labels: Annotated[
         Path | None, typer.Option(metavar="FILE", help='Labels of the object ids, JSON such as {"1": "bed"}')
@@ -54,10 +52,10 @@ def localize(
 ) -> None:
     """Localize a panorama in a saved map.
 
-    The query is a frame of a dataset, images without a manifest, or several views in the order in which they were
-    taken. Images are panoramas, or photographs of a camera with --fov or --camera. Prints the places, best first, and
-    the pose. The pose of several views is the pose of the last view. With --camera it is the pose of the robot's base.
-    Without --motion, the views are localized one by one, and their answers are fused.
+    Prints the places, best first, and the pose. The images are panoramas, or photographs of a camera with --fov or
+    --camera. With --views, several images are one query, in the order in which they were taken, and the pose is that
+    of the last one. If the file of --camera has the position of the camera on the robot, the pose is that of the
+    robot's base.
     """
     from salframe.cli.output import warn
     from salframe.cli.queries import QueryOptions

@@ -36,7 +36,7 @@ Heading = Annotated[
     typer.Option(
         parser=number_parser("--heading", float, -MAX_ANGLE_DEG, MAX_ANGLE_DEG),
         metavar="DEG",
-        help="Heading of the agent in degrees, counterclockwise from the world x axis",
+        help="Heading at the start in degrees, counter-clockwise from the world x axis",
     ),
 ]
 
@@ -56,7 +56,7 @@ def add(
 ) -> None:
     """Add the places of a dataset to a map.
 
-    The reference frames are described with the method of the map. Places that the map has already are replaced.
+    Uses the method and the settings of the map. Places that are in the map already are replaced.
     """
     from salframe.cli.output import Bars, tell
     from salframe.topology.growing import add_to_map
@@ -91,7 +91,7 @@ def merge(
     map: AnyMap,
     others: Annotated[
         list[Path],
-        typer.Argument(metavar="OTHER...", help="Folders of maps with the same method, settings and world frame"),
+        typer.Argument(metavar="OTHER...", help="Folders of maps with the same method, settings and coordinates"),
     ],
     as_json: Json = False,
 ) -> None:
@@ -155,7 +155,9 @@ def route(
 @app.command()
 def query(
     map: AnyMap,
-    frame: Annotated[str, typer.Argument(help="Image in a folder with a manifest.json, or frame id with --data")],
+    frame: Annotated[
+        str, typer.Argument(help="Image of the query, listed in a manifest.json, or id of a frame of --data")
+    ],
     data: Annotated[str | None, typer.Option(help="Dataset that contains the frame")] = None,
     goal: Annotated[str | None, typer.Option("--to", metavar="GOAL", help="Node or place to go to")] = None,
     planner: PlannerName = PLANNER,
@@ -166,7 +168,7 @@ def query(
     """Localize a panorama in a map and print the nearest node.
 
     With --to, also prints the route from that node to GOAL. The first turn of the route is relative to the estimated
-    heading. Without a route, prints the position and the reason, and exits with status 1.
+    heading. If there is no route, prints the reason and exits with status 1.
     """
     import numpy as np
 
@@ -200,12 +202,13 @@ def query(
 def export(
     map: AnyMap,
     file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="Graph file to write: FILE.graphml, FILE.geojson or FILE.parquet")
+        Path, typer.Argument(metavar="FILE", help="File to write: FILE.graphml, FILE.geojson or FILE.parquet")
     ],
 ) -> None:
     """Export a map for other programs.
 
-    GraphML and GeoJSON files hold the topology, GeoJSON in local metres. Parquet files hold the scenes.
+    GraphML and GeoJSON files hold the topology. The coordinates of GeoJSON are metres in the world frame of the map.
+    Parquet files hold the descriptions of the reference frames.
     """
     from salframe.topology.export import export_map
 

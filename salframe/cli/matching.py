@@ -10,7 +10,7 @@ from salframe.cli.output import show
 def matching(methods: Methods = MATCHING_METHODS, *, options: CommonOptions) -> None:
     """Measure how many matches of a method are correct.
 
-    Each query is matched with the nearest reference frame of its own place. Run the same command again to resume an
+    Each query is matched with the nearest reference frame of its room. Run the same command again to resume an
     interrupted run.
     """
     from salframe.evaluation.tasks.matching.task import MatchingTask, measure_matching

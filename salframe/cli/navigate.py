@@ -9,7 +9,7 @@ import typer
 from salframe.cli.options import DATA, METHODS, CommonOptions, Methods, parse_seed, with_common_options
 from salframe.cli.output import show
 
-Worlds = Annotated[str, typer.Option(help="Dataset that can render, or that defines where an agent can walk")]
+Worlds = Annotated[str, typer.Option(help="Dataset that can be walked in, such as house-12")]
 NavigationSettings = Annotated[
     list[str] | None,
     typer.Option(
@@ -29,23 +29,22 @@ def navigate(
     episodes: Annotated[
         str,
         typer.Option(
-            metavar="N|FILE|TASK:SPLIT",
-            help="Episodes: number of random ones, a JSON file, or TASK:SPLIT of a published task",
+            metavar="N|FILE|BENCHMARK:SPLIT",
+            help="Number of random episodes, a JSON file, or a benchmark: reverie:val_seen",
         ),
     ] = "100",
     positioning: Annotated[
         Literal["on", "off", "both", "all"],
-        typer.Option(help="Agents to run: pose on, off, both, or all (both, and one that knows its place)"),
+        typer.Option(help="Whether agents use the poses of the method: on, off, both, or all"),
     ] = "on",
     *,
     options: CommonOptions,
 ) -> None:
-    """Send an agent from room to room with each method.
+    """Measure how well an agent navigates with each method.
 
-    With --positioning off, the agent uses the place only and takes its heading from odometry. "both" runs each method
-    once with and once without its poses. "all" also runs an agent that knows its true place. In the episodes of a
-    published task, the goals are known. In --set, METHOD.KEY changes one method, and KEY changes every method that has
-    this setting. Run the same command again to resume an interrupted run.
+    The agent walks from room to room and localizes with the method. With --positioning off, it uses only the places of
+    the answers, not the poses. "both" runs each method once with and once without its poses. "all" also runs an agent
+    that knows its true place. Run the same command again to resume an interrupted run.
     """
     from salframe.evaluation.tasks.navigation.options import Positioning
     from salframe.evaluation.tasks.navigation.task import NavigationTask

@@ -69,17 +69,17 @@ def limit_parser(option: str) -> Callable[[Any], float | None]:
 
 
 Methods = Annotated[str, typer.Option(help="Methods or YAML files, comma-separated; see `salframe methods`")]
-Data = Annotated[str, typer.Option(help="Dataset preset, dataset, YAML file, or folder with a manifest.json")]
-DataArgument = Annotated[str, typer.Argument(help="Dataset preset, dataset, YAML file, or folder with a manifest.json")]
+Data = Annotated[str, typer.Option(help="Dataset: a name of `salframe data list`, a YAML file or a folder")]
+DataArgument = Annotated[str, typer.Argument(help="Dataset: a name of `salframe data list`, a YAML file or a folder")]
 DataDir = Annotated[
-    Path | None, typer.Option(help="Folder that contains the files of the dataset (its setting `root`)")
+    Path | None, typer.Option(help="Folder with the files of the dataset, such as the downloaded files")
 ]
 Set = Annotated[
     list[str] | None,
     typer.Option(
         "--set",
         metavar="KEY.PATH=VALUE",
-        help="Change a setting: KEY (all methods), METHOD.KEY, data.KEY or engine.KEY",
+        help="Change a setting: KEY (of all methods), METHOD.KEY, data.KEY or engine.KEY",
     ),
 ]
 Name = Annotated[str | None, typer.Option(help="Name of the run folder (default: name of the dataset)")]
@@ -91,14 +91,14 @@ Workers = Annotated[
         "--workers",
         parser=number_parser("--workers", int, 1, MAX_WORKERS),
         metavar="N",
-        help="Number of worker processes (default: one per core, one if times are measured)",
+        help="Number of worker processes (default: one per core, or one to measure times)",
     ),
 ]
 parse_seed = number_parser("--seed", int, 0, MAX_SEED)
 Seed = Annotated[int, typer.Option(parser=parse_seed, metavar="N", help="Random seed of the confidence intervals")]
 Style = Annotated[
     Literal["table", "md", "latex", "csv"],
-    typer.Option("--format", help="Format of tables; csv has all digits of every number"),
+    typer.Option("--format", help="Format of the tables; csv does not round numbers"),
 ]
 Columns = Annotated[
     str | None,
@@ -112,16 +112,13 @@ Timeout = Annotated[
         "--timeout",
         parser=limit_parser("--timeout"),
         metavar="SECONDS",
-        help="Time limit of one query, pair of frames or episode",
+        help="Time limit in seconds for each query, pair of frames or episode",
     ),
 ]
 Memory = Annotated[
     float | None,
     typer.Option(
-        "--memory",
-        parser=limit_parser("--memory"),
-        metavar="MB",
-        help="Memory limit of the process of a method in megabytes",
+        "--memory", parser=limit_parser("--memory"), metavar="MB", help="Memory limit in megabytes for each method"
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON")]
@@ -130,16 +127,13 @@ RangeUnit = Annotated[
     typer.Option(
         parser=number_parser("--range-unit", float, 1e-6, 1.0),
         metavar="METRES",
-        help="Unit of the range image: metres per step of a pixel value (default: 0.001)",
+        help="Unit of the range image in metres (default: 0.001, millimetres)",
     ),
 ]
 RangeMissing = Annotated[
     list[int] | None,
     typer.Option(
-        metavar="VALUE",
-        min=0,
-        max=65535,
-        help="Pixel value of the range image that means no reading, besides 0; repeatable",
+        metavar="VALUE", min=0, max=65535, help="Value of the range image that means no reading, besides 0; repeatable"
     ),
 ]
 
@@ -148,12 +142,11 @@ Fov = Annotated[
     typer.Option(
         parser=number_parser("--fov", float, MIN_FOV_DEG, MAX_FOV_DEG),
         metavar="DEG",
-        help="Horizontal field of view, if the images are photographs",
+        help="Horizontal field of view in degrees, for photographs",
     ),
 ]
 CameraFile = Annotated[
-    Path | None,
-    typer.Option("--camera", metavar="FILE", help="Camera of the photographs: JSON with width, height, fx, fy, cx, cy"),
+    Path | None, typer.Option("--camera", metavar="FILE", help="Calibration of the camera, for photographs: JSON file")
 ]
 
 
@@ -176,10 +169,7 @@ def range_options(
         from salframe.framework.errors import ConfigError
 
         option = next(iter(chosen)).removesuffix("_m").replace("_", "-")
-        raise ConfigError(
-            f"received --{option} without --range, expected also --range FILE, the range image "
-            f"that --{option} describes"
-        )
+        raise ConfigError(f"received --{option} without --range: add --range FILE, the range image")
     return chosen
 
 

@@ -11,18 +11,16 @@ from salframe.cli.options import Columns, split_names
 
 
 def report(
-    runs: Annotated[
-        list[Path], typer.Argument(metavar="RUN...", help="Run folders of earlier commands, all of one task")
-    ],
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs, all made by the same command")],
     output: Annotated[Path, typer.Option("--output", "-o", help="HTML file to write the report to")] = Path(
         "report.html"
     ),
-    full: Annotated[bool, typer.Option("--full", help="Show full panoramas instead of thumbnails")] = False,
+    full: Annotated[bool, typer.Option("--full", help="Include panoramas in full size instead of thumbnails")] = False,
     columns: Columns = None,
 ) -> None:
     """Write an HTML report that compares runs.
 
-    The report shows the runs side by side, with every query. It is one file and needs no network.
+    The report is one file that can be read offline. It shows the runs side by side, and the details of every query.
     """
     from salframe.cli.output import Bars, tell
     from salframe.evaluation.finished_runs import write_report

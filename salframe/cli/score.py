@@ -12,14 +12,17 @@ from salframe.cli.output import print_json
 
 
 def score(
-    task: Annotated[str, typer.Argument(help="Name of a published task; see the scorers in `salframe plugins`")],
-    file: Annotated[Path, typer.Argument(help="File of answers in the format of the task")],
-    data: Annotated[Path, typer.Option(metavar="DIR", help="Folder that contains the data of the task")],
+    task: Annotated[
+        str,
+        typer.Argument(metavar="BENCHMARK", help="Benchmark, such as reverie; see the scorers in `salframe plugins`"),
+    ],
+    file: Annotated[Path, typer.Argument(help="File of answers in the format of the benchmark")],
+    data: Annotated[Path, typer.Option(metavar="DIR", help="Folder with the data of the benchmark")],
     as_json: Json = False,
 ) -> None:
-    """Score a file of answers to a published task.
+    """Score a file of answers to a benchmark.
 
-    The file can come from any program. The metrics are those of the task, with one row per split.
+    Any program can write the file. Prints the metrics of the benchmark, one row per split of its data.
     """
     from salframe.cli.tables import print_table
     from salframe.evaluation.scorer import score as run

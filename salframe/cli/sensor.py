@@ -21,9 +21,9 @@ SensorSettings = Annotated[
     without=["seed", "timeout", "memory", "style"], data=(SensorData, DATA), overrides=(SensorSettings, None)
 )
 def sensor(
-    detector: Annotated[str, typer.Argument(help="Detector to calibrate; see `salframe plugins`")],
+    detector: Annotated[str, typer.Argument(help="Detector to measure; see `salframe plugins`")],
     seeds: Annotated[
-        str, typer.Option(help="Values of data.seed to use together, comma-separated (default: as configured)")
+        str, typer.Option(help="Seeds of the data, measured together, comma-separated (default: data.seed)")
     ] = "",
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="JSON file to write the sensor model to")
@@ -31,10 +31,11 @@ def sensor(
     *,
     options: CommonOptions,
 ) -> None:
-    """Calibrate the sensor model of a detector against annotations.
+    """Measure the errors of a detector (its sensor model).
 
-    Measures the recall, the label confusion, the false positives and the position errors on all panoramas. Use the
-    file as `detector.noise` of the detector `annotations`. Run the same command again to resume an interrupted run.
+    Compares the detections with annotations: missed objects, wrong labels, false positives and position errors. To
+    simulate these errors, use the written file as `detector.noise` of the detector `annotations`. Run the same command
+    again to resume an interrupted run.
     """
     from salframe.cli.tables import print_sensor
     from salframe.evaluation.tasks.sensor.measurement import measure_sensor

@@ -27,15 +27,13 @@ def show_objects(
     ] = None,
     range_image: Annotated[
         Path | None,
-        typer.Option(
-            "--range", metavar="FILE", help="Range image that belongs to IMAGE, 16-bit PNG; only with a single IMAGE"
-        ),
+        typer.Option("--range", metavar="FILE", help="Range image of IMAGE, 16-bit PNG; only with a single IMAGE"),
     ] = None,
     range_unit: RangeUnit = None,
     range_missing: RangeMissing = None,
     range_kind: Annotated[
         Literal["ray", "z", "cube"] | None,
-        typer.Option(help="Quantity that the range image stores (default: ray; for photographs: z)"),
+        typer.Option(help="Quantity in the range image (default: ray, or z for photographs)"),
     ] = None,
     fov: Fov = None,
     camera: CameraFile = None,
@@ -54,10 +52,10 @@ def show_objects(
 ) -> None:
     """Draw the objects that a detector finds in images.
 
-    Each picture, NAME.objects.png, has the outlines, labels and scores of the objects, the saliency graph from above
-    (without range: the bearings), and a table. A range image holds range along the ray (ray), depth along the optical
-    axis of a photograph (z), or the z-depth of the stitched cube faces of a panorama (cube). An image that is listed in
-    a manifest.json has the range of its frame. The exit status is 1 if an image cannot be shown.
+    Writes a picture NAME.objects.png for each image, with the outlines, labels and scores of the objects, their graph
+    from above, and a table. The values of --range-kind are ray (range along the ray), z (depth along the optical axis
+    of a photograph), and cube (z-depth of the stitched cube faces of a panorama). The exit status is 1 if an image
+    cannot be read.
     """
     from salframe.cli.output import Bars, warn
     from salframe.drawing.show_objects import show_objects

@@ -18,8 +18,8 @@ Name = Annotated[str, typer.Argument(help="Name of the weights, as in `salframe 
 def list_(verbose: Verbose = False, as_json: Json = False) -> None:
     """List the weights that components use.
 
-    The state is `ready`, `absent`, or `another file` if a hash is wrong. `--verbose` adds the source, the folder, and
-    the terms of the training data. Only `salframe weights fetch` downloads weights.
+    The state is `ready`, `absent`, or `another file` if the content of a file is wrong. `--verbose` adds the source,
+    the folder, and the terms of the training data.
     """
     from salframe.cli.tables import print_table
     from salframe.evaluation.tables.text import format_bytes
@@ -45,8 +45,8 @@ def list_(verbose: Verbose = False, as_json: Json = False) -> None:
 def fetch(name: Name) -> None:
     """Download weights to the cache of salframe and verify them.
 
-    Weights that are installed already are not downloaded again. Prints the licence on stderr, and the training data if
-    they have other terms.
+    Weights that are in the cache are not downloaded again. Also prints the licence, and the terms of the training data
+    if they differ.
     """
     from salframe.cli.output import Bars
     from salframe.framework.components.installation import fetch_weights, find_weights
@@ -61,7 +61,7 @@ def fetch(name: Name) -> None:
 
 @app.command()
 def where(name: Name) -> None:
-    """Print the paths of installed weights."""
+    """Print the paths of weights in the cache."""
     from salframe.framework.components.installation import find_weights
     from salframe.framework.components.registry import registry
 

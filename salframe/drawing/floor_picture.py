@@ -206,7 +206,7 @@ class _Panel:
         x = self._write(f"transition node ({len(nodes) - scenes})", (x + 2 * r + 6 * s, y - 9 * s), 16) + 20 * s
         x, y = float(_MARGIN * s), y + 28 * s
         self._draw.line([(x, y), (x + 24 * s, y)], _SIGHT, 2 * s)
-        x = self._write(f"edge by sight ({len(edges) - bent})", (x + 30 * s, y - 9 * s), 16) + 20 * s
+        x = self._write(f"straight edge ({len(edges) - bent})", (x + 30 * s, y - 9 * s), 16) + 20 * s
         self._draw.line([(x, y), (x + 12 * s, y - 5 * s), (x + 24 * s, y)], _BENT, 2 * s)
         self._write(f"edge around corners ({bent})", (x + 30 * s, y - 9 * s), 16)
         bar_m = next(metres for metres in (10, 5, 2, 1) if metres * self._scale <= 260 * s or metres == 1)

@@ -219,7 +219,7 @@ def _check(
         raise ConfigError(f"received {len(images)} images with --range, expected one image")
     if pitch_deg is not None and fov_deg is None:
         raise ConfigError(
-            "received --pitch without --fov, expected also --fov, the horizontal field of view of the photographs"
+            "received --pitch without --fov: add --fov DEG, the horizontal field of view of the photographs"
         )
     if camera is not None and fov_deg is not None:
         raise ConfigError("received both --camera and --fov, expected only one of them")

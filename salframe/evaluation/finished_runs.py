@@ -102,7 +102,10 @@ def _open(folder: Path, progress: Progress | None) -> _Opened:
     run.bind(dataset.question_key)
     survey = task.survey(dataset)
     if not isinstance(task, PagedTask):
-        raise ConfigError(f"{folder} is a run of the task {task.name!r}, whose runs have no HTML page in a report")
+        raise ConfigError(
+            f"{folder} is a run of the task {task.name!r}, which has no HTML report: print its tables with salframe "
+            "evaluate"
+        )
     result, records = measure(task, run, survey)
     return _Opened(task, survey, task.view(result, records, survey))
 

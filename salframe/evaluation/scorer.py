@@ -1,4 +1,4 @@
-"""The role `scorer`: the metrics that a published task defines."""
+"""The role `scorer`: the metrics that a benchmark defines."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from salframe.navigation.episodes import EpisodeRequest
 
 
 class Scorer(Role):
-    """Scores the answers of any program to a published task by the rules of that task."""
+    """Scores the answers of any program to a benchmark by the rules of that benchmark."""
 
     role = "scorer"
 
@@ -26,35 +26,40 @@ class Scorer(Role):
 
         Args:
             answers: The file of answers.
-            root: The folder of the task's data.
+            root: The folder of the benchmark's data.
 
         Returns:
-            Rows with the keys "split" and "episodes" (number of scored episodes), then the task's metrics by name.
+            Rows with the keys "split" and "episodes" (number of scored items), then the metrics of the benchmark by
+            name.
 
         Raises:
-            DataError: The file does not answer the task. The message is one line.
+            DataError: The file has no valid answers to the benchmark. The message is one line.
         """
 
     def episodes(self, split: str, root: Path) -> Sequence[EpisodeRequest]:
-        """Return the episodes of a split of a navigation task, for an agent that knows the goal.
+        """Return the episodes of a split of a navigation benchmark, for an agent that knows the goal.
 
         Raises:
-            UnknownName: The task has no such split.
-            DataError: The task's data is invalid.
-            InputMissing: The task is not a navigation task.
+            UnknownName: The benchmark has no such split.
+            DataError: The data of the benchmark are invalid.
+            InputMissing: The benchmark is not about navigation.
         """
-        raise InputMissing(f"the task {self.name} has no episodes to walk")
+        raise InputMissing(
+            f"the benchmark {self.name} has no episodes for navigation, expected one with episodes, such as reverie"
+        )
 
     def submission(self, split: str, root: Path, walked: Sequence[np.ndarray | None]) -> Any:
         """Return the answers of an agent to a split, as the JSON that `score` reads.
 
         Args:
-            split: The split of the task.
-            root: The folder of the task's data.
+            split: The split of the benchmark.
+            root: The folder of the benchmark's data.
             walked: For each of `episodes` the poses (K, 4) of the agent: x, y, z in metres and yaw in radians, starting
                 at the start pose; None where the agent did not move.
         """
-        raise InputMissing(f"the task {self.name} has no episodes to walk")
+        raise InputMissing(
+            f"the benchmark {self.name} has no episodes for navigation, expected one with episodes, such as reverie"
+        )
 
 
 def find_scorer(task: str) -> Scorer:
@@ -64,19 +69,19 @@ def find_scorer(task: str) -> Scorer:
 
 
 def score(task: str, answers: str | Path, root: str | Path) -> list[Mapping[str, Any]]:
-    """Score a file of answers to a published task.
+    """Score a file of answers to a benchmark.
 
     Args:
         task: Name of the scorer.
         answers: The file of answers.
-        root: The folder of the task's data.
+        root: The folder of the benchmark's data.
 
     Returns:
         The rows of the scorer, at least one.
 
     Raises:
         UnknownName: There is no such scorer.
-        DataError: The file does not answer the task.
+        DataError: The file has no valid answers to the benchmark.
     """
     rows = list(find_scorer(task).score(Path(answers), Path(root)))
     if not rows:

@@ -49,10 +49,29 @@ def check_array(
     Raises:
         error: The dtype or shape is not the expected one, or an integer does not fit into the dtype.
     """
-    where = f"{type(owner).__name__}.{name}"
-    value = as_array(getattr(owner, name), where, error)
-    fits = value.ndim == len(shape) and all(want in (None, got) for want, got in zip(shape, value.shape, strict=False))
-    if not fits:
+    value = getattr(owner, name)
+    if type(value) is not np.ndarray or value.dtype != dtype or not _fits(value.shape, shape):
+        value = _convert(value, f"{type(owner).__name__}.{name}", dtype, shape, error)
+    value = value.view()
+    value.flags.writeable = False
+    object.__setattr__(owner, name, value)
+    return value
+
+
+def _fits(shape: tuple[int, ...], expected: tuple[int | None, ...]) -> bool:
+    return len(shape) == len(expected) and shape == tuple(map(_known, expected, shape))
+
+
+def _known(expected: int | None, got: int) -> int:
+    return got if expected is None else expected
+
+
+def _convert(
+    value: Any, where: str, dtype: type, shape: tuple[int | None, ...], error: type[SalframeError]
+) -> np.ndarray:
+    """Return a value as an array of a dtype and shape. Raises as `check_array`."""
+    value = as_array(value, where, error)
+    if not _fits(value.shape, shape):
         want = "(" + ", ".join("*" if n is None else str(n) for n in shape) + ")"
         raise error(f"{where} has shape {value.shape}, expected {want}")
     if not np.can_cast(value.dtype, dtype, "same_kind"):
@@ -61,10 +80,8 @@ def check_array(
         low, high, limits = value.min(), value.max(), np.iinfo(dtype)
         if low < limits.min or high > limits.max:
             raise error(f"{where} has values from {low} to {high}, expected {limits.min} to {limits.max}")
-    value = value.astype(dtype, copy=False).view()
-    value.flags.writeable = False
-    object.__setattr__(owner, name, value)
-    return value
+    converted: np.ndarray = value.astype(dtype, copy=False)
+    return converted
 
 
 def check_mask(owner: object, name: str) -> np.ndarray:

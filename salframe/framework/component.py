@@ -38,6 +38,13 @@ class ComponentConfig(Settings):
                 raise ValueError(f"kind is {value['kind']!r}, expected {cls.component.name!r}")
         return value
 
+    def keys_of(self, setting: str) -> Mapping[str, str]:
+        """Return the keys of a setting that is a mapping, each with its help, where other settings determine the keys.
+
+        By default, no setting is such a mapping, and the result is empty.
+        """
+        return {}
+
 
 def match_only(default: Any, **field: Any) -> Any:
     """Return a pydantic Field for a setting that affects only matching, not the descriptions of panoramas."""
@@ -47,8 +54,9 @@ def match_only(default: Any, **field: Any) -> Any:
 def added(default: Any, *, match_only: bool = False, **field: Any) -> Any:
     """Return a pydantic Field for a setting that was added in a later version.
 
-    The default must reproduce the behaviour before the setting existed. At its default, the setting is not part of the
-    identity, so results that were cached earlier remain valid. For `match_only` see the function of that name.
+    The default must reproduce the behaviour before the setting existed. Results that were cached earlier then remain
+    valid, because a setting at its default is not part of the cache key. For `match_only`, see the function of that
+    name.
     """
     return Field(default, json_schema_extra={"added": True, **({"match_only": True} if match_only else {})}, **field)
 

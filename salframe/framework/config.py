@@ -26,7 +26,7 @@ def read_yaml(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
     try:
         if path.resolve() in above:
             raise ConfigError(
-                f"{path} is its own base (through its key base), expected a base that does not lead back to it"
+                f"{path} is its own base, directly or through other files: remove one of their keys `base`"
             )
         if len(above) > MAX_BASES:
             raise ConfigError(

@@ -152,11 +152,11 @@ class GraphConfig(Settings):
         None, ge=1, description="maximum number of nodes of the graph, the most salient ones; null: all"
     )
     extent: Literal["mean", "max"] = Field(
-        "mean", description="size l of a box in Eq. 1 of the paper: mean or max of its three dimensions"
+        "mean", description="size l of a box in Eq. 1 of the paper: the mean or the maximum of its three dimensions"
     )
     distance: Literal["surface", "centroid"] = Field(
         "surface",
-        description="distance d_s of two objects in Eq. 1 of the paper: surface: between the upright boxes; "
+        description="distance d_s of two objects in Eq. 1 of the paper. surface: between the upright boxes; "
         "centroid: between the centroids",
     )
 
@@ -199,27 +199,31 @@ def build_graph(detections: Detections, saliency: np.ndarray, config: GraphConfi
 def _edges(chosen: Detections, config: GraphConfig) -> np.ndarray:
     """Return the pairs of nodes in context (paper Eq. 1), (E, 2) int64."""
     extent = chosen.size_m.mean(1) if config.extent == "mean" else chosen.size_m.max(1, initial=0)
-    distance = box_distances(chosen) if config.distance == "surface" else _centroid_distances(chosen.centroid_m)
     a, b = np.triu_indices(len(chosen), 1)
-    linked = np.minimum(extent[a], extent[b]) > distance[a, b]
+    if config.distance == "surface":
+        distance = box_distances(chosen, a, b)
+    else:
+        distance = np.linalg.norm(chosen.centroid_m[a] - chosen.centroid_m[b], axis=1)
+    linked = np.minimum(extent[a], extent[b]) > distance
     return np.column_stack([a[linked], b[linked]])
 
 
-def _centroid_distances(centroid_m: np.ndarray) -> np.ndarray:
-    return np.linalg.norm(centroid_m[:, None] - centroid_m[None], axis=2)
+def box_distances(detections: Detections, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the distances in metres between the surfaces of upright boxes a and b, (E,) float64, 0 where they touch or
+    overlap.
 
-
-def box_distances(detections: Detections) -> np.ndarray:
-    """Return the distances in metres between the surfaces of the upright boxes, (N, N) float64, 0 where they touch or
-    overlap."""
+    Args:
+        detections: N detections.
+        a: (E,) numbers of detections.
+        b: (E,) numbers of detections.
+    """
     import shapely
 
     corners = box_footprints(detections)
     footprint = shapely.polygons(corners) if len(corners) else np.empty(0, object)
-    flat = shapely.distance(footprint[:, None], footprint[None])
     z, half = detections.centroid_m[:, 2], detections.size_m[:, 2] / 2
-    gap = np.maximum(np.abs(z[:, None] - z[None]) - half[:, None] - half[None], 0)
-    return np.hypot(flat, gap)
+    gap = np.maximum(np.abs(z[a] - z[b]) - half[a] - half[b], 0)
+    return np.hypot(shapely.distance(footprint[a], footprint[b]), gap)
 
 
 def box_footprints(boxes: Detections | SaliencyGraph) -> np.ndarray:

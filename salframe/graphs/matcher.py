@@ -20,12 +20,10 @@ class GraphMatch:
     """A match of a query graph with a graph of the map.
 
     Attributes:
-        scene: Index of the scene in the map.
-        score: Score of the match, larger is better.
-        pairs: (M, 2) int64, pairs of query and map nodes.
-        T_scene_query: (4, 4) pose of the query's panorama frame in the frame of the reference frame, from matchers that
-            verify geometry; else None.
-        scale: Factor that corrects the ranges of the query, 1 for matchers that do not estimate it.
+        scene: Index of the scene in the map. score: Score of the match, larger is better. pairs: (M, 2) int64, pairs of
+        query and map nodes. T_scene_query: (4, 4) pose of the query relative to the reference frame; None for matchers
+        that do not estimate it. scale: Factor that corrects the ranges of the query, 1 for matchers that do not
+        estimate it.
     """
 
     scene: int
@@ -60,10 +58,10 @@ class GraphMatcher(Role):
 
     @abstractmethod
     def index(self, graphs: Sequence[SaliencyGraph]) -> Any:
-        """Return data that makes matching with these graphs fast; it is passed to `match`."""
+        """Return the index of these graphs, any object that `match` receives."""
 
     def write_index(self, graphs: Sequence[SaliencyGraph], folder: Path) -> None:
-        """Write to a new folder the data that `open_index` needs to match these graphs without `index`.
+        """Write the index of these graphs to a new folder, for `open_index`.
 
         Optional; override it together with `open_index`. The default writes nothing.
         """
@@ -80,15 +78,15 @@ class GraphMatcher(Role):
 
     @abstractmethod
     def match(self, query: SaliencyGraph, index: Any, top_k: int) -> list[GraphMatch]:
-        """Return at most `top_k` matches, best first; none where the query has nothing in common with any graph.
+        """Return at most `top_k` matches, best first. Graphs without a matched object are left out.
 
-        The query may have bearings only, see SaliencyGraph; the graphs of a map have range.
+        If the query has no range, the sizes and centroids of its objects are NaN (see SaliencyGraph).
         """
 
     def rank(self, query: SaliencyGraph, index: Any, top_k: int) -> RankedGraphs:
         """Return the matches of `match` without their pairs.
 
-        Optional; override it where this takes less time.
+        Optional: override it if the pairs take time.
         """
         matches = self.match(query, index, top_k)
         poses = [np.full((4, 4), np.nan) if match.T_scene_query is None else match.T_scene_query for match in matches]

@@ -17,5 +17,4 @@ class SaliencyModel(Role):
 
     @abstractmethod
     def score(self, detections: Detections) -> np.ndarray:
-        """Return the saliency of each object, (N,) float64: non-negative shares that sum to 1 where there are
-        objects."""
+        """Return the saliency of each object, (N,) float64: shares of at least 0 that sum to 1."""

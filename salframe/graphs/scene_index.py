@@ -48,8 +48,7 @@ class SceneIndex(Role):
 
     @classmethod
     def note(cls, config: Any, num_scenes: int) -> str | None:
-        """Return a note for users on an index with this config of `num_scenes` scenes; None, the default, where there
-        is none."""
+        """Return a message for the user about an index of `num_scenes` scenes; None (the default): no message."""
         return None
 
     @abstractmethod
@@ -74,9 +73,10 @@ class SceneIndex(Role):
 
     @abstractmethod
     def candidates(self, query: SaliencyGraph, count: int) -> SceneCandidates:
-        """Return at most `count` scenes of the open index, without scenes that have nothing in common with the query.
+        """Return at most `count` scenes of the open index, best first.
 
-        The query may have bearings only, see SaliencyGraph.
+        Scenes that share nothing with the query are left out. If the query has no range, the sizes and centroids of its
+        objects are NaN (see SaliencyGraph).
         """
 
     def take(self, graphs: Iterable[SaliencyGraph]) -> None:

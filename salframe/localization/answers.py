@@ -153,15 +153,15 @@ class Localization:
 
     @property
     def accepted(self) -> bool | None:
-        """Whether a program should use the first place and the pose, which the status `no-pose` lacks.
+        """Whether a program should use the first place and, if there is one, the pose.
 
-        None where there is a place without probabilities: such a localizer cannot tell.
+        None for a localizer without probabilities, if the answer has a place.
         """
         return is_accepted(self.status, self.out_of_map_probability)
 
     @property
     def summary(self) -> str:
-        """The status and, where a place is not accepted, the reason, as one statement."""
+        """The status and, if the place is not accepted, the reason, in one line."""
         if self.accepted is not False or not self.status.names_a_place:
             return str(self.status)
         return (
@@ -170,8 +170,7 @@ class Localization:
         )
 
     def moved(self, position_m: np.ndarray) -> Localization:
-        """Return the answer with the pose of another frame, such as the base of a robot, whose axes are those of the
-        query.
+        """Return the answer with the pose of another coordinate frame with the same axes, such as the base of a robot.
 
         Args:
             position_m: (3,) position of the query in that frame, such as that of a camera on a robot.

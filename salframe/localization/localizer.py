@@ -1,4 +1,4 @@
-"""The role `Localizer`: the hooks of a method that localizes panoramas in a map."""
+"""The role `Localizer`: a method that localizes panoramas in a map."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def posterior_slot() -> Any:
 
 
 class LevelledConfig(ComponentConfig):
-    """Base of the Config of localizers whose levelling can be switched off."""
+    """Base of the Config of localizers with the setting `level`."""
 
     level: Literal["auto", "off"] = added(
         "auto",
@@ -62,13 +62,13 @@ class LevelledConfig(ComponentConfig):
 class Localizer(Role):
     """Finds where a panorama was taken, from descriptions of panoramas with known places and poses.
 
-    A localizer implements `needs` and three hooks: `describe` a panorama, `index` the descriptions of the reference
-    frames, `match` the description of a query with them. All other hooks have a default. `LocalizationMap` does the
-    rest for all localizers: it describes frames, caches and times descriptions, saves and opens maps. It also estimates
-    the range of panoramas without range for localizers whose Config has the field `range: range_slot()`, and computes
-    probabilities for those whose Config has `posterior: posterior_slot()`.
+    A localizer implements `needs` and three methods. `describe` returns the description of a panorama, `index` receives
+    the descriptions of the reference frames, and `match` localizes a query from its description. All other methods have
+    a default. `LocalizationMap` does the rest for all localizers: it caches and times descriptions, and saves and opens
+    maps.
 
-    A localizer holds the index of one map at a time.
+    If the Config has the field `range: range_slot()`, the range of panoramas without range is estimated. If it has
+    `posterior: posterior_slot()`, the answers get probabilities. A localizer holds the index of one map at a time.
     """
 
     role = "localizer"
@@ -123,15 +123,15 @@ class Localizer(Role):
 
     @abstractmethod
     def match(self, description: Description) -> Localization:
-        """Localize a described query. A failure is a status, never an exception."""
+        """Localize a query from its description. If this fails, return a status, and raise no exception."""
 
     def join(
         self, descriptions: Sequence[Description], T_last_view: np.ndarray, odometry: OdometryNoise
     ) -> Description | None:
         """Return one description of several views of a query, in the coordinates of the last view.
 
-        The default is None: the localizer cannot join these views. They are then matched one by one, and their answers
-        are fused.
+        None (the default): the localizer cannot join these views. Each view is then localized alone, and the
+        probabilities are multiplied.
 
         Args:
             descriptions: The descriptions of V views, in the order in which they were taken.
@@ -149,13 +149,13 @@ class Localizer(Role):
         return packed
 
     def write_index(self, folder: Path) -> None:
-        """Write the result of `index` to a new folder, so that the map opens without indexing.
+        """Write the result of `index` to a new folder, so that the map opens faster.
 
-        Optional, and only together with `open_index`. The default writes nothing: the map is indexed when it is opened.
+        Optional; override it together with `open_index`. The default writes nothing.
         """
 
     def open_index(self, folder: Path, packed: Columns, frames: SavedFrames) -> None:
-        """Restore the state after `index`. The answers must be the same.
+        """Restore the result of `index` from the files of `write_index`.
 
         The files may be removed while they are in use.
 
@@ -179,8 +179,8 @@ class Localizer(Role):
         return ()
 
     def unfit_for_map(self, description: Description) -> str | None:
-        """Return the reason why a frame with this description cannot be a reference frame, and the remedy; None where
-        it can."""
+        """Return the reason why a frame with this description cannot be a reference frame, and what to do; None if it
+        can be one."""
         return None
 
     def count_objects(self, description: Description) -> int:
@@ -188,10 +188,10 @@ class Localizer(Role):
         return 0
 
     def correspond(self, query: Description, reference: Description) -> PointMatches | NodeMatches | None:
-        """Match points or objects of two descriptions, independent of the map; None for methods that match neither."""
+        """Return the matched points or objects of two descriptions; None for methods that match neither."""
         return None
 
     def evidence(self, description: Description) -> Evidence | None:
-        """Return the evidence that the scores of a described query consist of, in the order of the setting `weights`;
-        None for methods without weights, and where a query has no evidence."""
+        """Return, for each place, the values whose weighted sum is its score, in the order of the setting `weights`;
+        None for methods without weights, and for queries without these values."""
         return None

@@ -23,27 +23,19 @@ from salframe.graphs.scene_index import scene_index_notes
 from salframe.graphs.vocabulary import unknown_labels_note
 from salframe.localization.answers import Localization
 from salframe.localization.canonical_order import in_canonical_order
-from salframe.localization.describing import describe_ahead, describe_frame
+from salframe.localization.described_query import DescribedQuery, DescribedView, describe_query, describe_view
+from salframe.localization.describing import describe_ahead
 from salframe.localization.fusing import FUSED, Fusion, choose_surest, fuse_answers
-from salframe.localization.level_frames import (
-    UPSIDE_DOWN,
-    as_it_stood,
-    better_answer,
-    level_motions,
-    of_turned,
-    split_level,
-    upright_frame,
-)
+from salframe.localization.level_frames import as_it_stood, better_answer, level_motions, split_level, upright_frame
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map_files import MapParts, find_not_finite, read_map, write_map
 from salframe.localization.preparing import Tell, python_warning, silent
 from salframe.localization.query_input import query_frame
 from salframe.localization.references import describe_references
-from salframe.panoramas.data_checks import query_notes, upside_down_note
+from salframe.panoramas.data_checks import query_notes
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import QueryFrame, ReferenceFrame
-from salframe.panoramas.levelling import turn_panorama
 from salframe.panoramas.opening import reference_frames
 from salframe.panoramas.panorama import Annotations, Panorama
 from salframe.panoramas.view import View, motions
@@ -53,10 +45,10 @@ MAX_HEIGHTS = 200
 
 
 class LocalizationMap:
-    """A localizer with its reference frames, their packed descriptions, and the floors that it uses.
+    """A map in which a localizer localizes queries: reference frames, their packed descriptions, and floor masks.
 
-    Create one with `build`, `from_descriptions` or `open`. The localizer holds the index of one map at a time: a map is
-    no longer usable when another map was created with the same localizer.
+    Create one with `build`, `from_descriptions` or `open`. Use a new localizer for each map: a localizer holds the
+    index of one map at a time.
     """
 
     def __init__(
@@ -130,7 +122,7 @@ class LocalizationMap:
 
         Args:
             directory: The folder of the map.
-            localizer: Replaces the localizer with the saved settings, to change settings of matching.
+            localizer: A localizer with other settings of matching; None: the localizer of the map.
 
         Raises:
             DataError: `directory` contains no map, or the map was edited, truncated, or described in another way.
@@ -231,9 +223,9 @@ class LocalizationMap:
     ) -> Localization:
         """Localize a frame, a panorama, the images of a panorama, or several views with the motion between them.
 
-        Views are joined to one query by localizers that implement `join`. If the localizer cannot join the views, or
-        the motion is unknown, each view is localized alone and the answers are fused. A note states this. The pose is
-        that of the last view. If the last view has a `position_m`, it is the pose of its base.
+        Pass one of: a query, the images of a panorama, or views. The pose of several views is the pose of the last
+        view, or of its base if it has a `position_m`. If the localizer cannot join views, or their motion is unknown,
+        each view is localized alone and the probabilities are multiplied. A note of the answer states this.
 
         Args:
             query: The frame or panorama.
@@ -265,33 +257,31 @@ class LocalizationMap:
     def _localize(
         self, frames: Sequence[QueryFrame], T_last_view: np.ndarray | None, warn: Callable[[str], object]
     ) -> Localization:
-        """Localize the views of one query, joined where possible. Raises as `localize`.
-
-        Views that all seem to be upside down are localized both as they are and turned, and the better answer is
-        returned.
-        """
+        """Localize the views of one query, joined where possible. Raises as `localize`."""
         for frame in frames:
             for note in query_notes(frame.load(), self._camera_z_m):
                 warn(note)
-        answer = self.answer_views([describe_frame(self.localizer, frame)[0] for frame in frames], T_last_view)
-        upside_down = [upside_down_note(frame.load(), self._camera_z_m) for frame in frames]
-        if None in upside_down:
-            return answer
-        if self.localizer.level == "off":
-            warn(str(upside_down[0]))
-            return answer
-        turned = [QueryFrame(frame.id, partial(turn_panorama, frame.load(), UPSIDE_DOWN)) for frame in frames]
-        descriptions = [of_turned(describe_frame(self.localizer, frame)[0], UPSIDE_DOWN) for frame in turned]
-        return better_answer(answer, self.answer_views(descriptions, T_last_view))
+        views = [describe_view(self.localizer, frame) for frame in frames]
+        return self.answer_query(self.describe_query(views, T_last_view, warn=warn))
 
-    def answer_views(
-        self, descriptions: Sequence[Description], T_last_view: np.ndarray | None, fusion: Fusion = Fusion.JOINED
-    ) -> Localization:
-        """Localize a query from the descriptions of its views, in the order in which they were taken.
+    def describe_query(
+        self,
+        views: Sequence[DescribedView],
+        T_last_view: np.ndarray | None = None,
+        *,
+        warn: Callable[[str], object] = silent,
+    ) -> DescribedQuery:
+        """Return a query of described views. Arguments and errors are those of the function `describe_query`."""
+        return describe_query(self.localizer, views, T_last_view, self._camera_z_m, warn)
+
+    def answer_query(self, query: DescribedQuery, fusion: Fusion = Fusion.JOINED) -> Localization:
+        """Localize a described query.
+
+        Views that all seem to be upside down are localized both as they are and turned, and the better answer is
+        returned.
 
         Args:
-            descriptions: The descriptions of V views, at least one.
-            T_last_view: (V, 4, 4) motions that map coordinates of the views to those of the last view; None: unknown.
+            query: The query.
             fusion: Whether to join the views where the localizer can, or to fuse the answers to single views. A note
                 says where they are fused although they should be joined.
 
@@ -299,6 +289,14 @@ class LocalizationMap:
             InvalidAnswer: As `answer`.
             DataError: As `answer`.
         """
+        answer = self._answer_views(query.descriptions, query.T_last_view, fusion)
+        if not query.turned:
+            return answer
+        return better_answer(answer, self._answer_views(query.turned, query.T_last_view, fusion))
+
+    def _answer_views(
+        self, descriptions: Sequence[Description], T_last_view: np.ndarray | None, fusion: Fusion
+    ) -> Localization:
         if len(descriptions) == 1:
             return self.answer(descriptions[0])
         reason = ""
@@ -320,10 +318,10 @@ class LocalizationMap:
         return replace(fused, notes=tuple(notes))
 
     def answer(self, description: Description) -> Localization:
-        """Localize a described query.
+        """Localize a query from its description.
 
-        Where the localizer has a posterior, it adds probabilities to answers of `match` without probabilities. A note
-        names the labels of the query that the map does not know.
+        If the localizer has a posterior, it adds probabilities to the answer. A note names the labels of the query that
+        no object of the map has.
 
         Raises:
             InvalidAnswer: `match` did not return a Localization.
@@ -385,7 +383,7 @@ def build_localization(
 ) -> LocalizationMap:
     """Build the map of a prepared dataset. Raises as `LocalizationMap.build`.
 
-    Where the number of workers of its engine is set, the workers describe the frames first.
+    If the engine has a number of workers, the workers describe the frames first.
     """
     describe_ahead(localizer.config, dataset, progress)
     frames, floors = reference_frames(dataset), dataset.floors()

@@ -66,8 +66,7 @@ class Positioner(Role):
 
     @property
     def is_equivariant(self) -> bool:
-        """Whether the pose of turned query points is the pose of the points, turned. A localizer with a positioner for
-        which this is False has the `column_step` None."""
+        """Whether the pose turns with the query. If this is False, the `column_step` of the localizer is None."""
         return True
 
     @abstractmethod
@@ -83,7 +82,7 @@ class Positioner(Role):
     def resect(self, bearing: np.ndarray, reference_m: np.ndarray) -> PoseEstimate:
         """Estimate the pose of the query in the reference frame from directions that are matched with points.
 
-        The default returns NO_RANGE: a positioner that does not override it cannot place a query without ranges.
+        The default returns NO_RANGE: override it to support queries without range.
 
         Args:
             bearing: (M, 3) unit vectors in the frame of the query.

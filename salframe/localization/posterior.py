@@ -54,15 +54,14 @@ class Posterior(Settings):
     """
 
     temperature: float = Field(
-        gt=0, description="difference between the scores of two places that makes one e times as probable as the second"
+        gt=0, description="difference between the scores of two places at which one is e times as probable as the other"
     )
     head: Head
     max_out_of_map_probability: float = Field(
         MAX_OUT_OF_MAP_PROBABILITY,
         ge=0,
         le=1,
-        description="maximum out-of-map probability of a localized query; above it, the status of the answer is "
-        "out-of-map",
+        description="maximum out-of-map probability of an answer; above it, the status of the answer is out-of-map",
     )
 
     def apply(self, localization: Localization, objects: int = 0) -> Localization:

@@ -9,6 +9,7 @@ import numpy as np
 from salframe.framework.errors import FRAME_ERRORS, DataError, InputMissing, MethodFailed, MethodUnavailable
 from salframe.framework.files.cache import Cache
 from salframe.localization.answers import LocalizationStatus
+from salframe.localization.described_query import describe_view
 from salframe.localization.describing import describe_frame
 from salframe.localization.left_out import check_left_out, left_out_note
 from salframe.localization.localizer import Description, Localizer
@@ -80,7 +81,8 @@ class Sight:
         """
         map = self._map_of(world.references(T_world_pano), world.chart.map.floors)
         panorama = world.observe(T_world_pano)
-        answer = map.answer(describe_frame(self._localizer, QueryFrame(panorama.id, lambda: panorama))[0])
+        view = describe_view(self._localizer, QueryFrame(panorama.id, lambda: panorama))
+        answer = map.answer_query(map.describe_query([view]))
         if not answer.status.names_a_place:
             return None
         best = answer.places[0]

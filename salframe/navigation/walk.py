@@ -39,7 +39,7 @@ class EpisodeStatus(StrEnum):
 class NavigationConfig(Settings):
     """Settings of navigation, the same for every method of a run. Noise is normal with these standard deviations."""
 
-    planner: slot("planner", default_of("navigation_planner"))  # type: ignore[valid-type]
+    planner: slot("planner", default_of("navigation_planner"), description="route planner")  # type: ignore[valid-type]
     budget: int = Field(60, ge=1, description="maximum number of panoramas per episode")
     arrival_m: float = Field(
         0.25, gt=0, description="length of the remaining path below which an agent reports its arrival (m)"

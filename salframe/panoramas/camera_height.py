@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.geometry import equirectangular_rays
+from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.samples import Frame, load_samples
 
 NUM_ROWS = 96
@@ -43,6 +45,21 @@ UNITS = {
     1000.0: "metres read as millimetres",
 }
 """Factor that corrects the ranges, and the likely cause of the error."""
+
+
+class LevelSurfaces(NamedTuple):
+    """Distances of the camera from the level surfaces below and above it, in metres; NaN where unknown."""
+
+    floor_m: float
+    ceiling_m: float
+
+
+def find_level_surfaces(panorama: Panorama) -> LevelSurfaces:
+    """Return the distances of floor and ceiling. They are unknown without a measured range."""
+    if panorama.range_m is None or panorama.range_by is not None:
+        return LevelSurfaces(np.nan, np.nan)
+    heights_m = (camera_height(range_m) for range_m in (panorama.range_m, panorama.range_m[::-1]))
+    return LevelSurfaces(*(np.nan if height_m is None else height_m for height_m in heights_m))
 
 
 def camera_height(range_m: np.ndarray) -> float | None:

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from salframe.panoramas.camera_height import NUM_FRAMES, camera_height, units_note
+from salframe.panoramas.camera_height import NUM_FRAMES, LevelSurfaces, units_note
 from salframe.panoramas.cube_depth import is_cube_depth
 from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import Fold
-from salframe.panoramas.opening import reference_frames
+from salframe.panoramas.opening import distinct_references
 from salframe.panoramas.panorama import Panorama, unlabelled_note
 from salframe.panoramas.place_heights import storeys_note
 from salframe.panoramas.pose_checks import pose_notes
@@ -23,7 +24,12 @@ MAX_HEIGHT_ERROR = 0.07
 
 
 def data_notes(dataset: Dataset) -> list[str]:
-    """Return warnings about a prepared dataset; empty where its conventions are as expected.
+    """Return warnings about a prepared dataset; empty where its conventions are as expected. See `fold_notes`."""
+    return fold_notes(dataset.folds(), dataset.floors())
+
+
+def fold_notes(folds: Sequence[Fold], floors: Sequence[FloorMasks] = ()) -> list[str]:
+    """Return warnings about reference frames; empty where their conventions are as expected.
 
     The reference frames of the first fold are checked: a sample of them for the unit of the ranges, for values without
         a reading and for their poses; all of them for their places and up directions.
@@ -32,7 +38,7 @@ def data_notes(dataset: Dataset) -> list[str]:
         DataError: Many panoramas are not upright by their poses, many frames stand outside the region of their place,
             or the floor masks are malformed.
     """
-    folds, frames, floors = dataset.folds(), reference_frames(dataset), dataset.floors()
+    frames = distinct_references(folds)
     units = units_note(frames)
     notes = units, missing_note(frames), storeys_note(frames), check_regions(frames, floors), motion_note(folds)
     references = folds[0].references if folds else ()
@@ -86,25 +92,23 @@ def query_notes(panorama: Panorama, camera_z_m: Sequence[float] | np.ndarray = (
     return [note for note in notes if note]
 
 
-def upside_down_note(panorama: Panorama, camera_z_m: np.ndarray) -> str | None:
+def upside_down_note(query: str, surfaces: LevelSurfaces, camera_z_m: np.ndarray) -> str | None:
     """Return a warning where the ceiling is as far from the camera as the floor is in the map; None elsewhere.
 
     A camera that hangs upside down is the likely cause, but an upright camera may stand at such a height too.
 
     Args:
-        panorama: The query. Without a measured range nothing is known.
+        query: Id of the query.
+        surfaces: Floor and ceiling in the query.
         camera_z_m: (S,) world z of the cameras of the map. Those that are positive are heights over the floor.
     """
-    if panorama.range_m is None or panorama.range_by is not None:
-        return None
-    floor_m, ceiling_m = camera_height(panorama.range_m), camera_height(panorama.range_m[::-1])
     known_m = camera_z_m[camera_z_m > 0]
-    if floor_m is None or ceiling_m is None or not len(known_m):
+    if np.isnan(surfaces).any() or not len(known_m):
         return None
-    error, turned_error = (float(np.abs(np.log(known_m / height_m)).min()) for height_m in (floor_m, ceiling_m))
+    error, turned_error = (float(np.abs(np.log(known_m / height_m)).min()) for height_m in surfaces)
     if turned_error > MAX_HEIGHT_ERROR or turned_error >= error:
         return None
     return (
-        f"{panorama.id} seems to be upside down: it shows the floor {floor_m:.2f} m below the camera and the ceiling "
-        f"{ceiling_m:.2f} m above it, and the cameras of the map are at z = {np.median(known_m):.2f} m"
+        f"{query} seems to be upside down: it shows the floor {surfaces.floor_m:.2f} m below the camera and the "
+        f"ceiling {surfaces.ceiling_m:.2f} m above it, and the cameras of the map are at z = {np.median(known_m):.2f} m"
     )

@@ -38,9 +38,9 @@ class Dataset(Role):
     @property
     @abstractmethod
     def fingerprint(self) -> str:
-        """Digest that changes with the content of any frame and with any truth; part of every cache key.
+        """Digest of the content of all frames and truths, part of every cache key.
 
-        It is independent of the settings of QueryView.
+        It does not depend on the settings of QueryView.
         """
 
     @final
@@ -60,11 +60,10 @@ class Dataset(Role):
     @final
     @property
     def question_key(self) -> str:
-        """Key of the maps and queries of a run: a digest of the fingerprint and of the `match_only` settings that are
-        not the defaults.
+        """Key of the maps and queries of a run: a digest of the fingerprint and of the changed `match_only` settings.
 
-        These settings select reference frames and queries. No panorama depends on them, so that runs which differ only
-        in them share descriptions.
+        These settings select reference frames and queries, but do not change panoramas. Runs that differ only in these
+        settings share descriptions.
         """
         chosen = matching_settings(self.config)
         return digest([self.fingerprint, chosen]) if chosen else self.fingerprint
@@ -85,7 +84,7 @@ class Dataset(Role):
     def folds(self) -> Sequence[Fold]:
         """Return the folds: each has reference frames with poses, and queries without poses.
 
-        Most datasets have one fold; leave-one-out evaluation has many.
+        A fold is a map with its queries. Most datasets have one fold; leave-one-out evaluation has many.
         """
 
     @final

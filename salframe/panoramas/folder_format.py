@@ -147,7 +147,9 @@ class Manifest(RangeKeys):
                 f"the manifest has {len(self.frames)} frames and no reference frame, expected at least one of role map"
             )
         if any(frame.instances for frame in self.frames) and self.objects is None:
-            raise ValueError("frames have instance images, but `objects` names no table with their labels")
+            raise ValueError(
+                "frames have instance images, expected also `objects`: the table with the labels of their objects"
+            )
         return self
 
 

@@ -78,7 +78,7 @@ class ReferenceFrame:
 
 @dataclass(frozen=True, eq=False)
 class QueryFrame:
-    """A panorama to localize, or the last of several views. Its pose and place are part of the truth of the dataset.
+    """A panorama to localize, or the last of several views. The dataset's `truth` has its pose and place.
 
     Attributes:
         id: Id of the query.

@@ -18,7 +18,10 @@ DOORWAY_M = 0.75
 def hide_query_place_setting() -> Any:
     """Return the field of the setting `hide_query_place`. A dataset with this setting applies `add_hidden_places` to
     its folds."""
-    help = "localize each query again in a map without its place and the doorways to it; the true answer is out-of-map"
+    help = (
+        "true: localize each query twice: in the map, and in the map without its place and the doorways to it, where "
+        "the correct answer is out-of-map; false: only in the map"
+    )
     return match_only(False, description=help)
 
 

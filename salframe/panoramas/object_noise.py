@@ -29,7 +29,7 @@ class ObjectNoise(Settings):
     range_share: float = Field(
         0.0,
         ge=0,
-        description="standard deviation of the random factor on the range of an object, relative to 1; each "
+        description="standard deviation of the random factor (mean 1) that multiplies the range of an object; each "
         "object has its own factor",
     )
 

@@ -17,7 +17,7 @@ from salframe.framework.engines.engine import Engine, open_engine
 from salframe.framework.errors import DataError, UnknownName, unknown
 from salframe.panoramas.dataset import MANIFEST, Dataset
 from salframe.panoramas.folder import FolderDataset
-from salframe.panoramas.frames import QueryFrame, ReferenceFrame
+from salframe.panoramas.frames import Fold, QueryFrame, ReferenceFrame
 
 Progress = Callable[[str, int, int], None]
 """Called as progress(what, done, total); `what` is the name of a dataset that is prepared, or the label of a method."""
@@ -95,7 +95,12 @@ def find_dataset(
 
 def reference_frames(dataset: Dataset) -> list[ReferenceFrame]:
     """Return the reference frames of all folds, each once."""
-    return list({frame.id: frame for fold in dataset.folds() for frame in fold.references}.values())
+    return distinct_references(dataset.folds())
+
+
+def distinct_references(folds: Sequence[Fold]) -> list[ReferenceFrame]:
+    """Return the reference frames of folds, each once."""
+    return list({frame.id: frame for fold in folds for frame in fold.references}.values())
 
 
 def find_frame(dataset: Dataset, name: str) -> ReferenceFrame | QueryFrame:

@@ -291,7 +291,7 @@ def _candidates(sample: _Sample) -> Iterator[_Explanation]:
         yield _Explanation(sample.agreement(_scaled(poses, scale)), "", scale)
     for name, step in (("ros", 5), ("compass", 15)):
         converted = [convert_pose(pose, name) for pose in poses]
-        for offset in range(step - 180, 181, step):
+        for offset in (angle for angle in range(step - 180, 181, step) if angle):
             turned = [pose @ pose_2d(0, 0, np.radians(offset)) for pose in converted]
             text = (
                 f"likely the centre of the images lies {abs(offset)} deg to the {'left' if offset > 0 else 'right'} of "

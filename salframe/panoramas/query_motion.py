@@ -26,7 +26,8 @@ class OdometryErrors(OdometryNoise):
     scale_share: float = Field(
         0.0,
         ge=0,
-        description="standard deviation of the random factor on all travelled distances of a query, relative to 1",
+        description="standard deviation of the random factor (mean 1) that multiplies all travelled distances of a "
+        "query",
     )
     shuffled: bool = Field(
         False,

@@ -44,20 +44,21 @@ class QueryView(ComponentConfig):
         None,
         match_only=True,
         gt=0,
-        description="focal length of queries, relative to half the image width: a query is one 4:3 perspective view "
-        "along its heading; 1, 2, 3 are 90, 53, 37 deg wide and 74, 41, 28 deg high; null: no perspective view",
+        description="focal length of queries, divided by half the image width; a query is then one 4:3 perspective "
+        "view along its heading (1: 90 deg wide, 74 deg high; 2: 53 and 41; 3: 37 and 28); null: no perspective view",
     )
     query_noise: AnnotationNoise = added(
         AnnotationNoise(),
         match_only=True,
         description="simulated errors in the annotations of queries; reference frames have none",
     )
-    query_views: int = added(1, match_only=True, ge=1, le=100, description="number of views that each query has")
+    query_views: int = added(1, match_only=True, ge=1, le=100, description="number of views per query")
     query_motion: Literal["turned", "driven"] = added(
         "turned",
         match_only=True,
-        description="motion of the camera between the views of a query. turned: to the left on the spot, by 60 % "
-        "of the field of view; driven: along a path, in datasets that have other views near the query",
+        description="motion of the camera between the views of a query. turned: it turns to the left on the spot, by "
+        "60 % of the field of view per view; driven: it moves along a path, in datasets that have other views near "
+        "the query",
     )
     query_odometry: OdometryErrors = added(
         OdometryErrors(),
@@ -146,7 +147,8 @@ def _with_motion(query: QueryFrame, config: Any, content: str) -> QueryFrame:
             )
     elif query.earlier:
         raise DataError(
-            f"the query {query.id} has {len(query.views)} views in the data, expected query_views=1, which keeps them"
+            f"the query {query.id} has {len(query.views)} views in the data, expected query_views=1, which uses "
+            "these views"
         )
     else:
         fov_deg = config.query_fov_deg

@@ -35,8 +35,8 @@ class RangeModel(Role):
     def estimate(self, panorama: Panorama) -> np.ndarray:
         """Return the range along the ray in metres, (H, 2H) float32, positive, NaN where unknown.
 
-        Must not change its input. The same input must give the same output. Where the range of a panorama cannot be
-        estimated, all of it is unknown, and no exception is raised.
+        Must not change its input. The same input must give the same output. If nothing can be estimated, the result is
+        NaN everywhere, and no exception is raised.
         """
 
 
@@ -93,9 +93,9 @@ def _check_range(model: RangeModel, panorama: Panorama, range_m: Any) -> None:
 def from_bright_side(estimate: Callable[[Any, Panorama], np.ndarray]) -> Callable[[Any, Panorama], np.ndarray]:
     """Decorate `estimate` so that it receives each panorama with its bright side in the middle.
 
-    The range image is rotated back. For networks whose output depends on the first column of the panorama (strides,
-    views at fixed azimuths): rotating the panorama by any number of columns then rotates the range and changes nothing
-    else. salframe.graphs.turning.from_near_side does the same for detectors.
+    The range image is rotated back. Use it for networks whose output depends on the first column of the panorama, for
+    example because of strides. The estimate then does not depend on the heading of the camera.
+    salframe.graphs.turning.from_near_side does the same for detectors.
     """
 
     @wraps(estimate)

@@ -17,8 +17,10 @@ from salframe.testing.datasets import DatasetRules
 from salframe.testing.declaration import check_config, check_declaration
 from salframe.testing.detectors import DetectorRules
 from salframe.testing.engines import EngineRules
+from salframe.testing.evidence import EvidenceRules
 from salframe.testing.expectations import ConformanceError, DoesNotApply, expect
 from salframe.testing.identities import check_files
+from salframe.testing.importers import ImporterRules, check_recording
 from salframe.testing.localizers import LocalizerRules
 from salframe.testing.planners import PlannerRules
 from salframe.testing.range_models import RangeModelRules
@@ -35,17 +37,20 @@ __all__ = [
     "RuleStatus",
     "Rules",
     "check_component",
+    "check_recording",
     "expect",
 ]
 
 _RULES: dict[str, type[Rules[Any]]] = {
     "dataset": DatasetRules,
+    "importer": ImporterRules,
     "range-model": RangeModelRules,
     "detector": DetectorRules,
     "saliency": SaliencyRules,
     "scene-index": SceneIndexRules,
     "matcher": MatcherRules,
     "positioner": PositionerRules,
+    "evidence": EvidenceRules,
     "planner": PlannerRules,
     "scorer": ScorerRules,
     "localizer": LocalizerRules,

@@ -210,7 +210,9 @@ class _FloorMap:
         self.edges += [make_edge(grid, names[i], names[j], corners) for i, j, corners in paths]
         if paths:
             listed = ", ".join(f"{names[i]} to {names[j]}" for i, j, _ in paths)
-            self._notes.append(f"edges without line of sight, along the shortest path over clear floor: {listed}")
+            self._notes.append(
+                f"edges along a shortest path, because no straight line over clear floor joins their nodes: {listed}"
+            )
         connections = np.vstack([pairs, np.array([(i, j) for i, j, _ in paths], int).reshape(-1, 2)])
         self._note_unreachable(components(len(positions), connections))
 

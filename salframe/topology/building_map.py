@@ -64,17 +64,15 @@ def build_map(
 ) -> BuildingMap:
     """Build the map of a dataset and save it to the folder `output`, in one step.
 
-    The map localizes queries with a method, and has a topology where the dataset has floors. If the floors do not allow
-    a topology, such as two floors at one height, the map has no topology, and `tell` is called with the reason. A
-    dataset without reference frames gives the topology alone. The new map replaces the map in `output`.
+    The map has a topology if the dataset has floor masks. If no topology can be computed from them, `tell` is called
+    with the reason. A map without reference frames has only the topology. The new map replaces the map in `output`.
 
     Args:
         data: name of a dataset or preset, a YAML file, or a folder with a manifest.json.
         output: folder to write the map to.
         method: name of a preset or localizer (default: the default of `salframe build`).
         topology: whether to build the topology of the floors.
-        choose: place one scene node where each region has the largest clearance, instead of one at each reference
-            frame.
+        choose: place one scene node in the widest part of each region, instead of one at each reference frame.
         data_dir: folder with the files of the dataset.
         overrides: settings, "key.path=value" each; settings of data and engine start with "data." and "engine.".
         engine: name of the component that renders and describes.
@@ -122,8 +120,8 @@ class Whereabouts:
 
     Attributes:
         localization: The answer of the localizer.
-        node: The nearest node. Without a pose, or with a pose off all floors, the node of the reference frame that
-            answered. None in a map without topology, and where the answer is not accepted.
+        node: The nearest node; without a pose on a floor, the node of the best reference frame. None in a map without
+            topology, and if the answer is not accepted.
         distance_m: Walking distance to the node, None without a pose.
         heading_rad: Azimuth of the panorama's x axis in the world frame, None without a pose.
         route: The route to the goal, where a goal was passed and can be reached.
@@ -148,9 +146,9 @@ def ask_map(
 ) -> Whereabouts:
     """Localize a query with a saved map, find the nearest node, and plan the route to a node or place.
 
-    With a pose the route begins at that pose, in the node `here`; without a pose it begins at the node of the reference
-    frame that answered. Where there is no route, the answer has the reason instead: the goal is unknown or cannot be
-    reached, the map has no topology, or the answer is not accepted.
+    The route begins at the estimated pose, in the node `here`. Without a pose, it begins at the node of the best
+    reference frame. If there is no route, the answer has the reason: the goal is unknown or cannot be reached, the map
+    has no topology, or the answer is not accepted.
 
     Args:
         directory: folder of the map.

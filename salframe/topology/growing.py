@@ -63,9 +63,9 @@ def add_to_map(
 ) -> MapChange:
     """Add the places of a dataset to the map in the folder `directory`, with the method and settings of the map.
 
-    A place that the map already has is replaced: all its frames are removed. Panoramas of the map are not described
-    again. The floors of the dataset and of the map are joined (`join_floors`), and the topology is computed again from
-    floors and frames. Dataset and map must share one world frame. The map changes in one atomic step.
+    A place that the map already has is replaced, with all its frames. The panoramas of the map are not needed. The
+    floors of the dataset and of the map are joined (`join_floors`), and the topology is computed again. Dataset and map
+    must have the same world frame. The map changes completely or not at all.
 
     Args:
         directory: folder of the map.
@@ -106,9 +106,9 @@ def add_to_map(
 def remove_from_map(directory: str | Path, places: Iterable[str]) -> MapChange:
     """Remove places from the map in the folder `directory`.
 
-    Their frames and regions are removed, and the floor of these regions, so that no route leads to or through them. The
-    topology is computed again from the remaining places; it is dropped where none of them has a floor. The map changes
-    in one atomic step.
+    Their frames, regions and floor areas are removed, so no route leads to or through them. The topology is computed
+    again from the remaining places; it is dropped if none of them has a floor. The map changes completely or not at
+    all.
 
     Raises:
         UnknownName: The map has no such place.
@@ -134,10 +134,10 @@ def remove_from_map(directory: str | Path, places: Iterable[str]) -> MapChange:
 def merge_maps(directory: str | Path, others: Iterable[str | Path]) -> MapChange:
     """Add the places of other maps, which do not change, to the map in the folder `directory`.
 
-    All maps must have the same method, the same settings of its description, and one world frame. Settings that affect
-    matching only are taken from the first map. Masks of the same floor are joined (`join_floors`), and floors at other
-    heights are added. The topology is computed again from all floors and frames; a map without topology gets none. The
-    map changes in one atomic step.
+    All maps must have the same method, the same settings that affect descriptions, and the same world frame. Settings
+    that affect only matching are taken from the first map. Masks of the same floor are joined (`join_floors`), and
+    floors at other heights are added. The topology is computed again; a map without topology gets none. The map changes
+    completely or not at all.
 
     Raises:
         DataError: A folder holds no map with a method, methods, settings or weights differ, two maps have a place or a

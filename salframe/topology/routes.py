@@ -81,10 +81,9 @@ def find_nodes(topology: TopologicalMap, name: str, doors: bool = False) -> list
     """Return the ids of the nodes that a name stands for: the node with this id, or the nodes of the place.
 
     Args:
-        topology: The map.
-        name: Id of a node, or name of a place.
-        doors: Whether to return the transition nodes of a place rather than its scene nodes. The other kind is returned
-            where the place has no node of this kind.
+        topology: The map. name: Id of a node, or name of a place. doors: Whether to return the transition nodes of a
+        place instead of its scene nodes. If the place has none of the
+            requested kind, the nodes of the other kind are returned.
 
     Raises:
         UnknownName: There is no such node or place. The message names the closest one.
@@ -132,8 +131,8 @@ def find_route(topology: TopologicalMap, start: str, goal: str, planner: str | N
 def with_position(topology: TopologicalMap, xyz_m: np.ndarray) -> TopologicalMap:
     """Return the map with an additional node, `here`, below the position of an agent or its camera.
 
-    The node is on the nearest clear floor where the position is inside a wall or obstacle. Edges connect it to every
-    node in its line of sight, or along the shortest path over clear floor where there is none.
+    If the position is inside a wall or obstacle, the node is on the nearest clear floor. Edges connect it to every node
+    in its line of sight. If there is none, an edge follows the shortest path over clear floor.
 
     Args:
         topology: The map.

@@ -176,7 +176,7 @@ def test_another_content_of_the_file_is_another_model(network):
         ({"metric": True, "input": "equirectangular"}, "takes images of 128 x 128, expected width = 2 x height"),
         (
             {"metric": True, "input": "equirectangular", "gives": "z-depth"},
-            "the range model 'onnx-depth' has gives: z-depth and input: equirectangular",
+            "the range model 'onnx-depth' has gives: z-depth with input: equirectangular",
         ),
     ],
 )

@@ -64,7 +64,7 @@ def test_edges_follow_equation_1():
 
 def test_box_distance_is_euclidean_in_the_corner_and_over_height():
     found = detections([[0, 0, 0], [4, 5, 0], [0, 0, 3]], np.ones((3, 3)))
-    assert box_distances(found)[0] == pytest.approx([0, 5, 2])
+    assert box_distances(found, np.zeros(3, int), np.arange(3)) == pytest.approx([0, 5, 2])
 
 
 def test_nodes_are_chosen_by_share_and_number():

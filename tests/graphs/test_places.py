@@ -8,7 +8,8 @@ import yaml
 from pydantic import ValidationError
 from salframe_graphs.localizer import SaliencyGraphLocalizer
 from salframe_graphs.places import localizer as places_localizer
-from salframe_graphs.places.evidence import EvidenceWeights, label_evidence, shipped_weights
+from salframe_graphs.places.evidence import shipped_weights
+from salframe_graphs.places.evidence_components import label_evidence
 from salframe_graphs.places.localizer import OUTLINE, SaliencyPlacesLocalizer
 from salframe_graphs.places.merging import Place
 from salframe_graphs.places.place_index import index_places
@@ -127,7 +128,7 @@ def test_a_map_opened_again_answers_alike(settings, tmp_path, monkeypatch):
         np.testing.assert_array_equal(before.covariance, after.covariance)
         evidence, other = (one.evidence(description).values for one in (made, again))
         assert evidence["outline"].any()
-        for name in EvidenceWeights.model_fields:
+        for name in shipped_weights():
             np.testing.assert_array_equal(evidence[name], other[name])
 
 
@@ -151,8 +152,8 @@ def test_an_outline_is_remembered_where_there_is_range():
     seen = panorama("q", ["a"], np.eye(4))
     ranged = Panorama("q", range_m=np.full((90, 180), 3.0, np.float32), annotations=seen.annotations)
     with_outline, without = (
-        SaliencyPlacesLocalizer(SaliencyPlacesLocalizer.Config(detector="annotations", outline=outline))
-        for outline in (True, False)
+        SaliencyPlacesLocalizer(SaliencyPlacesLocalizer.Config(detector="annotations", evidence=evidence))
+        for evidence in (["outline"], ["likelihood"])
     )
     plain = without.describe(ranged)
     assert set(with_outline.describe(ranged)) - set(plain) == {"outline_m", "reach_m", "shown_from_m"}
@@ -167,7 +168,7 @@ def test_an_outline_is_remembered_where_there_is_range():
 def test_what_is_fitted_comes_from_a_file_or_the_settings(tmp_path):
     rates, weights = shipped_rates().model_copy(update={"clutter": 0.5}), shipped_weights()
     path = tmp_path / "fitted.yaml"
-    path.write_text(yaml.safe_dump({"rates": rates.model_dump(), "weights": weights.model_dump()}))
+    path.write_text(yaml.safe_dump({"rates": rates.model_dump(), "weights": dict(weights)}))
     Config = SaliencyPlacesLocalizer.Config
     shipped, filed, given = (
         Config(detector="annotations", **settings)
@@ -218,7 +219,7 @@ def test_each_part_of_the_evidence_is_what_it_says():
     query, _ = asked(["a"], 0.4)
     seen = describe_frame(made, query)[0]
     evidence = made.evidence(seen)
-    assert evidence.values.keys() == EvidenceWeights.model_fields.keys()
+    assert evidence.values.keys() == shipped_weights().keys()
     assert sorted(evidence.places) == ["a", "b"]
     row = list(evidence.places).index("a")
     parts = {name: values[row] for name, values in evidence.values.items()}
@@ -228,7 +229,7 @@ def test_each_part_of_the_evidence_is_what_it_says():
     assert parts["detected_labels"] == parts["labels_shared"] == 1  # nothing else is in the room
     assert parts["outline"] == 0  # object lists have none
     scores = {place.place: place.score for place in made.match(seen).places}
-    assert scores == pytest.approx(evidence.place_scores(made.config.weights.model_dump()))
+    assert scores == pytest.approx(evidence.place_scores(made.config.weights))
 
 
 def test_places_whose_panoramas_are_less_like_the_query_are_not_matched():

@@ -102,7 +102,7 @@ DESCRIBING = {
     "graph.top_k": 3,
     "graph.extent": "max",
     "graph.distance": "centroid",
-    "outline": False,
+    "evidence": ["likelihood", "panorama", "labels"],
 }
 """For each setting of descriptions another value."""
 
@@ -122,6 +122,7 @@ def changed(key, value):
 
 def configured(*changes):
     content = preset().model_dump(mode="json")
+    del content["weights"]  # the evidence determines which there are
     for change in changes:
         content = merge(content, change)
     return validate(SaliencyPlacesLocalizer.Config, content, "proposed")

@@ -198,8 +198,16 @@ def test_a_network_without_a_card_says_what_to_write(tmp_path):
     ("changes", "error", "message"),
     [
         ({"labels": ["wall", "tv"]}, WeightsError, "gives .* 5, expected 4 axes with 2 classes, one for each label"),
-        ({"labels": ["wall", "sofa"]}, ConfigError, "the label 'sofa' is in none of structure, fixed and objects"),
-        ({"structure": ["wall", "tv"]}, ConfigError, "the label 'tv' is in structure and objects of structure"),
+        (
+            {"labels": ["wall", "sofa"]},
+            ConfigError,
+            "the label 'sofa' is in none of the sections structure, fixed and objects",
+        ),
+        (
+            {"structure": ["wall", "tv"]},
+            ConfigError,
+            "the label 'tv' is in structure and objects of the sections structure",
+        ),
         (
             {"output": {"name": "gone", "layout": "nchw", "values": "logits"}},
             WeightsError,

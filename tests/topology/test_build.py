@@ -130,7 +130,9 @@ def test_a_way_round_a_corner_is_added_where_sight_does_not_reach_and_reported()
     assert taut_m - 0.1 <= bent.length_m <= taut_m + 0.3
     assert bent.length_m == pytest.approx(np.linalg.norm(np.diff(bent.path_m, axis=0), axis=1).sum())
     assert abs(np.degrees(edge(topology, "a", "west/east").azimuth_rad)) < 2
-    assert topology.notes == ("edges without line of sight, along the shortest path over clear floor: a to west/east",)
+    assert topology.notes == (
+        "edges along a shortest path, because no straight line over clear floor joins their nodes: a to west/east",
+    )
 
 
 def test_floors_are_told_apart_by_height_and_said_to_be_apart():
@@ -200,7 +202,7 @@ def test_every_room_of_a_building_is_reachable(style, rooms, seed):
         for name in node.frames:
             assert np.hypot(*(at[name] - node.xyz_m[:2])) <= (0.3 if node.kind == "transition" else 1e-9)
     pockets = [f"node {name} is out of reach: no clear floor leads to it" for name in sorted(set(graph) - main)]
-    assert sorted(note for note in topology.notes if "edges without line of sight" not in note) == pockets
+    assert sorted(note for note in topology.notes if "edges along a shortest path" not in note) == pockets
     grid = FloorGrid(building.floor_masks(), 0.18)
     clear = ndimage.label(grid.clear)[0]
     parts = {node.id: clear[cell(grid.to_pixel(np.array(node.xyz_m[:2])))] for node in topology.nodes}

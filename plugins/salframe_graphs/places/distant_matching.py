@@ -7,15 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.packing import graph_from_arrays
 from salframe.localization.localizer import Description
-from salframe_graphs.panorama_scores import PanoramaScores
 from salframe_graphs.places.distant_views import ViewGroup, combine_groups
-from salframe_graphs.places.gathering import gather_evidence
+from salframe_graphs.places.evidence import PlaceEvidence
 from salframe_graphs.places.heights import height_of
 from salframe_graphs.places.likelihood import PlaceLikelihood
-from salframe_graphs.places.map_places import MapPlaces
-from salframe_graphs.places.outline import OUTLINE
 from salframe_graphs.places.query_objects import QueryObjects
 from salframe_graphs.places.search import Ranking, search
 from salframe_graphs.places.windows import Windows
@@ -26,10 +24,10 @@ POSES = 1
 
 
 def rank_distant_views(
-    places: MapPlaces,
+    evidence: PlaceEvidence,
     windows: Windows,
-    matching: PanoramaScores,
     config: Any,
+    query: SaliencyGraph,
     description: Description,
     groups: Sequence[ViewGroup],
     matched: np.ndarray,
@@ -41,15 +39,16 @@ def rank_distant_views(
     objects of the places alone (`combine_groups`).
 
     Args:
-        places: The places of the map.
-        windows: Their windows.
-        matching: Matches a query with single panoramas of the map.
+        evidence: The evidence, indexed for the map.
+        windows: The windows of the places of the map.
         config: Config of the localizer `saliency-places`.
-        description: The joined description of all views.
+        query: The joined graph of all views.
+        description: Their joined description.
         groups: The groups of the views.
         matched: (C,) numbers of the places to match, ascending.
     """
-    nodes = QueryObjects.of(graph_from_arrays(description), places.index.vocabulary)
+    places = evidence.places
+    nodes = QueryObjects.of(query, places.index.vocabulary)
     if not (nodes.label >= 0).any() or not len(matched):
         return None
     index, sectors, height_m = windows.take(matched), sectors_from_arrays(description), height_of(description)
@@ -57,12 +56,11 @@ def rank_distant_views(
     if not len(result.poses):
         return None
     poses = result.poses.at(matched[result.poses.place])
-    value = config.weights.likelihood * result.score
-    if OUTLINE in description:
-        value = value + config.weights.outline * places.outlines.ratio(description[OUTLINE], poses)
-    best = int(np.argmax(value))
+    names = places.shown.name[poses.place]
+    of_poses = evidence.gather(nodes, description, poses.place, names, poses, result.score, of_poses=True)
+    best = int(np.argmax(of_poses.scores(config.weights) if of_poses.values else result.score))
     scores = [
-        _group_scores(places, matching, config, group, matched, poses.shift_m[best], float(poses.yaw_rad[best]))
+        _group_scores(evidence, config, group, matched, poses.shift_m[best], float(poses.yaw_rad[best]))
         for group in groups
     ]
     if all(score is None for score in scores):
@@ -76,16 +74,11 @@ def rank_distant_views(
 
 
 def _group_scores(
-    places: MapPlaces,
-    matching: PanoramaScores,
-    config: Any,
-    group: ViewGroup,
-    matched: np.ndarray,
-    shift_m: np.ndarray,
-    yaw_rad: float,
+    evidence: PlaceEvidence, config: Any, group: ViewGroup, matched: np.ndarray, shift_m: np.ndarray, yaw_rad: float
 ) -> np.ndarray | None:
     """Return the score (C,) of places for a group of views, if (2,) `shift_m` and `yaw_rad` are the pose of the last
     view; None where the map has none of the group's labels."""
+    places = evidence.places
     nodes = QueryObjects.of(graph_from_arrays(group.description), places.index.vocabulary)
     if not (nodes.label >= 0).any():
         return None
@@ -98,5 +91,5 @@ def _group_scores(
     poses = group.poses(shift_m, yaw_rad, len(matched))
     likelihood = np.logaddexp(scorer.score(poses)[0], scorer.score_without_pose())
     names, in_map = places.shown.name[matched], poses.at(matched)
-    evidence = gather_evidence(places, matching, nodes, group.description, matched, names, in_map, likelihood)
-    return evidence.scores(config.weights.model_dump())
+    gathered = evidence.gather(nodes, group.description, matched, names, in_map, likelihood)
+    return gathered.scores(config.weights)

@@ -21,7 +21,10 @@ class DistantViews(Settings):
     """How views that were taken far apart are matched in a map without floor masks."""
 
     near_m: float = Field(
-        2.5, ge=0, description="maximum distance (m) of a view from the last view of its group; a group is in one place"
+        2.5,
+        ge=0,
+        description="maximum distance (m) of a view from the last view of its group; all views of a group are in one "
+        "place",
     )
     window_m: float = Field(
         5.0, gt=0, description="maximum distance (m) of the objects of a place's window from the place's frames"

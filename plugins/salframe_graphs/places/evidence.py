@@ -1,67 +1,208 @@
-"""Columns of evidence for a place, and their weights, which are fitted on tuning data."""
+"""All evidence of a localizer as one: its components, their columns, and the weights of the columns."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
+from math import lcm
+from pathlib import Path
+from typing import Any
 
 import numpy as np
-from pydantic import Field
 
+from salframe.framework.component import ComponentConfig
+from salframe.framework.components.registry import registry
 from salframe.framework.config import read_yaml
-from salframe.framework.validation import Settings, validate
-from salframe.graphs.segments import ranges
-from salframe_graphs.node_pairs import label_counts
-from salframe_graphs.places.place_index import PlaceIndex
+from salframe.framework.errors import InvalidAnswer
+from salframe.framework.files.columns import Columns
+from salframe.localization.evidence import Evidence
+from salframe.localization.evidence_model import EvidenceColumn, EvidenceModel
+from salframe.localization.localizer import Description
+from salframe.localization.posterior import read_fitted
+from salframe.panoramas.panorama import Panorama
+from salframe_graphs.panorama_scores import PanoramaScores
+from salframe_graphs.places.evidence_components import ObjectHypotheses
+from salframe_graphs.places.map_places import MapPlaces
+from salframe_graphs.places.poses import Poses
+from salframe_graphs.places.query_objects import QueryObjects
 from salframe_graphs.places.rates import SHIPPED
 
 
-class EvidenceWeights(Settings):
-    """Weights of the columns of evidence in the score of a place. The softmax of the scores gives probabilities."""
-
-    likelihood: float = Field(
-        description="weight of the log likelihood ratio (nats) of the query's objects, at the best pose in the "
-        "candidate place"
-    )
-    bearing_likelihood: float = Field(
-        description="weight of the same log likelihood ratio (nats) of a query without range"
-    )
-    outline: float = Field(
-        description="weight of the log likelihood ratio (nats) of the outline of the free space, at the best pose "
-        "in the candidate place"
-    )
-    panorama: float = Field(
-        description="weight of the best score among the matches of the query with the single panoramas of the "
-        "candidate place"
-    )
-    detected_labels: float = Field(
-        description="weight of the share of the query's labels that the candidate place has; rare labels count more"
-    )
-    labels_shared: float = Field(
-        description="weight of the Jaccard index of the labels of query and candidate place; rare labels count more"
-    )
+@cache
+def shipped_weights() -> Mapping[str, float]:
+    """Return the weights that are distributed with the method, by column."""
+    weights: Mapping[str, float] = read_yaml(SHIPPED)["weights"]
+    return weights
 
 
-def label_evidence(label: np.ndarray, index: PlaceIndex, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Compare the labels of a query with those of places.
+def columns_of(evidence: Sequence[ComponentConfig]) -> dict[str, EvidenceColumn]:
+    """Return the columns of configured components, by name. Raises ValueError where two have the same name."""
+    columns: dict[str, EvidenceColumn] = {}
+    models: list[Any] = [config.component for config in evidence]
+    for model in models:
+        for column in model.columns:
+            if column.name in columns:
+                raise ValueError(
+                    f"two components of evidence have the column {column.name!r}, expected each column once"
+                )
+            columns[column.name] = column
+    return columns
+
+
+def weights_of(evidence: Sequence[ComponentConfig], value: Any) -> Any:
+    """Return the weight of each column of evidence, in the order of the columns.
 
     Args:
-        label: (n,) labels of the query's objects as numbers of the index's vocabulary, -1 for other labels; n > 0.
-        index: The places of the map.
-        places: (K,) numbers of the places to compare with.
+        evidence: The configured components.
+        value: The weights that the user set, a mapping by column or a file of `salframe fit`. A file must have all
+            weights. Columns that a mapping lacks have the shipped weight or that of the component.
 
-    Returns:
-        The share (K,) of the query's labels that each place has, and the Jaccard index (K,) of both multisets of
-        labels, both weighted by rarity.
+    Raises:
+        ValueError: Two components have a column of the same name, the value has a weight of no column, or a column has
+            no weight.
+        ConfigError: The file cannot be read.
     """
-    count = index.count[places]
-    map_label = index.label[ranges(index.segments.start[places], count)]
-    distinct, number, counts = label_counts(label, len(index.vocabulary), map_label, count)
-    shared = np.minimum(counts, number) @ index.rarity[distinct]
-    query_rarity = number @ index.rarity[distinct]
-    return shared / query_rarity, shared / (index.weight[places] + query_rarity - shared)
+    columns = columns_of(evidence)
+    fitted = read_fitted("weights", value)
+    if not isinstance(fitted, Mapping):
+        return fitted
+    if unknown := [name for name in fitted if name not in columns]:
+        raise ValueError(
+            f"received a weight of {unknown[0]!r}, expected those of the columns of the evidence: {', '.join(columns)}"
+        )
+    weights = dict(fitted)
+    if not isinstance(value, str | Path) and "kind" not in value:
+        defaults = {name: shipped_weights().get(name, column.weight) for name, column in columns.items()}
+        weights = {name: weight for name, weight in defaults.items() if weight is not None} | weights
+    if missing := [name for name in columns if name not in weights]:
+        raise ValueError(
+            f"received no weight of {', '.join(missing)}, expected one for each column of the evidence: "
+            f"set weights.{missing[0]}, or fit all with `salframe fit`"
+        )
+    return {name: weights[name] for name in columns}
 
 
-@cache
-def shipped_weights() -> EvidenceWeights:
-    """Return the weights that are distributed with the method."""
-    return validate(EvidenceWeights, read_yaml(SHIPPED)["weights"], f"{SHIPPED}: weights:")
+class PlaceEvidence:
+    """The components of evidence, and the map that they are indexed for.
+
+    Attributes:
+        uses: Parts of a panorama that the components read where they are present.
+        column_step: Least common multiple of the components' steps; None if one of them has none.
+        places: The places of the map, after `index` or `open_index`.
+    """
+
+    places: MapPlaces
+
+    def __init__(self, evidence: Sequence[ComponentConfig]) -> None:
+        self._models: list[EvidenceModel] = [registry().build(EvidenceModel.role, config) for config in evidence]
+        self.uses = frozenset[str]().union(*(model.uses for model in self._models))
+        steps = [model.column_step for model in self._models]
+        self.column_step = None if None in steps else lcm(*(step for step in steps if step is not None))
+
+    def describe(self, panorama: Panorama, description: Description) -> Description:
+        """Return the description with the arrays of each component."""
+        return self._added(description, lambda model: model.describe(panorama, description))
+
+    def join(self, joined: Description, descriptions: Sequence[Description], T_last_view: np.ndarray) -> Description:
+        """Return the joined description of views with the arrays of each component."""
+        return self._added(joined, lambda model: model.join(descriptions, T_last_view))
+
+    def pack(self, packed: Description, description: Description) -> Description:
+        """Return the packed description with what each component stores."""
+        for model in self._models:
+            packed = _merged(packed, model.pack(description), model.name)
+        return packed
+
+    def unpack(self, description: Description, packed: Description) -> Description:
+        """Return the unpacked description with the arrays of each component."""
+        return self._added(description, lambda model: model.unpack(packed))
+
+    def index(self, descriptions: Sequence[Description], places: MapPlaces, matching: PanoramaScores) -> None:
+        """Index a map for all components."""
+        self.places, self._matching = places, matching
+        for model in self._models:
+            own = [model.arrays_of(description) for description in descriptions]
+            model.index(own, places.shown, places.T_world_pano)
+
+    def open_index(self, packed: Columns, places: MapPlaces, matching: PanoramaScores) -> None:
+        """Index an opened map for all components."""
+        self.places, self._matching = places, matching
+        for model in self._models:
+            model.open_index(packed, places.shown, places.T_world_pano)
+
+    def gather(
+        self,
+        nodes: QueryObjects,
+        description: Description,
+        rows: np.ndarray,
+        names: np.ndarray,
+        poses: Poses,
+        likelihood: np.ndarray,
+        *,
+        of_poses: bool = False,
+    ) -> Evidence:
+        """Return the evidence for H hypotheses of the place of a query. The first C have a pose.
+
+        Args:
+            nodes: The nodes of the query, with the vocabulary of the map.
+            description: The description of the query.
+            rows: (H,) number of the place of each hypothesis.
+            names: (H,) position in `places.names` of the name of each hypothesis.
+            poses: The C poses, with place numbers of the map.
+            likelihood: (H,) log likelihood ratio of objects and pose.
+            of_poses: Whether to return only the columns that depend on the pose.
+
+        Raises:
+            InvalidAnswer: A component returned other columns than it declares, or numbers of another shape or type.
+        """
+        hypotheses = ObjectHypotheses(
+            rows, poses.shift_m, poses.yaw_rad, poses.scale, likelihood, nodes, self.places, self._matching
+        )
+        columns: dict[str, np.ndarray] = {}
+        for model in self._models:
+            if model.uses_pose or not of_poses:
+                columns |= _checked(model, model.score(description, hypotheses), len(rows))
+        return Evidence([self.places.names[name] for name in names.tolist()], columns)
+
+    def _added(self, description: Description, arrays_of: Callable[[EvidenceModel], Description]) -> Description:
+        """Return a description with the arrays that a function returns for each component.
+
+        Raises:
+            InvalidAnswer: A component returned an array that it does not declare, or that is in the description.
+        """
+        for model in self._models:
+            arrays = arrays_of(model)
+            if undeclared := arrays.keys() - set(model.arrays):
+                raise InvalidAnswer(
+                    f"the evidence {model.name!r} returned the array {min(undeclared)!r}, expected only those that its "
+                    f"attribute `arrays` names: {', '.join(model.arrays) or 'none'}"
+                )
+            description = _merged(description, arrays, model.name)
+        return description
+
+
+def _merged(description: Description, arrays: Description, name: str) -> Description:
+    """Return a description with more arrays. Raises InvalidAnswer where it has an array of the same name."""
+    if taken := arrays.keys() & description.keys():
+        raise InvalidAnswer(
+            f"the evidence {name!r} returned the array {min(taken)!r}, which the description already has: "
+            "choose another name"
+        )
+    return {**description, **arrays}
+
+
+def _checked(model: EvidenceModel, columns: Mapping[str, np.ndarray], count: int) -> Mapping[str, np.ndarray]:
+    """Return the columns of a component. Raises InvalidAnswer where they are not those that it declares."""
+    names = [column.name for column in model.columns]
+    if columns.keys() != set(names):
+        raise InvalidAnswer(
+            f"the evidence {model.name!r} returned the columns {', '.join(columns) or 'none'}, "
+            f"expected {', '.join(names)}"
+        )
+    for name, values in columns.items():
+        if values.shape != (count,) or values.dtype != np.float64 or not np.isfinite(values).all():
+            raise InvalidAnswer(
+                f"the evidence {model.name!r} returned the column {name!r} as {values.dtype} of shape {values.shape}, "
+                f"expected finite float64 of shape ({count},)"
+            )
+    return columns

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from math import lcm
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from pydantic import BeforeValidator, Field
 
-from salframe.framework.component import ComponentConfig, added, match_only
+from salframe.framework.component import ComponentConfig
+from salframe.framework.components.identity import identity
 from salframe.framework.components.registry import registry
-from salframe.framework.components.slots import slot
-from salframe.framework.config import merge, read_yaml
 from salframe.framework.files.columns import Columns
-from salframe.framework.validation import Settings, validate
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.packing import graph_from_arrays
 from salframe.graphs.scene_index import SceneIndex
@@ -25,7 +22,6 @@ from salframe.graphs.vocabulary import unknown_labels
 from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches, RankedPlace, ranked_places
 from salframe.localization.evidence import Evidence
 from salframe.localization.localizer import Description
-from salframe.localization.posterior import Posterior, read_fitted
 from salframe.localization.saved_frames import SavedFrames
 from salframe.panoramas.floors import Regions
 from salframe.panoramas.frames import ReferenceFrame
@@ -33,18 +29,11 @@ from salframe.panoramas.geometry import invert_pose, pose_2d
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.place_heights import MAX_STEP_M
 from salframe.panoramas.view import OdometryNoise
-from salframe_graphs.graph_localizer import GraphLocalizer, GraphLocalizerConfig
-from salframe_graphs.panorama_scores import PanoramaScores, PanoramaScoresConfig
+from salframe_graphs.graph_localizer import GraphLocalizer
+from salframe_graphs.panorama_scores import PanoramaScores
 from salframe_graphs.places.distant_matching import rank_distant_views
-from salframe_graphs.places.distant_views import (
-    DistantViews,
-    ViewGroup,
-    group_views,
-    groups_from_arrays,
-    groups_to_arrays,
-)
-from salframe_graphs.places.evidence import EvidenceWeights, shipped_weights
-from salframe_graphs.places.gathering import gather_evidence
+from salframe_graphs.places.distant_views import ViewGroup, group_views, groups_from_arrays, groups_to_arrays
+from salframe_graphs.places.evidence import PlaceEvidence
 from salframe_graphs.places.heights import (
     PACKED_HEIGHT,
     at_map_height,
@@ -55,16 +44,14 @@ from salframe_graphs.places.heights import (
 )
 from salframe_graphs.places.joining import add_bearings, join_surroundings
 from salframe_graphs.places.map_places import MapPlaces
-from salframe_graphs.places.outline import OUTLINE, free_outline, pack_outline, unpack_outline
+from salframe_graphs.places.outline import OUTLINE
 from salframe_graphs.places.poses import Poses
 from salframe_graphs.places.query_objects import QueryObjects
-from salframe_graphs.places.rates import SHIPPED, Likelihood, Rates, shipped_rates
 from salframe_graphs.places.search import Ranking, SearchResult, search, settle
+from salframe_graphs.places.settings import PlacesConfig
 from salframe_graphs.sectors import Sectors, shown_bins
 from salframe_graphs.views import sectors_from_arrays, sectors_to_arrays
 
-PACKED = "outline_mm"
-"""Key of the outline of free space in a packed description."""
 _SCENES = "scenes"
 """Name of the scene index, in the folder of a map's index."""
 MIN_DEVIATION_M = 0.02
@@ -73,22 +60,6 @@ MIN_EXPLAINED = 2
 """Minimum number of query objects of a pose that belong to the place with a probability above 0.5."""
 MAX_RANKED = 2000
 """Maximum number of ranked places. On larger maps they are the best places by the scene index."""
-
-
-@cache
-def shipped_posterior() -> Posterior:
-    """Return the posterior that is distributed with the method.
-
-    It never answers that a query is out-of-map, because most robots stay on their map.
-    """
-    fitted = validate(Posterior, read_yaml(SHIPPED)["posterior"], f"{SHIPPED}: posterior:")
-    return fitted.model_copy(update={"max_out_of_map_probability": 1.0})  # type: ignore[no-any-return]
-
-
-def _over_shipped(part: str, shipped: Callable[[], Settings], value: Any) -> Any:
-    """Return the value of a setting with fitted numbers: the user's values, and the shipped ones for all others."""
-    fitted = read_fitted(part, value)
-    return merge(shipped().model_dump(), fitted) if isinstance(fitted, Mapping) else fitted
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,79 +82,37 @@ class _Hypotheses:
 class SaliencyPlacesLocalizer(GraphLocalizer):
     """Merges the objects of each place's panoramas, and estimates place and pose of a query together.
 
-    The evidence for a place is a likelihood ratio of the objects, the outline of free space, the match score of the
-    best single panorama, and rare labels, with fitted weights (`weights`). The objects of a query may have a range, or
-    a bearing and a solid angle only.
+    The `evidence` for a place is by default a likelihood ratio of the objects, the outline of free space, the match
+    score of the best single panorama, and rare labels, with fitted `weights`. The objects of a query may have a range,
+    or a bearing and a solid angle only.
     """
 
     name = "saliency-places"
     version = "8"
     uses_floors = True
 
-    class Config(GraphLocalizerConfig, PanoramaScoresConfig):
-        outline: bool = Field(
-            True,
-            description="true: the outline of the free space above the furniture is stored in the map and used as "
-            "evidence; false: it is not",
-        )
-        rates: Annotated[Rates, BeforeValidator(partial(_over_shipped, "rates", shipped_rates))] = Field(
-            default_factory=shipped_rates,
-            description="mapping with the error rates of the detector, or a file written by `salframe fit`",
-            json_schema_extra={"match_only": True},
-        )
-        weights: Annotated[EvidenceWeights, BeforeValidator(partial(_over_shipped, "weights", shipped_weights))] = (
-            Field(
-                default_factory=shipped_weights,
-                description="mapping from each column of evidence to its weight in the score of a place, or a file "
-                "written by `salframe fit`",
-                json_schema_extra={"match_only": True},
-            )
-        )
-        likelihood: Likelihood = match_only(
-            Likelihood(), description="constants of the likelihood of a query that are independent of the detector"
-        )
-        posterior: Annotated[
-            Posterior | None, BeforeValidator(partial(_over_shipped, "posterior", shipped_posterior))
-        ] = Field(
-            default_factory=shipped_posterior,
-            description="parameters that convert scores to probabilities, or a file written by `salframe fit`; the "
-            "default never answers out-of-map (to enable: max_out_of_map_probability=0.5); null: no probabilities",
-            json_schema_extra={"match_only": True},
-        )
-        candidates: int = match_only(
-            100,
-            ge=1,
-            description="maximum number of places that are matched object by object, the best ones of the scene index",
-        )
-        scene_index: slot("scene-index", "by-size", match_only=True)  # type: ignore[valid-type]
-        merged: bool = match_only(
-            True,
-            description="true: the panoramas of a place are merged into one graph; false: each panorama has its own "
-            "graph",
-        )
-        pose: bool = match_only(
-            True,
-            description="true: the answer has the estimated pose; false: it has the pose of the nearest reference "
-            "frame",
-        )
-        poses: int = match_only(3, ge=1, description="maximum number of pose hypotheses that are refined in each place")
-        distant_views: DistantViews = added(
-            DistantViews(),
-            match_only=True,
-            description="how views of a query that were taken far apart are matched in a map without floor masks",
-        )
+    class Config(PlacesConfig):
+        """See PlacesConfig."""
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
         self._matching = PanoramaScores(self.config)
-        self._weights = self.config.weights.model_dump()
+        self._evidence = PlaceEvidence(self.config.evidence)
+
+    @property
+    def uses(self) -> frozenset[str]:  # type: ignore[override]
+        """Parts of a panorama that the graph or the evidence reads where they are present."""
+        return super().uses | self._evidence.uses
+
+    def describe_identity(self) -> dict[str, Any]:
+        stored = tuple(config for config in self.config.evidence if config.component.arrays)
+        return identity(self.config.model_copy(update={"evidence": stored}), describing=True)
 
     def describe(self, panorama: Panorama) -> Description:
         description = {**super().describe(panorama)}
         if panorama.range_m is not None:
             description |= measure_height(panorama)
-            if self.config.outline:
-                description[OUTLINE] = free_outline(panorama.range_m, height_of(description))
+        description = {**self._evidence.describe(panorama, description)}
         shown = None if panorama.valid is None else shown_bins(panorama.valid)
         is_partial = shown is not None and not shown.all()
         if is_partial or OUTLINE in description:
@@ -193,52 +122,54 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
     def join(
         self, descriptions: Sequence[Description], T_last_view: np.ndarray, odometry: OdometryNoise
     ) -> Description:
-        joined = self._join(descriptions, T_last_view, odometry)
+        graphs = [graph_from_arrays(description) for description in descriptions]
+        joined = self._join(descriptions, graphs, T_last_view, odometry)
         numbers = group_views(T_last_view, self.config.distant_views.near_m)
         if len(numbers) == 1 or self.floors:  # floor masks show the place at a pose
             return joined
         groups = []
         for group in numbers:
-            T_last_group = T_last_view[group[-1]]
-            views = [descriptions[number] for number in group]
-            description = (
-                views[0]
-                if len(views) == 1
-                else self._join(views, invert_pose(T_last_group) @ T_last_view[group.start : group.stop], odometry)
-            )
+            T_last_group, views = T_last_view[group[-1]], slice(group.start, group.stop)
+            description = descriptions[group[-1]]
+            if len(group) > 1:
+                T_group_view = invert_pose(T_last_group) @ T_last_view[views]
+                description = self._join(descriptions[views], graphs[views], T_group_view, odometry)
             groups.append(ViewGroup(description, T_last_group))
         return {**joined, **groups_to_arrays(groups)}
 
     def _join(
-        self, descriptions: Sequence[Description], T_last_view: np.ndarray, odometry: OdometryNoise
+        self,
+        descriptions: Sequence[Description],
+        graphs: Sequence[SaliencyGraph],
+        T_last_view: np.ndarray,
+        odometry: OdometryNoise,
     ) -> Description:
-        ranged = [n for n, part in enumerate(descriptions) if not graph_from_arrays(part).bearings_only]
-        joined = super().join([descriptions[n] for n in ranged], T_last_view[ranged], odometry) if ranged else None
-        joined = add_bearings(joined, descriptions, T_last_view)
-        return {**joined, **join_surroundings(descriptions, T_last_view)}
+        ranged = [n for n, graph in enumerate(graphs) if not graph.bearings_only]
+        joined = self.join_graphs([graphs[n] for n in ranged], T_last_view[ranged], odometry) if ranged else None
+        whole = add_bearings(joined, graphs, T_last_view)
+        description = {**self.joined_arrays(whole, descriptions), **join_surroundings(descriptions, T_last_view)}
+        return self._evidence.join(description, descriptions, T_last_view)
 
     def pack(self, description: Description) -> Description:
-        packed = {**super().pack(description), **pack_height(description)}
-        return {**packed, PACKED: pack_outline(description[OUTLINE])} if OUTLINE in description else packed
+        return self._evidence.pack({**super().pack(description), **pack_height(description)}, description)
 
     def unpack(self, packed: Description) -> Description:
-        description = {**super().unpack(packed), **unpack_height(packed)}
-        return {**description, OUTLINE: unpack_outline(packed[PACKED])} if PACKED in packed else description
+        return self._evidence.unpack({**super().unpack(packed), **unpack_height(packed)}, packed)
 
     @property
     def column_step(self) -> int | None:  # type: ignore[override]
-        """The `column_step` of the detector; None if the pose does not turn with the panorama."""
-        return super().column_step if self.config.pose else None
+        """Least common multiple of the steps of detector and evidence; None if the pose does not turn with the
+        panorama."""
+        detector, evidence = super().column_step, self._evidence.column_step
+        return None if detector is None or evidence is None or not self.config.pose else lcm(detector, evidence)
 
     def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> None:
         graphs = [graph_from_arrays(description) for description in descriptions]
         self._matching.index(graphs, frames)
-        outlines_m = [description.get(OUTLINE) for description in descriptions]
         heights_m = np.array([height_of(description) for description in descriptions])
         regions, config = Regions(self.floors) if self.floors else None, self.config
-        self._map = MapPlaces.gather(
-            graphs, frames, outlines_m, heights_m, regions, config.rates, config.likelihood, config.merged
-        )
+        self._map = MapPlaces.gather(graphs, frames, heights_m, regions, config.rates, config.likelihood, config.merged)
+        self._evidence.index(descriptions, self._map, self._matching)
         self._windows = self._map.windows(config.distant_views.window_m)
         self._scenes = self._new_scene_index()
         if self._scenes is not None:
@@ -254,8 +185,9 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
     def open_index(self, folder: Path, packed: Columns, frames: SavedFrames) -> None:
         self._matching.open_index(folder, MappedGraphs(packed), frames)
         regions = Regions(self.floors) if self.floors else None
-        outline_mm, height_mm = (packed.columns.get(name) for name in (PACKED, PACKED_HEIGHT))
-        self._map = MapPlaces.read(folder, outline_mm, height_mm, len(packed), frames.poses(), regions)
+        height_mm = packed.columns.get(PACKED_HEIGHT)
+        self._map = MapPlaces.read(folder, height_mm, len(packed), frames.poses(), regions)
+        self._evidence.open_index(packed, self._map, self._matching)
         self._windows = self._map.windows(self.config.distant_views.window_m)
         self._scenes = self._new_scene_index()
         if self._scenes is not None:
@@ -303,14 +235,14 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
             raised = at_map_height(query, height_of(description), self._map.index.camera_height_m)
             matched, _ = self._shortlist(raised)
             ranking = rank_distant_views(
-                self._map, self._windows, self._matching, self.config, description, groups, matched
+                self._evidence, self._windows, self.config, query, description, groups, matched
             )
             if ranking is not None:
                 return ranking
         hypotheses = self._hypotheses(query, description)
         if hypotheses is None:
             return None
-        value = hypotheses.evidence.scores(self._weights)
+        value = hypotheses.evidence.scores(self.config.weights)
         names, first, row = np.unique(hypotheses.name, return_index=True, return_inverse=True)
         score, pose_row = np.full(len(names), -np.inf), np.full(len(names), -1)
         np.logaddexp.at(score, row, value)
@@ -379,7 +311,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         other_likelihood = np.where(matched[position] == others, without_pose[position], without_pose.min())
         value = np.concatenate([np.logaddexp(result.score, without_pose[result.poses.place]), other_likelihood])
         numbers = np.concatenate([pose_name, places.shown.name[others]])
-        evidence = gather_evidence(places, self._matching, nodes, description, rows, numbers, poses, value)
+        evidence = self._evidence.gather(nodes, description, rows, numbers, poses, value)
         return _Hypotheses(numbers, evidence, poses, result)
 
     def _shortlist(self, query: SaliencyGraph) -> tuple[np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""The places of a map in the layout for matching: objects, frames, outlines of free space and regions."""
+"""The places of a map in the layout for matching: objects, frames and regions."""
 
 from __future__ import annotations
 
@@ -16,13 +16,11 @@ from salframe.panoramas.floors import Regions
 from salframe.panoramas.frames import ReferenceFrame
 from salframe_graphs.places.heights import place_heights
 from salframe_graphs.places.merging import gather_places
-from salframe_graphs.places.outline import MapOutlines, unpack_outline
 from salframe_graphs.places.place_index import PLACE_COLUMNS, PlaceIndex, index_places, place_rows, read_places
 from salframe_graphs.places.poses import Poses
 from salframe_graphs.places.rates import Likelihood, Rates
 from salframe_graphs.places.shown import ShownPlaces
 from salframe_graphs.places.windows import Windows
-from salframe_graphs.sectors import BINS
 
 _PLACES = "places"
 """Name of the columns of places in the folder of a map's index."""
@@ -37,14 +35,12 @@ class MapPlaces:
         shown: The places and their scene frames.
         index: The objects of the places.
         T_world_pano: (S, 3, 4) poses of the frames.
-        outlines: The outlines of free space of the scene frames.
         regions: The floor area of each place; None where it is unknown.
     """
 
     shown: ShownPlaces
     index: PlaceIndex
     T_world_pano: np.ndarray
-    outlines: MapOutlines
     regions: Regions | None
 
     @classmethod
@@ -52,7 +48,6 @@ class MapPlaces:
         cls,
         graphs: Sequence[SaliencyGraph],
         frames: Sequence[ReferenceFrame],
-        outlines_m: Sequence[np.ndarray | None],
         heights_m: np.ndarray,
         regions: Regions | None,
         rates: Rates,
@@ -64,7 +59,6 @@ class MapPlaces:
         Args:
             graphs: The graph of each frame.
             frames: The frames.
-            outlines_m: The outline (BINS,) of free space of each frame in metres, or None.
             heights_m: (S,) height of each frame's camera over the floor, NaN where it is unknown.
             regions: The floor area of each place, or None.
             rates: Error rates of the detector.
@@ -78,12 +72,10 @@ class MapPlaces:
         shown = ShownPlaces.of(places)
         camera_height_m = place_heights(shown, heights_m, T_world_pano[:, 2, 3])
         index = index_places(places, cameras_m, rates, likelihood, camera_height_m)
-        unknown = np.full(BINS, np.nan, np.float32)
-        outline_m = np.array([unknown if outline is None else outline for outline in outlines_m])
-        return cls(shown, index, T_world_pano, _outlines(shown, outline_m, T_world_pano), regions)
+        return cls(shown, index, T_world_pano, regions)
 
     def write(self, folder: Path) -> None:
-        """Write the places to a folder, without the poses and outlines, which the map stores with its frames."""
+        """Write the places to a folder, without the poses, which the map stores with its frames."""
         shown = self.shown
         frames = np.split(shown.frame.astype(np.uint32), shown.start[1:-1])
         rows = (
@@ -96,7 +88,6 @@ class MapPlaces:
     def read(
         cls,
         folder: Path,
-        outline_mm: PackedColumn | None,
         height_mm: PackedColumn | None,
         num_frames: int,
         T_world_pano: np.ndarray,
@@ -106,7 +97,6 @@ class MapPlaces:
 
         Args:
             folder: The folder of `write`.
-            outline_mm: The packed outlines of the frames; None where no frame has one.
             height_mm: The packed heights of the frames' cameras; None where no frame has one.
             num_frames: Number of reference frames, S.
             T_world_pano: (S, 3, 4) poses of the frames.
@@ -115,15 +105,12 @@ class MapPlaces:
         columns = read_columns(folder / _PLACES, {**_SHOWN_COLUMNS, **PLACE_COLUMNS}).columns
         names, frames = columns["name"], columns["frames"]
         shown = ShownPlaces(names.words or (), names.values.astype(int), frames.values.astype(int), frames.start)
-        outline_m = np.full((num_frames, BINS), np.nan, np.float32)
-        if outline_mm is not None:
-            outline_m[np.diff(outline_mm.start) > 0] = unpack_outline(outline_mm.values.reshape(-1, BINS))
         height_m = np.full(num_frames, np.nan)
         if height_mm is not None:
             height_m[np.diff(height_mm.start) > 0] = height_mm.values / 1000
         camera_height_m = place_heights(shown, height_m, T_world_pano[:, 2, 3])
         index = read_places(columns, T_world_pano[shown.padded, :2, 3], camera_height_m)
-        return cls(shown, index, T_world_pano, _outlines(shown, outline_m, T_world_pano), regions)
+        return cls(shown, index, T_world_pano, regions)
 
     def __len__(self) -> int:
         return len(self.shown)
@@ -198,12 +185,3 @@ def _places_at(regions: Regions, xy_m: np.ndarray, frame: ReferenceFrame) -> lis
     """Return the place at each position (N, 2) on the floor of a frame, None outside all regions."""
     numbers = regions.at(xy_m, np.full(len(xy_m), frame.T_world_pano[2, 3]))
     return [regions.places[number] if number >= 0 else None for number in numbers.tolist()]
-
-
-def _outlines(shown: ShownPlaces, outline_m: np.ndarray, T_world_pano: np.ndarray) -> MapOutlines:
-    """Return the outlines by place, from the outlines (S, BINS) and the poses (S, 3, 4) of all frames."""
-    poses = T_world_pano[shown.padded]
-    yaw_rad = np.arctan2(poses[..., 1, 0], poses[..., 0, 0])
-    range_m = outline_m[shown.padded].astype(np.float64)
-    range_m[np.arange(range_m.shape[1]) >= np.diff(shown.start)[:, None]] = np.nan  # ignore repeated frames
-    return MapOutlines.of(range_m, np.concatenate([poses[..., :2, 3], yaw_rad[..., None]], -1))

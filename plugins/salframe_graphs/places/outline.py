@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from salframe.localization.evidence_model import PlaceFrames
 from salframe.panoramas.geometry import equirectangular_rays, wrap_angle
 from salframe_graphs.places.poses import Poses
 from salframe_graphs.sectors import BINS, MIDDLES_RAD, azimuth_bins
@@ -97,6 +98,16 @@ class MapOutlines:
     def of(cls, range_m: np.ndarray, pose: np.ndarray) -> MapOutlines:
         """Return an instance from outlines (K, F, BINS) and the poses (K, F, 3) of their cameras."""
         return cls(*(a.astype(np.float32) for a in (range_m, _corners(range_m, pose[..., :2], pose[..., 2]), pose)))
+
+    @classmethod
+    def of_places(cls, outline_m: np.ndarray, places: PlaceFrames, T_world_pano: np.ndarray) -> MapOutlines:
+        """Return an instance from the outlines (S, BINS) and the poses (S, 3, 4) of all frames of a map, NaN for a
+        frame without an outline."""
+        poses = T_world_pano[places.padded]
+        yaw_rad = np.arctan2(poses[..., 1, 0], poses[..., 0, 0])
+        range_m = outline_m[places.padded].astype(np.float64)
+        range_m[np.arange(range_m.shape[1]) >= np.diff(places.start)[:, None]] = np.nan  # ignore repeated frames
+        return cls.of(range_m, np.concatenate([poses[..., :2, 3], yaw_rad[..., None]], -1))
 
     @cached_property
     def has_outline(self) -> np.ndarray:

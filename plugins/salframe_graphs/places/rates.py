@@ -49,8 +49,8 @@ class Rates(Settings):
     )
     clutter: float = Field(
         gt=0,
-        description="rate of clutter: number of query objects that belong to no object of the place, relative to "
-        "the number of objects of the place",
+        description="rate of clutter: number of query objects without a counterpart in the place, divided by the "
+        "number of objects of the place",
     )
 
 

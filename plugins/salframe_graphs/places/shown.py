@@ -9,24 +9,13 @@ from functools import cached_property
 import numpy as np
 
 from salframe.graphs.segments import ranges, starts
+from salframe.localization.evidence_model import PlaceFrames
 from salframe_graphs.places.merging import Place
 
 
 @dataclass(frozen=True, eq=False)
-class ShownPlaces:
-    """K places of a map with P distinct names. Several places may have the same name.
-
-    Attributes:
-        names: The distinct names.
-        name: (K,) position in `names` of each place's name.
-        frame: (F,) numbers in the map of the scene frames, one place after the other.
-        start: (K + 1,) position in `frame` of each place's first frame, and F.
-    """
-
-    names: Sequence[str]
-    name: np.ndarray
-    frame: np.ndarray
-    start: np.ndarray
+class ShownPlaces(PlaceFrames):
+    """The places of a map, with the frames of each name."""
 
     @classmethod
     def of(cls, places: Sequence[Place]) -> ShownPlaces:
@@ -39,24 +28,10 @@ class ShownPlaces:
             starts(np.array([len(place.frames) for place in places], int)),
         )
 
-    def __len__(self) -> int:
-        return len(self.name)
-
     @cached_property
     def number(self) -> dict[str, int]:
         """Mapping from each place name to its position in `names`."""
         return {name: i for i, name in enumerate(self.names)}
-
-    @cached_property
-    def place(self) -> np.ndarray:
-        """(F,) number of the place of each frame."""
-        return np.repeat(np.arange(len(self)), np.diff(self.start))
-
-    @cached_property
-    def padded(self) -> np.ndarray:
-        """(K, maximum number of frames of a place): the frames of each place; the last one is repeated."""
-        count = np.diff(self.start)
-        return self.frame[self.start[:-1, None] + np.minimum(np.arange(count.max()), count[:, None] - 1)]
 
     @cached_property
     def _of_names(self) -> tuple[np.ndarray, np.ndarray]:

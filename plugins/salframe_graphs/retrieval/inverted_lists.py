@@ -19,8 +19,8 @@ from salframe_graphs.retrieval.scoring import best_scenes
 class InvertedLists(SceneIndex):
     """Ranks scenes by the Jaccard index of their objects and the query's, weighted by the rarity of labels.
 
-    An object contributes to the intersection its similarity in height, length and box height to the most similar object
-    with the same label.
+    An object counts in the intersection with its similarity (in height, box length and box height) to the most similar
+    object with the same label.
     """
 
     name = "inverted-lists"

@@ -228,7 +228,9 @@ def _with_data(study: Study, request: Request) -> Request:
     if not any(getattr(config, "root", "") is None for config in configs):
         return without
     if request.data_dir is None:
-        raise InputMissing(f"the data, {configs[0].kind}, are files that you supply: give their folder with --data-dir")
+        raise InputMissing(
+            f"the dataset {configs[0].kind} needs files that you supply: name their folder with --data-dir DIR"
+        )
     return request
 
 

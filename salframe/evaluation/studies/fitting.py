@@ -143,7 +143,7 @@ def fit_method(
             f"weights: mean -ln(probability of the query's place) {after:.3f}, {before:.3f} for a uniform distribution"
         )
     elif tries:
-        raise ConfigError(f"{method} has no setting `weights`, expected a method with this setting to try settings")
+        raise ConfigError(f"{method} has no setting `weights`, which --try needs: try another method")
     answers = [answer for tuning in tunings for answer in _scored(tuning, content)]
     try:
         fit = fit_posterior(answers)
@@ -244,8 +244,9 @@ def _scored(tuning: Tuning, changes: Mapping[str, Any]) -> Iterator[ScoredAnswer
 
 def _summary(fit: Fit) -> list[str]:
     return [
-        f"temperature {fit.posterior.temperature:.4g}: of {fit.place_answers} answers that rank the query's place, "
-        f"mean -ln(its share of the places) {fit.place_nll_after:.3f}, {fit.place_nll_before:.3f} at temperature 1",
-        f"head: of {fit.answers} answers, the query's place in the map or not, mean -ln(probability of what is so) "
-        f"{fit.here_nll_after:.3f}, {fit.here_nll_before:.3f} knowing only how many are",
+        f"temperature {fit.posterior.temperature:.4g}: mean -ln(probability of the query's place) "
+        f"{fit.place_nll_after:.3f}, "
+        f"{fit.place_nll_before:.3f} at temperature 1; {fit.place_answers} answers",
+        f"head: mean -ln(probability of the true case, in the map or out of it) {fit.here_nll_after:.3f}, "
+        f"{fit.here_nll_before:.3f} with a constant probability; {fit.answers} answers",
     ]

@@ -53,8 +53,8 @@ class StoredTable(Settings):
         keys = {json.dumps([settings, row.get("method")]) for settings, row in zip(self.settings, self.rows)}  # noqa: B905
         if not len(keys) == len(self.rows) == len(self.settings):
             raise ValueError(
-                f"received {len(self.rows)} rows and {len(self.settings)} settings for {len(keys)} different methods "
-                "with settings, expected one of each; remove the table to measure it again"
+                f"received {len(self.rows)} rows and {len(self.settings)} settings for {len(keys)} methods, expected "
+                "equal numbers: remove the table to measure it again"
             )
         return self
 

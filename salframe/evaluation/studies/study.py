@@ -73,9 +73,7 @@ class Study(Settings):
     @model_validator(mode="after")
     def _check(self) -> Study:
         if (self.method is None) == (not self.methods):
-            raise ValueError(
-                "received both or neither of the keys method and methods, expected either method or methods"
-            )
+            raise ValueError("received both or none of the keys method and methods, expected exactly one")
         empty = [key for key, values in self.vary.items() if not values]
         if empty:
             raise ValueError(f"the list vary.{', '.join(empty)} has no value, expected at least one")

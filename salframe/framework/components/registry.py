@@ -272,8 +272,7 @@ def _check_settings(component: type[Component], where: str) -> None:
     unordered = [name for name in model.model_fields if _holds_set(getattr(defaults, name))]
     if unordered:
         raise SalframeError(
-            f"{where}.Config has a set for {', '.join(unordered)}, expected a tuple: settings are written to files, "
-            "and the order of a set differs between processes"
+            f"{where}.Config has a set for {', '.join(unordered)}, expected a tuple, which has an order"
         )
     try:
         json.dumps(defaults.model_dump(mode="json", warnings=False))

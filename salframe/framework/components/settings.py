@@ -56,6 +56,10 @@ def list_settings(config: BaseModel, prefix: str = "") -> Iterator[Setting]:
             yield Setting(key, kinds, default_kinds, f"{value[0].component.role}, ...", help)
             for number, item in enumerate(value):
                 yield from list_settings(item, f"{key}[{number}].")
+        elif keys := _keys_of(config, name):
+            default, kind = defaults.get(name) or {}, _spell(typing.get_args(field.annotation)[1])
+            for inner, help in keys.items():
+                yield Setting(f"{key}.{inner}", plain[name][inner], default.get(inner), kind, help)
         elif not isinstance(value, BaseModel):
             yield Setting(key, plain[name], _kind(defaults.get(name)), _type(field), help)
         if isinstance(value, BaseModel):
@@ -115,10 +119,14 @@ def changed_settings(
                 yield from changed_settings(item, before[number] if number < len(before) else None, f"{key}[{number}].")
         elif name != "kind":
             new, old = flatten({key: values[name]}), flatten({key: base_values.get(name)})
-            if old.keys() <= new.keys():
+            if old.keys() <= new.keys() or _keys_of(config, name):
                 yield from ((inner, one) for inner, one in new.items() if inner not in old or old[inner] != one)
             else:
                 yield key, values[name]
+
+
+def _keys_of(config: BaseModel, name: str) -> Mapping[str, str]:
+    return config.keys_of(name) if isinstance(config, ComponentConfig) else {}
 
 
 def _kind(default: Any) -> Any:

@@ -35,7 +35,7 @@ class Engine(Role):
     def map(self, function: Callable[[Any], Any], items: Sequence[Any]) -> Iterator[Any]:
         """Yield function(item) for each item, in order.
 
-        The worker processes end with the call, and so does any state that they have.
+        The worker processes end when all items are done.
 
         Args:
             function: A picklable function.

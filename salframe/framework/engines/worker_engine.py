@@ -48,8 +48,8 @@ class WorkerEngine(Engine):
             None,
             ge=1,
             le=1024,
-            description="number of worker processes, each with one thread per native library; null: one per processor, "
-            "and one with all processors if times are measured",
+            description="number of worker processes with one thread each; null: one per processor, or a single one "
+            "with all processors to measure times",
         )
 
     @abstractmethod

@@ -167,6 +167,28 @@ def read_csv_numbers(path: Path, columns: Sequence[str], optional: Sequence[str]
     Raises:
         DataError: The file is not a CSV table, a column is missing, or a value is no finite number.
     """
+    texts = read_csv_texts(path, columns, optional)
+    names = [*columns, *optional]
+    numbers = np.full((len(texts[names[0]]), len(names)), np.nan)
+    for place, name in enumerate(names):
+        for number, text in enumerate(texts.get(name, ())):
+            try:
+                numbers[number, place] = float(text)
+            except ValueError:
+                numbers[number, place] = np.nan
+            if not np.isfinite(numbers[number, place]):
+                raise DataError(f"{path}: {name} is {text!r} in row {number + 1}, expected a finite number")
+    return numbers
+
+
+def read_csv_texts(path: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> dict[str, list[str]]:
+    """Read columns of a CSV file with a header as text, by name. Other columns are ignored.
+
+    Columns in `optional` are left out where the file does not have them.
+
+    Raises:
+        DataError: The file is not a CSV table, or a column is missing.
+    """
     reader = csv.reader(io.StringIO(read_text(path, "a CSV table")), skipinitialspace=True)
     try:
         rows = [row for row in reader if row]
@@ -177,20 +199,8 @@ def read_csv_numbers(path: Path, columns: Sequence[str], optional: Sequence[str]
         raise DataError(f"{path} has no column {absent[0]}, expected the columns {','.join(columns)}")
     if len(rows) - 1 > _MAX_ROWS:
         raise DataError(f"{path} has {len(rows) - 1} rows, expected at most {_MAX_ROWS}")
-    names = [*columns, *optional]
-    numbers = np.full((len(rows) - 1, len(names)), np.nan)
-    for number, row in enumerate(rows[1:]):
-        for place, name in enumerate(names):
-            if name not in header:
-                continue
-            text = row[header.index(name)] if header.index(name) < len(row) else ""
-            try:
-                numbers[number, place] = float(text)
-            except ValueError:
-                numbers[number, place] = np.nan
-            if not np.isfinite(numbers[number, place]):
-                raise DataError(f"{path}: {name} is {text!r} in row {number + 1}, expected a finite number")
-    return numbers
+    indices = {name: header.index(name) for name in (*columns, *optional) if name in header}
+    return {name: [row[index] if index < len(row) else "" for row in rows[1:]] for name, index in indices.items()}
 
 
 def read_network(path: Path) -> bytes:

@@ -130,10 +130,10 @@ def test_what_papers_report_is_a_table_apart():
 
 
 def test_it_is_told_where_no_detector_ran():
-    assert LocalizationTask.legend(ROWS) == ["describe ms: no detector ran for a_b, which had annotations"]
+    assert LocalizationTask.legend(ROWS) == ["describe ms: no detector time for a_b, which use annotations"]
     assert LocalizationTask.legend(ROWS[1:]) == []
     many = LocalizationTask.legend(4 * ROWS[:1])
-    assert many == ["describe ms: no detector ran for all 4 methods, which had annotations"]
+    assert many == ["describe ms: no detector time for all 4 methods, which use annotations"]
 
 
 @pytest.mark.parametrize(("size", "text"), [(None, "-"), (999, "999 B"), (1500, "1.5 kB"), (123456, "123 kB")])

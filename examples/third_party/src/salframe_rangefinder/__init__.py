@@ -4,6 +4,7 @@ from pathlib import Path
 
 import salframe
 from salframe_rangefinder.detector import HeightBands
+from salframe_rangefinder.evidence import RangeSpectrum
 from salframe_rangefinder.localizer import RangeProfile
 from salframe_rangefinder.planner import NetworkxPlanner
 from salframe_rangefinder.rooms import BoxRooms
@@ -13,4 +14,5 @@ from salframe_rangefinder.stages import ApparentSize, BoxSizes, PlanarFit
 @salframe.hookimpl
 def salframe_provides():
     presets = salframe.Presets(Path(__file__).parent / "presets")
-    return [BoxRooms, HeightBands, ApparentSize, BoxSizes, PlanarFit, NetworkxPlanner, RangeProfile, presets]
+    stages = [ApparentSize, BoxSizes, PlanarFit, RangeSpectrum]
+    return [BoxRooms, HeightBands, *stages, NetworkxPlanner, RangeProfile, presets]

@@ -84,7 +84,7 @@ COLUMNS: dict[str, Column[DetectionRow]] = {
     "recall": rate_column("recall %\n(95 % CI)", lambda row: row.recall),
     "annotated": Column("annotated", lambda row: _overall(row, lambda counts: counts.annotated)),
     "detections": Column("detections", lambda row: _overall(row, lambda counts: counts.detections)),
-    "right": Column("right", lambda row: _overall(row, lambda counts: counts.right)),
+    "right": Column("correct", lambda row: _overall(row, lambda counts: counts.right)),
     "ms": cost_column("ms", lambda row: row.ms, 0),
 }
 USUAL = tuple(COLUMNS)
@@ -94,7 +94,7 @@ def class_tables(rows: Sequence[DetectionRow]) -> list[Table]:
     """Return a table of the classes of each detector that was measured."""
     return [
         Table(
-            (row.title, "precision %", "recall %", "annotated", "detections", "right"),
+            (row.title, "precision %", "recall %", "annotated", "detections", "correct"),
             [
                 [
                     label,

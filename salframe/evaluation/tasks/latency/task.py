@@ -26,7 +26,8 @@ from salframe.framework.components.registry import registry
 from salframe.framework.engines.process_pool import ProcessPool
 from salframe.framework.errors import DataError, MethodFailed
 from salframe.framework.files.cache import Cache
-from salframe.localization.describing import describe_frame, read_config
+from salframe.localization.described_query import describe_view
+from salframe.localization.describing import read_config
 from salframe.localization.localizer import Localizer
 from salframe.localization.map import LocalizationMap, open_map
 from salframe.panoramas.dataset import Dataset
@@ -114,7 +115,7 @@ def _result(future: Future[Any]) -> Any:
     try:
         return future.result()
     except BrokenProcessPool:
-        raise MethodFailed("the process that had opened the map ended before its answer") from None
+        raise MethodFailed("the process that opened the map ended before it answered: run the command again") from None
 
 
 def save_first_map(method: str, data: str, output: str) -> None:
@@ -164,12 +165,13 @@ def _query_program(query: str) -> Row:
     """Query the map, and return its cost. The memory includes the panorama of the query."""
     (program,) = _programs
     panorama = program.queries[query].load()
-    description, seconds = describe_frame(program.opened.localizer, QueryFrame(query, lambda: panorama))
+    view = describe_view(program.opened.localizer, QueryFrame(query, lambda: panorama))
+    described = program.opened.describe_query([view])
     start = time.perf_counter()
-    program.opened.answer(description)
+    program.opened.answer_query(described)
     query_ms = 1e3 * (time.perf_counter() - start)
     first, program.has_answered = not program.has_answered, True
-    cost = {"first": first, "describe_ms": 1e3 * seconds, "query_ms": query_ms}
+    cost = {"first": first, "describe_ms": 1e3 * described.seconds, "query_ms": query_ms}
     return {**cost, "queried_mb": _more(program.before_mb)} if first else cost
 
 

@@ -25,9 +25,11 @@ from salframe.framework.errors import (
 )
 from salframe.framework.files.cache import Cache
 from salframe.localization.answers import Localization
+from salframe.localization.described_query import DescribedView, describe_view
 from salframe.localization.describing import describe_frame
 from salframe.localization.fusing import FUSED, Fusion
 from salframe.localization.left_out import check_left_out, left_out_note
+from salframe.localization.level_frames import level_key
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map import LocalizationMap
 from salframe.panoramas.dataset import Dataset
@@ -47,12 +49,14 @@ class Answering(Worker[Query]):
         self, localizer: Localizer, dataset: Dataset, todo: Sequence[Query], folder: Path, fusion: Fusion
     ) -> None:
         folds = {piece.fold.id: piece.fold for piece in todo}
-        uses = Counter(frame.id for fold in folds.values() for frame in fold.references)
-        uses.update(view.id for piece in todo for view in piece.frame.views)
+        frames: list[ReferenceFrame | QueryFrame] = []
+        for fold in folds.values():
+            frames += fold.references
+        frames += [view for piece in todo for view in piece.frame.views]
         self._fusion, self._fused = fusion, list[str]()
         self._localizer, self._floors, self._fold = localizer, dataset.floors(), ""
         self._places: dict[str, str] = {}
-        self._descriptions = _Descriptions(localizer, dataset.content_key, uses, folder / DESCRIPTIONS)
+        self._descriptions = _Descriptions(localizer, dataset.content_key, frames, folder / DESCRIPTIONS)
         self._measured = {row.fold for row in read_rows(folder / MAPS, MapLine)}
         self._maps = RowWriter(folder / MAPS)
         self._left_out: dict[str, DataError | InputMissing] = {}
@@ -73,13 +77,13 @@ class Answering(Worker[Query]):
 
     def work(self, piece: Query) -> Row:
         try:
-            views = [self._descriptions.take(view) for view in piece.frame.views]
+            views = [self._descriptions.take_view(view) for view in piece.frame.views]
+            query = self._map.describe_query(views, piece.frame.T_last_view)
         except FRAME_ERRORS as error:
             self._unusable.append(str(error))
             raise
         start = time.perf_counter()
-        descriptions, describe_ms = [description for description, _ in views], sum(ms for _, ms in views)
-        answer = self._map.answer_views(descriptions, piece.frame.T_last_view, self._fusion)
+        answer = self._map.answer_query(query, self._fusion)
         query_ms = (time.perf_counter() - start) * 1e3
         self._fused += [note for note in answer.notes if FUSED in note]
         for ranked in answer.places:
@@ -88,7 +92,7 @@ class Answering(Worker[Query]):
                     f"match returned {ranked}, expected the id of a reference frame of the map, "
                     "with the place of this frame"
                 )
-        return {**answer_row(answer, describe_ms, query_ms), "status": answer.status, "error": None}
+        return {**answer_row(answer, query.seconds * 1e3, query_ms), "status": answer.status, "error": None}
 
     def _index(self, fold: Fold) -> LocalizationMap:
         """Index the reference frames of a fold; `warning` reports frames that cannot be used and are left out.
@@ -132,28 +136,41 @@ class Answering(Worker[Query]):
 class _Descriptions:
     """Describes each frame once, caches the description until its last use, and records the time."""
 
-    def __init__(self, localizer: Localizer, dataset: str, uses: Counter[str], path: Path) -> None:
-        self._localizer, self._dataset, self._cache, self._uses = localizer, dataset, Cache(), uses
+    def __init__(
+        self, localizer: Localizer, dataset: str, frames: Sequence[ReferenceFrame | QueryFrame], path: Path
+    ) -> None:
+        """Prepare to describe `frames`, each as often as it is listed."""
+        self._localizer, self._dataset, self._cache = localizer, dataset, Cache()
+        self._uses = Counter(map(self._key, frames))
         self._recorded = {row.frame for row in read_rows(path, DescriptionLine)}
         self._costs = RowWriter(path)
         self._results: dict[str, tuple[Description, float] | Exception] = {}
         self.notes: dict[str, str] = {}
 
     def take(self, frame: ReferenceFrame | QueryFrame) -> tuple[Description, float]:
-        """Return the description of a frame, and the milliseconds that computing it took.
+        """Return the description of a frame, and the seconds that computing it took.
 
         Raises one of FRAME_ERRORS on a frame that cannot be used.
         """
-        if frame.id not in self._results:
+        key = self._key(frame)
+        if key not in self._results:
             try:
-                self._results[frame.id] = self._describe(frame)
+                self._results[key] = self._describe(frame)
             except FRAME_ERRORS as error:
-                self._results[frame.id] = error
-        self._uses[frame.id] -= 1
-        result = self._results[frame.id] if self._uses[frame.id] else self._results.pop(frame.id)
+                self._results[key] = error
+        self._uses[key] -= 1
+        result = self._results[key] if self._uses[key] else self._results.pop(key)
         if isinstance(result, Exception):
             raise result
         return result
+
+    def take_view(self, frame: QueryFrame) -> DescribedView:
+        """Return the description of a view of a query. Raises as `take`."""
+        return describe_view(self._localizer, frame, self._cache, self._dataset, self.take(frame))
+
+    def _key(self, frame: ReferenceFrame | QueryFrame) -> str:
+        """Return the id of a frame, with its levelling: a frame may be a reference and, without its pose, a query."""
+        return f"{frame.id} {level_key(self._localizer, frame)}"
 
     def _describe(self, frame: ReferenceFrame | QueryFrame) -> tuple[Description, float]:
         description, seconds = describe_frame(self._localizer, frame, self._cache, self._dataset)
@@ -162,7 +179,7 @@ class _Descriptions:
         if frame.id not in self._recorded:
             self._recorded.add(frame.id)
             self._costs.append({"frame": frame.id, "ms": seconds * 1e3})
-        return description, seconds * 1e3
+        return description, seconds
 
     def close(self) -> None:
         self._costs.close()

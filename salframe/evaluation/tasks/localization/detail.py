@@ -24,6 +24,7 @@ from salframe.framework.files.hashes import digest
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.packing import GRAPH_ARRAYS, graph_from_arrays
 from salframe.localization.answers import NodeMatches, PointMatches
+from salframe.localization.described_query import describe_view
 from salframe.localization.describing import describe_frame
 from salframe.localization.evidence import Evidence
 from salframe.localization.level_frames import correspond
@@ -121,7 +122,7 @@ class _Method:
         self._cache, self._descriptions = Cache(), dict[str, Description]()
         self._describer = digest(localizer.describe_identity())[:8]
         weights = getattr(localizer.config, "weights", None)
-        self._weights: dict[str, float] = weights.model_dump() if isinstance(weights, BaseModel) else {}
+        self._weights: dict[str, float] = dict(weights) if isinstance(weights, BaseModel | Mapping) else {}
         self._frames: dict[str, ReferenceFrame] = {}
 
     def take(self, fold: Fold) -> None:
@@ -145,7 +146,7 @@ class _Method:
         Also add the objects of the query to `query`. Add the frame of the answer and, if the answer is wrong, a frame
         of the true place to the frames of the report, with their objects.
         """
-        description = self._describe(frame)
+        description = self._describe_query(frame, row)
         objects = describe_objects(description)
         if objects is not None:
             query["objects"][self._describer] = objects
@@ -165,9 +166,15 @@ class _Method:
             "evidence": None if evidence is None or row is None else self._weigh(evidence, row, truth, correct),
         }
 
-    def _describe(self, frame: ReferenceFrame | QueryFrame) -> Description:
-        if isinstance(frame, QueryFrame):
-            return describe_frame(self._localizer, frame, self._cache, self._dataset.content_key)[0]
+    def _describe_query(self, frame: QueryFrame, row: AnswerRow | None) -> Description:
+        """Return the description that gave the answer: that of the turned panorama if the answered camera hangs upside
+        down."""
+        view = describe_view(self._localizer, frame, self._cache, self._dataset.content_key)
+        pose = None if row is None else row.pose_matrix
+        is_turned = pose is not None and pose[2, 2] < 0 and self._localizer.level != "off"
+        return view.describe_turned()[0] if is_turned else view.description
+
+    def _describe(self, frame: ReferenceFrame) -> Description:
         if frame.id not in self._descriptions:
             self._descriptions[frame.id] = describe_frame(
                 self._localizer, frame, self._cache, self._dataset.content_key

@@ -161,7 +161,7 @@ def _recalls(arm_answers: Sequence[ArmAnswers]) -> Iterator[Figure]:
         traces.append({"arm": one.number, "x": k.tolist(), "y": numbers(share, 4), "mode": "lines+markers"})
     if traces:
         x = {"title": {"text": "k"}, "dtick": 1}
-        layout = {"xaxis": x, "yaxis": {**PERCENT, "title": {"text": "right place among the first k"}}}
+        layout = {"xaxis": x, "yaxis": {**PERCENT, "title": {"text": "correct place among the first k"}}}
         yield {"title": "Recall of places", "data": traces, "layout": layout}
 
 

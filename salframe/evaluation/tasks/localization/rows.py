@@ -42,7 +42,8 @@ class AnswerRow(PieceRow):
             sides = {len(self.covariance), *map(len, self.covariance)}
             if sides not in ({3}, {6}):
                 raise ValueError(
-                    "the covariance of a pose has another shape than (3, 3) and (6, 6), expected one of the two"
+                    f"the covariance of a pose has {len(self.covariance)} rows of lengths "
+                    f"{sorted(set(map(len, self.covariance)))}, expected 3 x 3 or 6 x 6"
                 )
         if len(self.probabilities or ()) != (0 if self.out_of_map_probability is None else len(self.places)):
             raise ValueError(

@@ -129,9 +129,9 @@ COLUMNS: dict[str, Column[LocalizationRow]] = {
     "pose": Column("median\npose error", _pose),
     "heading": number_column("median\nheading error deg", lambda row: row.median_heading_deg, 1),
     "pose_recall": Column("pose recall %\n.25/.5/1 m", _pose_recall),
-    "present_accuracy": rate_column("in the map:\nright % (95 % CI)", lambda row: row.present_accuracy),
+    "present_accuracy": rate_column("in the map:\ncorrect % (95 % CI)", lambda row: row.present_accuracy),
     "present_scene_accuracy": share_column("without\ntransitions %", lambda row: row.present_scene_accuracy),
-    "rejection_rate": rate_column("not in it:\ndenied % (95 % CI)", lambda row: row.rejection_rate),
+    "rejection_rate": rate_column("out of map:\nrejected % (95 % CI)", lambda row: row.rejection_rate),
     "precision_at": Column("precision % at\nrecall 50/75/90 %", _precision_at),
     "average_precision": rate_column("average precision %\n(95 % CI)", lambda row: row.average_precision),
     "roc_area": rate_column("ROC area %\n(95 % CI)", lambda row: row.roc_area),
@@ -155,10 +155,11 @@ OUT_OF_MAP = (
 )
 """Columns of the table of methods with out-of-map queries."""
 ABOUT = (
-    "Accuracy, recalls and curves are over all queries: a failure counts as wrong and infinitely far; "
-    "intervals are of queries clustered by place. The median error is over the correctly localized queries that have a "
-    "pose. Times are medians when first computed, without loading images. p: exact paired test of the accuracy, "
-    "clustered by place, against the first measured method of the same run, after Holm."
+    "Accuracy, recalls and curves are over all queries. A failed query counts as wrong, with an infinite pose error. "
+    "The intervals take into account that queries of one place are correlated. The median error is over the queries "
+    "with "
+    "the correct place and a pose. Times are medians, without loading images. p: exact paired test of the accuracy "
+    "against the first measured method of the same run, clustered by place, adjusted by Holm's method."
 )
 """Note on the columns for the page."""
 
@@ -180,4 +181,4 @@ def describe_times_note(rows: Sequence[LocalizationRow]) -> list[str]:
     """Return a note on the methods whose time to describe a panorama includes no detector; none without them."""
     methods = [row.title for row in rows if row.measured and any(part.startswith("annotations") for part in row.input)]
     listed = list_methods(methods, [row.title for row in rows])
-    return [f"describe ms: no detector ran for {listed}, which had annotations"] if methods else []
+    return [f"describe ms: no detector time for {listed}, which use annotations"] if methods else []

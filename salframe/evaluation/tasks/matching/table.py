@@ -43,8 +43,8 @@ COLUMNS: dict[str, Column[MatchingRow]] = {
     "mma_5": rate_column("MMA@5 %\n(95 % CI)", lambda row: row.mma_5),
     "precision": rate_column("precision %\n(95 % CI)", lambda row: row.precision),
     "recall": rate_column("recall %\n(95 % CI)", lambda row: row.recall),
-    "matches": number_column("matches\na pair", lambda row: row.matches_per_pair, 1),
-    "true": number_column("true\na pair", lambda row: row.true_per_pair, 1),
+    "matches": number_column("matches\nper pair", lambda row: row.matches_per_pair, 1),
+    "true": number_column("true matches\nper pair", lambda row: row.true_per_pair, 1),
     "unmatched": count_column("pairs without\na match", lambda row: row.pairs_without_match),
     "pairs": count_column("pairs", lambda row: row.pairs),
 }

@@ -143,8 +143,7 @@ def choose_pairs(dataset: Dataset) -> list[FramePair]:
             truth = dataset.truth(query.id)
             if truth.T_world_pano is None:
                 raise DataError(
-                    f"the true pose of the query {query.id} is not known, expected one for every "
-                    "query of the task matching"
+                    f"the true pose of the query {query.id} is missing, expected a true pose of every query"
                 )
             if truth.place in scenes:
                 at_m, near = truth.T_world_pano[:3, 3], scenes[truth.place]

@@ -31,7 +31,7 @@ MEANS: Mapping[str, Callable[[EpisodeRow], float | None]] = {
 
 
 Scores = Callable[[Sequence[Part[NavigationSurvey, EpisodeRow]], Sequence[Record[EpisodeRow]]], Mapping[str, float]]
-"""Function that returns the metrics of a published task's scorer for the records of one method."""
+"""Function that returns the metrics of a benchmark's scorer for the records of one method."""
 
 
 def summarize_agents(

@@ -40,7 +40,7 @@ class NavigationOptions(TaskOptions):
     """Options of a navigation study."""
 
     episodes: NumEpisodes | str = Field(
-        100, description="number of random episodes in each dataset, or TASK:SPLIT for the episodes of a published task"
+        100, description="number of random episodes in each dataset, or BENCHMARK:SPLIT, such as reverie:val_seen"
     )
     positioning: Positioning = Field(
         Positioning.ON,

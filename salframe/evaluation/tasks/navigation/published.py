@@ -1,4 +1,4 @@
-"""Episodes of published tasks for an agent that knows the goals, and its answers in the format of the task."""
+"""Episodes of benchmarks for an agent that knows the goals, and its answers in the format of the task."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SUBMISSION = "submission.json"
 
 @dataclass(frozen=True)
 class Published:
-    """A split of a published task, identified by the name of its scorer."""
+    """A split of a benchmark, identified by the name of its scorer."""
 
     task: str
     split: str
@@ -71,6 +71,6 @@ class Published:
 
 
 def find_published(episodes: object) -> Published | None:
-    """Return the split of a text "TASK:SPLIT"; None where TASK is not the name of a scorer."""
+    """Return the split of a text "BENCHMARK:SPLIT"; None where BENCHMARK is not the name of a scorer."""
     task, colon, split = str(episodes).partition(":")
     return Published(task, split) if colon and task in registry().names("scorer") else None

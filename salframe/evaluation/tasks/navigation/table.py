@@ -27,7 +27,7 @@ class NavigationRow(MethodRow):
     Rates are over all episodes with their 95 % intervals; a crashed episode counts as a failure. Other means are over
     the episodes that ended. `p_value` is that of the exact paired test of success, clustered by goal, against the first
     measured method, and `p_adjusted` its adjustment by Holm's method. `scores` are the metrics of the scorer of a
-    published task by name, averaged over data sets.
+    benchmark by name, averaged over data sets.
     """
 
     episodes: int
@@ -68,20 +68,20 @@ COLUMNS: dict[str, Column[NavigationRow]] = {
 }
 USUAL = tuple(COLUMNS)
 ABOUT = (
-    "SR: the agent stops at most 0.5 m from the goal. SPL: success times the length of the shortest path along the "
-    "map over the longer of that and the path of the agent. Rates are over all episodes. p: exact paired test of "
-    "SR, clustered by goal, against the first measured method of the same run, after Holm."
+    "SR: share of all episodes in which the agent stops at most 0.5 m from the goal. SPL: mean of success (1 or 0) x "
+    "d0 / max(d0, d), where d is the distance walked and d0 the length of the shortest path along the map. p: exact "
+    "paired test of SR against the first measured method of the same run, clustered by goal, adjusted by Holm's method."
 )
 """Note on the columns for the page."""
 
 
 def score_tables(rows: Sequence[NavigationRow], leading: Mapping[str, Sequence[str]] | None = None) -> list[Table]:
-    """Return the table of the metrics that a published task defines; none without a published task."""
+    """Return the table of the metrics that a benchmark defines; none without a benchmark."""
     scored = [row for row in rows if row.scores]
     if not scored:
         return []
     columns: list[Column[NavigationRow]] = [INPUT, *map(_score_column, scored[0].scores)]
-    title = "by the task's own scorer: an upper bound, goals are known"
+    title = "scores of the benchmark, an upper bound: goals are known"
     return [draw_table(columns, scored, select_leading(leading, rows, scored), title)]
 
 

@@ -71,7 +71,7 @@ class NavigationTask(PagedTask[Episode, NavigationSurvey, EpisodeRow, Navigation
         config: The settings of navigation.
         requests: The number of episodes to draw, or the episodes.
         seed: Seed of the episodes and of the noise.
-        published: The published task of the episodes.
+        published: The benchmark of the episodes.
     """
 
     config: NavigationConfig
@@ -205,8 +205,8 @@ def navigate(
     Args:
         request: The request. Settings "navigation.KEY" are those of NavigationConfig. The seed is used for episodes,
             noise and intervals.
-        episodes: The number of random episodes, a JSON file of episodes, or "TASK:SPLIT": a split of a published task
-            whose files are in the `root` of the data set. In a published task the agent knows the goals, and the
+        episodes: The number of random episodes, a JSON file of episodes, or "BENCHMARK:SPLIT": a split of a benchmark
+            whose files are in the `root` of the data set. In a benchmark the agent knows the goals, and the
             answers of each method are written in the format of the task.
         positioning: The arms to run.
         progress: Reports the progress.

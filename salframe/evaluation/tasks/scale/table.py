@@ -45,13 +45,13 @@ class ScaleRow(MethodRow):
 COLUMNS: dict[str, Column[ScaleRow]] = {
     "input": INPUT,
     "build": cost_column("build\ns", lambda row: row.build_s),
-    "memory": cost_column("building\nMB", lambda row: row.build_memory_mb, 0),
+    "memory": cost_column("memory while\nbuilding MB", lambda row: row.build_memory_mb, 0),
     "bytes": bytes_column("bytes\n/scene", lambda row: row.bytes_per_scene),
     "open": cost_column("open\ns", lambda row: row.open_s),
     "median": cost_column("query\nmedian ms", lambda row: row.query_median_ms),
     "p95": cost_column("query\np95 ms", lambda row: row.query_p95_ms),
     "recall": rate_column("R@1 %\n(95 % CI)", lambda row: row.recall_at_1),
     "recall_both": rate_column("R@1 %\nof the first 50", lambda row: row.recall_at_1_both),
-    "exhaustive": rate_column("these by matching\nall scenes: R@1 %", lambda row: row.recall_at_1_exhaustive),
+    "exhaustive": rate_column("R@1 % of the first 50,\nall scenes matched", lambda row: row.recall_at_1_exhaustive),
 }
 USUAL = tuple(COLUMNS)

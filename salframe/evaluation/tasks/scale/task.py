@@ -125,7 +125,7 @@ def _matcher_config(method: Localizer) -> ComponentConfig:
     for _, config in components_in(method.config):
         if issubclass(config.component, GraphMatcher) and config.component.uses_scene_index:
             return config
-    raise MethodUnavailable("the method has no matcher that uses a scene index")
+    raise MethodUnavailable("the method does not use a scene index, expected one that does, such as proposed")
 
 
 class _ScaleWorker(Worker[int]):

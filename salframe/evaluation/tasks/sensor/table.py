@@ -51,8 +51,8 @@ class SensorRow(MethodRow):
 COLUMNS: dict[str, Column[SensorRow]] = {
     "input": INPUT,
     "detection_rate": rate_column("detected %\n(95 % CI)", lambda row: row.detection_rate),
-    "right": rate_column("detected with\nright label %", lambda row: row.right),
-    "false": number_column("false objects\na panorama", lambda row: row.false_per_panorama, 1),
+    "right": rate_column("detected with\ncorrect label %", lambda row: row.right),
+    "false": number_column("false positives\nper panorama", lambda row: row.false_per_panorama, 1),
     "bearing": number_column("bearing\ndeg", lambda row: _scaled(row.bearing_rad, math.degrees(1)), 2),
     "range": number_column("range\n%", lambda row: _scaled(row.range_share, 100), 1),
     "size": number_column("size\n%", lambda row: _scaled(row.size_log, 100), 0),
@@ -80,5 +80,5 @@ def alike_tables(rows: Sequence[SensorRow], leading: Mapping[str, Sequence[str]]
         for row, *labels in zip(rows, *leading.values(), strict=True)
         for name, line in row.lines.items()
     ]
-    headings = (*leading, "objects", "annotated", "detected %", "model %", "detected with\nright label %")
-    return [Table(headings, cells, leading=len(leading) + 1, title="by size, range and what hides them")]
+    headings = (*leading, "objects", "annotated", "detected %", "model %", "detected with\ncorrect label %")
+    return [Table(headings, cells, leading=len(leading) + 1, title="by size, range and occlusion")]

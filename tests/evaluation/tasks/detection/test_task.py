@@ -166,4 +166,4 @@ def test_a_study_of_detectors_is_kept_with_its_precision_and_recall(tiny):
         (half,) = measure(tiny, 'annotations.noise={"missed": 0.5}').rows
         recalls = [row["recall %\n(95 % CI)"].split() for row in told]
         assert [recall for recall, _ in recalls] == ["100.0", f"{100 * half.overall.recall:.1f}"]
-        assert [int(row["right"]) for row in told] == [half.overall.annotated, half.overall.right]
+        assert [int(row["correct"]) for row in told] == [half.overall.annotated, half.overall.right]

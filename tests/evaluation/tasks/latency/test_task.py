@@ -91,7 +91,7 @@ def test_questions_that_failed_are_told():
 def test_a_process_that_dies_is_told_in_one_line():
     with (
         ProcessPool(1) as pool,
-        pytest.raises(MethodFailed, match="the process that had opened the map ended before its answer"),
+        pytest.raises(MethodFailed, match="the process that opened the map ended before it answered"),
     ):
         _result(pool.submit(os._exit, 3))
 

@@ -1,4 +1,4 @@
-"""Stitching of overlapping pictures of a tripod's cameras to one upright equirectangular panorama.
+"""Stitching of overlapping pictures of cameras with known poses to one upright equirectangular panorama.
 
 The cameras of a viewpoint are some centimetres apart (3 cm in height on Matterport's rig, two degrees at 1 m), so the
 pixel that corresponds to a direction of the panorama depends on the distance of the surface. Range is therefore
@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from salframe.panoramas.geometry import equirectangular_rays, invert_pose
+from salframe.panoramas.camera import Camera, DistortionModel
+from salframe.panoramas.geometry import equirectangular_rays, invert_pose, row_elevation
 
 _ROUNDS = 3
 """Number of projections of a direction into a camera. Each uses the range of the previous one; the third moves no pixel
@@ -20,34 +21,33 @@ by more than a tenth."""
 _FEATHER = 2
 """Exponent of the weight with which a picture fades out towards its border. A higher value makes seams narrower and
 exposure steps sharper."""
+AGREEING = 0.06
+"""Maximum relative difference of two readings of one point."""
+_AGREEMENT_ROWS = 64
+"""Height of the panorama in which readings are compared."""
 _OVERSAMPLING = 1.5
 """Pixels of a downscaled picture per pixel of the panorama."""
 
 
 @dataclass(frozen=True, eq=False)
-class RigCamera:
-    """A pinhole camera in the world.
+class PosedCamera:
+    """A camera in the world.
 
     Attributes:
-        fx_px, fy_px: Focal length in pixels.
-        cx_px, cy_px: Principal point in pixels; the centre of the first pixel is (0, 0).
+        camera: The intrinsics; its T_base_camera is not used.
         T_world_camera: Pose (4, 4); camera axes are x right, y down, z forward.
     """
 
-    fx_px: float
-    fy_px: float
-    cx_px: float
-    cy_px: float
+    camera: Camera
     T_world_camera: np.ndarray
 
-    def scaled(self, factor: float) -> RigCamera:
-        """Return the camera of the picture resized by `factor`."""
-        cx_px, cy_px = ((c + 0.5) * factor - 0.5 for c in (self.cx_px, self.cy_px))
-        return RigCamera(self.fx_px * factor, self.fy_px * factor, cx_px, cy_px, self.T_world_camera)
+    def scaled(self, width: int, height: int) -> PosedCamera:
+        """Return the camera of the picture resized to a size in pixels."""
+        return PosedCamera(self.camera.scaled(width, height), self.T_world_camera)
 
 
 def stitch_range(
-    z_depth_m: Sequence[np.ndarray], cameras: Sequence[RigCamera], T_world_pano: np.ndarray, height: int
+    z_depth_m: Sequence[np.ndarray], cameras: Sequence[PosedCamera], T_world_pano: np.ndarray, height: int
 ) -> np.ndarray:
     """Stitch depth images to range_m (H, 2H) float32 along the rays of the panorama, NaN where no camera has a reading.
 
@@ -80,7 +80,7 @@ def stitch_range(
 
 
 def stitch_color(
-    pictures: Sequence[np.ndarray], cameras: Sequence[RigCamera], T_world_pano: np.ndarray, range_m: np.ndarray
+    pictures: Sequence[np.ndarray], cameras: Sequence[PosedCamera], T_world_pano: np.ndarray, range_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Stitch pictures to a panorama's colour.
 
@@ -101,9 +101,9 @@ def stitch_color(
     total, weights = np.zeros((*range_m.shape, 3), np.float32), np.zeros(range_m.shape, np.float32)
     for picture, camera in zip(pictures, cameras, strict=True):
         # Area interpolation averages all picture pixels that one panorama pixel covers.
-        factor = min(1.0, _OVERSAMPLING * height / np.pi / camera.fx_px)
+        factor = min(1.0, _OVERSAMPLING * height / np.pi / camera.camera.fx)
         small = cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
-        shrunk = camera.scaled(small.shape[1] / picture.shape[1])
+        shrunk = camera.scaled(small.shape[1], small.shape[0])
         direction, offset_m = _in_camera(shrunk, T_world_pano, height)
         column, row = _project(shrunk, direction, offset_m, np.where(np.isnan(range_m), np.inf, range_m))
         weight = _centrality(column, row, small.shape) ** _FEATHER
@@ -114,7 +114,33 @@ def stitch_color(
     return np.round(rgb).astype(np.uint8), valid
 
 
-def _in_camera(camera: RigCamera, T_world_pano: np.ndarray, height: int) -> tuple[np.ndarray, np.ndarray]:
+def reading_agreement(
+    z_depth_m: Sequence[np.ndarray], cameras: Sequence[PosedCamera], T_world_pano: np.ndarray
+) -> tuple[float, float]:
+    """Return the share of the sphere where two depth images have a reading, and the share of it where they agree.
+
+    Two readings agree if they differ by at most AGREEING. Behind edges they differ because the cameras are apart.
+
+    Args:
+        z_depth_m: As in `stitch_range`.
+        cameras: As in `stitch_range`.
+        T_world_pano: As in `stitch_range`.
+    """
+    first, second = (np.full((_AGREEMENT_ROWS, 2 * _AGREEMENT_ROWS), np.nan, np.float32) for _ in range(2))
+    for depth_m, camera in zip(z_depth_m, cameras, strict=True):
+        range_m = stitch_range([depth_m], [camera], T_world_pano, _AGREEMENT_ROWS)
+        is_second = np.isfinite(first) & np.isnan(second)
+        second[is_second] = range_m[is_second]
+        is_first = np.isnan(first)
+        first[is_first] = range_m[is_first]
+    weight = np.cos(row_elevation(_AGREEMENT_ROWS))[:, None] * np.isfinite(second)
+    overlap = float(weight.sum())
+    agreeing = np.abs(first - second) <= AGREEING * np.fmax(first, second)
+    whole = float(np.cos(row_elevation(_AGREEMENT_ROWS)).sum() * 2 * _AGREEMENT_ROWS)
+    return overlap / whole, float((weight * agreeing).sum()) / max(overlap, 1e-9)
+
+
+def _in_camera(camera: PosedCamera, T_world_pano: np.ndarray, height: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the panorama's rays (H, 2H, 3) float32 and its origin (3,) in metres, in camera axes."""
     T_camera_pano = invert_pose(camera.T_world_camera) @ T_world_pano
     return equirectangular_rays(height) @ T_camera_pano[:3, :3].T.astype(np.float32), T_camera_pano[:3, 3].astype(
@@ -123,15 +149,20 @@ def _in_camera(camera: RigCamera, T_world_pano: np.ndarray, height: int) -> tupl
 
 
 def _project(
-    camera: RigCamera, direction: np.ndarray, offset_m: np.ndarray, range_m: np.ndarray
+    camera: PosedCamera, direction: np.ndarray, offset_m: np.ndarray, range_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Project the points at range_m along the rays: column and row (H, 2H) float32, -1e4 behind the camera."""
     # Dividing by the range makes the offset vanish at infinity. An unknown range is treated as infinite.
-    x, y, z = np.moveaxis(direction + offset_m * np.nan_to_num(1 / range_m)[..., None], -1, 0)
+    points = direction + offset_m * np.nan_to_num(1 / range_m)[..., None]
+    lens = camera.camera
+    if lens.distortion_model is DistortionModel.FISHEYE or any(lens.distortion):
+        pixels = np.nan_to_num(lens.project(points @ lens.rotation.T), nan=-1e4).astype(np.float32)
+        return pixels[..., 0], pixels[..., 1]
+    x, y, z = np.moveaxis(points, -1, 0)
     ahead = z > 1e-3
     z = np.where(ahead, z, 1)
-    column = np.where(ahead, camera.fx_px * x / z + camera.cx_px, -1e4)
-    row = np.where(ahead, camera.fy_px * y / z + camera.cy_px, -1e4)
+    column = np.where(ahead, lens.fx * x / z + lens.cx, -1e4)
+    row = np.where(ahead, lens.fy * y / z + lens.cy, -1e4)
     return column.astype(np.float32), row.astype(np.float32)
 
 

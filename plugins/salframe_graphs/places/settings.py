@@ -1,0 +1,104 @@
+"""Settings of the localizer `saliency-places`, with the fitted numbers that are distributed with it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import cache, partial
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
+
+from salframe.framework.component import added, match_only
+from salframe.framework.components.slots import slot, slots
+from salframe.framework.config import merge, read_yaml
+from salframe.framework.validation import Settings, validate
+from salframe.localization.posterior import Posterior, read_fitted
+from salframe_graphs.graph_localizer import GraphLocalizerConfig
+from salframe_graphs.panorama_scores import PanoramaScoresConfig
+from salframe_graphs.places.distant_views import DistantViews
+from salframe_graphs.places.evidence import columns_of, shipped_weights, weights_of
+from salframe_graphs.places.rates import SHIPPED, Likelihood, Rates, shipped_rates
+
+
+@cache
+def shipped_posterior() -> Posterior:
+    """Return the posterior that is distributed with the method.
+
+    It never answers that a query is out-of-map, because most robots stay on their map.
+    """
+    fitted = validate(Posterior, read_yaml(SHIPPED)["posterior"], f"{SHIPPED}: posterior:")
+    return fitted.model_copy(update={"max_out_of_map_probability": 1.0})  # type: ignore[no-any-return]
+
+
+def _over_shipped(part: str, shipped: Callable[[], Settings], value: Any) -> Any:
+    """Return the value of a setting with fitted numbers: the user's values, and the shipped ones for all others."""
+    fitted = read_fitted(part, value)
+    return merge(shipped().model_dump(), fitted) if isinstance(fitted, Mapping) else fitted
+
+
+def _fill_weights(value: Any, info: ValidationInfo) -> Any:
+    """Return the value of the setting `weights` with a weight for each column of the setting `evidence`."""
+    return weights_of(info.data["evidence"], value) if "evidence" in info.data else {}
+
+
+class PlacesConfig(GraphLocalizerConfig, PanoramaScoresConfig):
+    """Settings of `saliency-places`."""
+
+    evidence: slots(  # type: ignore[valid-type]
+        "evidence",
+        ("likelihood", "outline", "panorama", "labels"),
+        "evidence for a place, whose columns are weighed by `weights`; some of it is stored in the map",
+    )
+    rates: Annotated[Rates, BeforeValidator(partial(_over_shipped, "rates", shipped_rates))] = Field(
+        default_factory=shipped_rates,
+        description="mapping with the error rates of the detector, or a file written by `salframe fit`",
+        json_schema_extra={"match_only": True},
+    )
+    weights: Annotated[dict[str, float], BeforeValidator(_fill_weights)] = Field(
+        default_factory=lambda: {**shipped_weights()},
+        description="mapping from each column of `evidence` to its weight in the score of a place, or a file written "
+        "by `salframe fit`",
+        json_schema_extra={"match_only": True},
+    )
+    likelihood: Likelihood = match_only(
+        Likelihood(), description="constants of the likelihood of a query that are independent of the detector"
+    )
+    posterior: Annotated[Posterior | None, BeforeValidator(partial(_over_shipped, "posterior", shipped_posterior))] = (
+        Field(
+            default_factory=shipped_posterior,
+            description="parameters that convert scores to probabilities, or a file written by `salframe fit`; the "
+            "default never answers out-of-map (to enable: max_out_of_map_probability=0.5); null: no probabilities",
+            json_schema_extra={"match_only": True},
+        )
+    )
+    candidates: int = match_only(
+        100,
+        ge=1,
+        description="maximum number of places that are matched object by object, the best ones of the scene index",
+    )
+    scene_index: slot("scene-index", "by-size", match_only=True)  # type: ignore[valid-type]
+    merged: bool = match_only(
+        True,
+        description="true: the panoramas of a place are merged into one graph; false: each panorama has its own graph",
+    )
+    pose: bool = match_only(
+        True,
+        description="true: the answer has the estimated pose; false: it has the pose of the nearest reference frame",
+    )
+    poses: int = match_only(3, ge=1, description="maximum number of pose hypotheses that are refined in each place")
+    distant_views: DistantViews = added(
+        DistantViews(),
+        match_only=True,
+        description="how views of a query that were taken far apart are matched in a map without floor masks",
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _weigh_what_is_listed(cls, value: Any) -> Any:
+        """Have `_fill_weights` fill the default weights too, which depend on `evidence`."""
+        return {"weights": {}, **value} if isinstance(value, Mapping) else value
+
+    def keys_of(self, setting: str) -> Mapping[str, str]:
+        if setting != "weights":
+            return {}
+        return {name: f"weight of the {column.description}" for name, column in columns_of(self.evidence).items()}

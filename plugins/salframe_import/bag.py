@@ -1,0 +1,191 @@
+"""Open a ROS 1 or ROS 2 bag by the library rosbags, without ROS, and choose its topics."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from salframe.framework.errors import DataError, describe_error
+
+IMAGE, COMPRESSED_IMAGE = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+CAMERA_INFO, ODOMETRY, TF = "sensor_msgs/msg/CameraInfo", "nav_msgs/msg/Odometry", "tf2_msgs/msg/TFMessage"
+TF_TYPES = (TF, "tf/msg/tfMessage")
+"""Types of the topics /tf and /tf_static; the second is that of ROS 1 before Hydro."""
+ROS1_SUFFIX = ".bag"
+_DISTRIBUTIONS = {
+    "foxy": "ROS2_FOXY",
+    "galactic": "ROS2_GALACTIC",
+    "humble": "ROS2_HUMBLE",
+    "iron": "ROS2_IRON",
+    "jazzy": "ROS2_JAZZY",
+    "kilted": "ROS2_KILTED",
+}
+DISTRIBUTIONS = tuple(_DISTRIBUTIONS)
+"""ROS 2 distributions whose message definitions are used for bags without definitions. ROS 1 bags have them."""
+
+
+@dataclass(frozen=True)
+class StampedMessage:
+    """A message of a bag.
+
+    Attributes:
+        stamp_ns: Time in its header, or of its recording where the type has no header.
+        log_ns: Time of its recording.
+        content: The message, as rosbags reads it.
+    """
+
+    stamp_ns: int
+    log_ns: int
+    content: Any
+
+
+class Bag:
+    """An open ROS bag: a file .bag, .mcap or .db3, a folder of .bag files, or the folder of a ROS 2 bag. It is closed
+    when it is not used.
+
+    All methods raise DataError, in one line, where the bag cannot be read.
+
+    Attributes:
+        path: The file or folder.
+        files: The files of the bag.
+        types: Type of the messages of each topic.
+    """
+
+    def __init__(self, path: Path, distribution: str) -> None:
+        """Open the bag.
+
+        Args:
+            path: The file or folder.
+            distribution: One of DISTRIBUTIONS. Its message definitions are used if the bag has none.
+        """
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+
+        self.path = path
+        self.files = _bag_files(path)
+        try:
+            paths = [path] if self.files[0].suffix != ROS1_SUFFIX else self.files
+            store = get_typestore(Stores[_DISTRIBUTIONS[distribution]])
+            self._reader = AnyReader(paths, default_typestore=store)
+            self._reader.open()
+            weakref.finalize(self, self._reader.close)
+        except Exception as error:  # rosbags raises the errors of its parsers too
+            raise DataError(f"{path} cannot be read as a ROS bag: {describe_error(error)}") from None
+        self.types = {connection.topic: connection.msgtype for connection in self._reader.connections}
+
+    def topics(self, types: Collection[str]) -> list[str]:
+        """Return the names of the topics of these types, sorted."""
+        return sorted(topic for topic, kind in self.types.items() if kind in types)
+
+    def choose(
+        self, option: str, name: str | None, types: Collection[str], candidates: Collection[str] | None = None
+    ) -> str:
+        """Return the topic of an option: the given one, or the only candidate.
+
+        Args:
+            option: Name of the option, for messages.
+            name: Value of the option; None: the only candidate.
+            types: Types that the topic may have.
+            candidates: Topics to choose from; None: all topics of these types.
+
+        Raises:
+            DataError: The topic is missing or has another type, or there is not one candidate.
+        """
+        candidates = self.topics(types) if candidates is None else candidates
+        expected = " or ".join(types)
+        if name is not None:
+            if name not in self.types:
+                raise DataError(f"{self.path} has no topic {name}, expected one of {_listed(candidates)}")
+            if self.types[name] not in types:
+                raise DataError(f"the topic {name} has the type {self.types[name]}, expected {expected}")
+            return name
+        if len(candidates) != 1:
+            count = "no topic" if not candidates else f"{len(candidates)} topics"
+            listed = f"such as {self._all_topics()}" if not candidates else f"{_listed(candidates)}"
+            fix = "expected one" if not candidates else f"expected one: choose it with {option}=TOPIC"
+            raise DataError(f"{self.path} has {count} of the type {expected} ({listed}), {fix}")
+        return next(iter(candidates))
+
+    def messages(self, topics: Collection[str], at_log_ns: int | None = None) -> Iterator[tuple[str, StampedMessage]]:
+        """Yield (topic, message) in the order of their recording.
+
+        Args:
+            topics: Names of topics of the bag.
+            at_log_ns: Time of the recording of the messages to read; None: all.
+        """
+        connections = [connection for connection in self._reader.connections if connection.topic in topics]
+        if not connections:
+            return
+        stop = None if at_log_ns is None else at_log_ns + 1
+        try:
+            for connection, log_ns, raw in self._reader.messages(connections, at_log_ns, stop):
+                content = self._reader.deserialize(raw, connection.msgtype)
+                stamp = getattr(getattr(content, "header", None), "stamp", None)
+                stamp_ns = log_ns if stamp is None else stamp.sec * 10**9 + stamp.nanosec
+                yield connection.topic, StampedMessage(stamp_ns, log_ns, content)
+        except DataError:
+            raise
+        except Exception as error:  # rosbags raises the errors of its parsers too
+            raise DataError(f"{self.path} cannot be read, {', '.join(topics)}: {describe_error(error)}") from None
+
+    def first(self, topic: str) -> StampedMessage:
+        """Return the first message of a topic. Raises DataError if it has none."""
+        for _, message in self.messages([topic]):
+            return message
+        raise DataError(f"the topic {topic} of {self.path} has no message, expected at least one")
+
+    def stamps(self, topics: Collection[str]) -> dict[str, np.ndarray]:
+        """Return the header stamps and the times of the recording of the messages of topics, (N, 2) int64 each.
+
+        They are sorted by stamp.
+
+        Raises:
+            DataError: A topic has no message, or a stamp is 0.
+        """
+        rows: dict[str, list[tuple[int, int]]] = {topic: [] for topic in topics}
+        for topic, message in self.messages(topics):
+            rows[topic].append((message.stamp_ns, message.log_ns))
+        for topic, times in rows.items():
+            if not times:
+                raise DataError(f"the topic {topic} of {self.path} has no message, expected at least one")
+            if min(times)[0] <= 0:
+                raise DataError(
+                    f"the topic {topic} of {self.path} has messages without a header stamp, expected the time at which "
+                    "each was taken"
+                )
+        return {topic: np.array(sorted(times), np.int64) for topic, times in rows.items()}
+
+    def read(self, topic: str, stamp_ns: int, log_ns: int) -> Any:
+        """Return the message of a topic with this header stamp and this time of recording."""
+        for _, message in self.messages([topic], log_ns):
+            if message.stamp_ns == stamp_ns:
+                return message.content
+        raise DataError(f"the topic {topic} of {self.path} has no message at {stamp_ns / 1e9:.3f} s any more")
+
+    def _all_topics(self) -> str:
+        return _listed([f"{topic} [{kind}]" for topic, kind in sorted(self.types.items())])
+
+
+def _bag_files(path: Path) -> list[Path]:
+    """Return the files of a bag. Raises DataError if there is none."""
+    expected = "expected a ROS bag: a .bag, .mcap or .db3 file, a folder of .bag files, or one with metadata.yaml"
+    if not path.exists():
+        raise DataError(f"{path} does not exist, {expected}")
+    if not path.is_dir():
+        return [path]
+    if (path / "metadata.yaml").exists():
+        return sorted(file for file in path.iterdir() if file.is_file())
+    if not (files := sorted(path.glob(f"*{ROS1_SUFFIX}"))):
+        raise DataError(f"{path} has no metadata.yaml and no {ROS1_SUFFIX} file, {expected}")
+    return files
+
+
+def _listed(names: Collection[str], max_names: int = 20) -> str:
+    names = list(names)
+    more = f", ... ({len(names)} in all)" if len(names) > max_names else ""
+    return ", ".join(names[:max_names]) + more or "none"

@@ -1,0 +1,156 @@
+"""`cubemap`: six faces of a cube with a table of poses."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, PositiveFloat, field_validator
+
+from salframe.framework.errors import DataError
+from salframe.panoramas import images
+from salframe.panoramas.camera import Camera
+from salframe.panoramas.geometry import sample_nearest
+from salframe.panoramas.importer import Importer, PanoramaRecord, PlaceSource, Recording
+from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.range_encoding import MAX_STEP, MILLIMETRE, RangeEncoding, RangeKind
+from salframe.panoramas.stitching import AGREEING, PosedCamera
+from salframe_import.pose_table import PoseRow, PoseSettings, read_pose_table
+from salframe_import.stations import PosedImage, read_depth, station_record
+
+FACES = ("front", "right", "back", "left", "up", "down")
+"""Faces in the order of the setting `faces`."""
+_FORWARD, _LEFT, _UP = np.eye(3)
+_AXES = {
+    "front": (-_LEFT, -_UP, _FORWARD),
+    "right": (-_FORWARD, -_UP, -_LEFT),
+    "back": (_LEFT, -_UP, -_FORWARD),
+    "left": (_FORWARD, -_UP, _LEFT),
+    "up": (-_LEFT, _FORWARD, _UP),
+    "down": (-_LEFT, -_FORWARD, -_UP),
+}
+"""Right, down and forward axis of each face in the panorama frame. The lower edge of the face above, and the upper edge
+of the face below, join the face in front."""
+MIN_SEAM_AGREEMENT, MAX_SEAM_GREY = 0.8, 24.0
+"""Minimum share of the edges of the cube where both faces agree, and maximum difference of their grey values."""
+SEAMS = (
+    "the faces do not join at the edges of the cube: check their order and rotation (setting faces), and the unit and "
+    "kind of the depth"
+)
+
+
+class CubemapImporter(Importer):
+    """Cubemaps: six faces of 90 degrees with z-depth along the axis of each face, and the table poses.csv.
+
+    The column picture has the name of the cubemap, as in the names of its faces. The other columns are those of the
+    format pictures. Cubemaps without a row are queries.
+    """
+
+    name = "cubemap"
+    version = "1"
+
+    class Config(PoseSettings):
+        height: int = Field(512, ge=64, le=4096, description="height of a panorama in pixels; its width is twice that")
+        picture: str = Field("{name}_{face}.jpg", description="file of the colour of a face")
+        depth: str = Field("{name}_{face}.depth.png", description="file of the depth of a face; it may be missing")
+        faces: tuple[str, str, str, str, str, str] = Field(
+            FACES, description="names of the faces in front, to the right, behind, to the left, above and below"
+        )
+        depth_unit_m: PositiveFloat = Field(MILLIMETRE, description="metres per step of a depth image")
+        depth_missing: tuple[Annotated[int, Field(ge=0, le=MAX_STEP)], ...] = Field(
+            (), description="values of a depth image that mean no reading, besides 0"
+        )
+        depth_kind: Literal["z", "ray"] = Field(
+            "z", description="what a depth image stores: depth along the axis of the face (z), or range along the ray"
+        )
+
+        @field_validator("picture", "depth")
+        @classmethod
+        def _has_fields(cls, pattern: str) -> str:
+            if pattern.count("{name}") != 1 or pattern.count("{face}") != 1 or pattern.count("{") != 2:
+                raise ValueError(f"received {pattern!r}, expected a file name with {{name}} and {{face}}")
+            return pattern
+
+    def read(self, source: Path) -> Recording:
+        if not source.is_dir():
+            raise DataError(f"{source} is not a folder, expected a folder of cubemaps with {self.config.poses}")
+        rows = read_pose_table(source / self.config.poses, self.config)
+        front = self.config.picture.replace("{face}", self.config.faces[0])
+        start, end = front.split("{name}")
+        paths = source.rglob(f"{start}*{end}" if "/" not in start else f"*{end}")
+        relative = [path.relative_to(source).as_posix() for path in paths]
+        names = {name.removeprefix(start).removesuffix(end) for name in relative}
+        if not names:
+            raise DataError(f"{source} has no file {front}, expected the front face of at least one cubemap")
+        missing = sorted(rows.keys() - names)
+        notes = []
+        if missing:
+            example = front.replace("{name}", missing[0])
+            notes.append(f"{len(missing)} of {len(rows)} rows of {self.config.poses} name no cubemap ({example} first)")
+        records = tuple(self._record(source, name, rows.get(name)) for name in sorted(names))
+        return Recording(records, notes=tuple(notes))
+
+    def _record(self, source: Path, name: str, row: PoseRow | None) -> PanoramaRecord:
+        pose = np.eye(4) if row is None else row.T_world_pano
+        has_depth = (source / self._file(self.config.depth, name, self.config.faces[0])).exists()
+        encoding = RangeEncoding(self.config.depth_unit_m, self.config.depth_missing, RangeKind(self.config.depth_kind))
+        places = {} if row is None else dict(row.places)
+        if (folder := Path(name).parent.as_posix()) != ".":
+            places[PlaceSource.FOLDER] = folder
+        faces = []
+        for face, spelling in zip(FACES, self.config.faces, strict=True):
+            picture = source / self._file(self.config.picture, name, spelling)
+            depth = source / self._file(self.config.depth, name, spelling)
+            lens = Camera.of_field_of_view(512, 512, 90.0)
+            T_pano_camera = np.eye(4)
+            T_pano_camera[:3, :3] = np.stack(_AXES[face], 1)
+            faces.append(
+                PosedImage(
+                    str(picture),
+                    PosedCamera(lens, pose @ T_pano_camera),
+                    partial(images.read_color, picture),
+                    partial(read_depth, depth, encoding, lens) if has_depth else None,
+                    None if row is None else row.t_s,
+                    places=places,
+                    sources=(picture, depth) if has_depth else (picture,),
+                )
+            )
+        return station_record(
+            name, faces, self.config.height, T_world_pano=pose, is_posed=row is not None, check=seam_note
+        )
+
+    @staticmethod
+    def _file(pattern: str, name: str, face: str) -> str:
+        return pattern.replace("{name}", name).replace("{face}", face)
+
+
+def seam_note(panorama: Panorama) -> str | None:
+    """Return a warning where neighbouring faces of a cubemap do not join at their common edges; None where they do.
+
+    The grey values and the ranges on both sides of the twelve edges are compared.
+
+    Args:
+        panorama: The panorama, whose axes are those of the cube.
+    """
+    step = 3.0 / len(np.asarray(panorama.rgb))
+    along = np.linspace(-0.95, 0.95, 41)
+    first, second = [], []
+    for axis in range(3):
+        one, two = np.delete(np.eye(3), axis, 0)
+        for signs in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+            edge = along[:, None] * np.eye(3)[axis] + signs[0] * one + signs[1] * two
+            first.append(edge + step * signs[0] * one)
+            second.append(edge + step * signs[1] * two)
+    rays = [np.concatenate(side) for side in (first, second)]
+    grey = [sample_nearest(np.asarray(panorama.rgb), side).mean(-1) for side in rays]
+    shares = [float((np.abs(grey[0] - grey[1]) <= MAX_SEAM_GREY).mean())]
+    if panorama.range_m is not None:
+        one_m, other_m = (sample_nearest(panorama.range_m, side) for side in rays)
+        is_known = np.isfinite(one_m) & np.isfinite(other_m)
+        agrees = np.abs(one_m - other_m) <= 2 * AGREEING * np.fmax(one_m, other_m)
+        shares += [float(agrees[is_known].mean())] if is_known.any() else []
+    if min(shares) >= MIN_SEAM_AGREEMENT:
+        return None
+    return SEAMS

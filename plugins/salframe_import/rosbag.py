@@ -1,0 +1,260 @@
+"""The format `rosbag`: recordings of ROS 1 and ROS 2 as panoramas, without ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from salframe.framework.errors import ConfigError, DataError
+from salframe.panoramas.camera import LEVEL
+from salframe.panoramas.geometry import invert_pose, pose_yaw
+from salframe.panoramas.importer import Importer, PanoramaRecord, Recording
+from salframe.panoramas.range_encoding import MILLIMETRE, RangeKind
+from salframe_import.bag import ODOMETRY, Bag
+from salframe_import.bag_cameras import BagCamera, Projection, find_cameras
+from salframe_import.bag_poses import PoseSource, find_poses, odometry_source, read_transforms
+from salframe_import.bag_rig import BagRig, BagShot, CameraAxes
+from salframe_import.stations import StationSettings, group_by_motion, station_record, thinned
+from salframe_import.view_selection import ViewSpacing, choose_views
+
+MAX_DELAY_S = 0.25
+"""Maximum difference of the delays of pictures and poses, from their stamps to their recording, without a warning."""
+MIN_UP = float(np.cos(np.radians(45)))
+"""Minimum mean z of the up directions of equirectangular images."""
+
+
+class RosBagImporter(Importer):
+    """ROS 1 bags, ROS 2 bags and MCAP files: pictures and depth with the poses of odometry or tf."""
+
+    name = "rosbag"
+    version = "1"
+    requires = ("rosbags",)
+    extra = "salframe[ros]"
+
+    class Config(StationSettings):
+        image: str | None = Field(
+            None, description="topics of the pictures, separated by commas; null: the only topic of pictures"
+        )
+        depth: str | None = Field(
+            None,
+            description="topics of the depth, in the order of the pictures; none: import no depth; null: the only "
+            "topic of depth, if there is one",
+        )
+        camera_info: str | None = Field(
+            None,
+            description="topics of the intrinsics, in the order of the pictures; null: the topic camera_info beside "
+            "each topic of pictures, if there is one",
+        )
+        projection: Projection = Field(
+            "auto", description="projection of the images; auto: pinhole if there are intrinsics"
+        )
+        camera_axes: CameraAxes = Field(
+            "auto",
+            description="axes of the frame of equirectangular images. optical: x right, y down, z forward; body: x "
+            "forward, y left, z up; auto: those under which the images are upright",
+        )
+        poses: str | None = Field(
+            None,
+            description="source of the poses: a topic of odometry, or tf; null: tf if it has the frame map, else the "
+            "only topic of odometry, else tf",
+        )
+        world: str | None = Field(
+            None, description="frame of the poses of tf; null: map, or the root of the tree if there is no map"
+        )
+        odometry: str | None = Field(
+            None,
+            description="topic of the motion between the views of a sequence; null: the only topic of odometry, or the "
+            "source of the poses if there is none",
+        )
+        tolerance_s: float = Field(
+            0.02, gt=0, le=1, description="maximum difference of the stamps of messages that belong together (s)"
+        )
+        depth_unit_m: float = Field(MILLIMETRE, gt=0, description="metres per step of depth of 16 bits")
+        depth_kind: Literal["z", "ray", "cube"] | None = Field(
+            None,
+            description="what depth measures. z: along the optical axis; ray: along the ray; cube: along the axis of "
+            "the cube face that shows a pixel; null: z for pinhole images, ray for equirectangular ones",
+        )
+        group_by: Literal["time", "motion"] = Field(
+            "time",
+            description="which pinhole images are one panorama. time: those of one time; motion: those of a camera "
+            "that turned and moved little",
+        )
+        num_views: int = Field(
+            0, ge=0, le=100, description="number of views of a query sequence; 0: import no sequences"
+        )
+        sequence_period: int = Field(
+            20, ge=2, description="number of views from the end of a sequence to the end of the next one"
+        )
+        view_distance_m: float = Field(0.5, gt=0, description="distance between two views of a sequence (m)")
+        view_turn_deg: float = Field(45.0, gt=0, description="turn between two views of a sequence (degrees)")
+        distribution: Literal["foxy", "galactic", "humble", "iron", "jazzy", "kilted"] = Field(
+            "humble", description="ROS 2 distribution whose message definitions are used if the bag has none"
+        )
+
+    def read(self, source: Path) -> Recording:
+        self._check_settings()
+        config = self.config
+        bag = Bag(source, config.distribution)
+        cameras = find_cameras(bag, config.image, config.depth, config.camera_info, config.projection)
+        rig = BagRig(
+            bag, tuple(cameras), read_transforms(bag), config.tolerance_s, config.depth_unit_m, self._kind(cameras)
+        )
+        poses = find_poses(bag, rig.tree, rig.frame, config.poses, config.world)
+        shots, notes = rig.find_shots()
+        notes.insert(0, f"the poses are those of {poses}")
+        posed = [
+            (shot, T) for shot in shots if (T := poses.pose(rig.frame, shot.stamp_ns, rig.tolerance_s)) is not None
+        ]
+        if not posed:
+            raise DataError(
+                f"{source} has {len(shots)} pictures and no pose of {poses} at their times, expected header stamps of "
+                "one clock"
+            )
+        if len(posed) < len(shots):
+            notes.append(f"{len(shots) - len(posed)} of {len(shots)} pictures have no pose at their time: left out")
+        notes += [*_delay_notes(shots, poses), *rig.notes(*posed[0])]
+        if rig.is_equirectangular and config.camera_axes == "auto":
+            rig = replace(rig, axes=_upright_axes(rig, [T for _, T in posed]))
+        elif rig.is_equirectangular:
+            rig = replace(rig, axes=config.camera_axes)
+        if config.group_by == "motion":
+            images = [image for shot, T in posed for image in rig.posed_images(shot, T)]
+            groups, note = group_by_motion(images, config)
+            notes += [note] if note else []
+            stations = (
+                station_record(id, thinned(group, config.min_step_deg), config.height, bag.files)
+                for id, group in groups.items()
+            )
+            return Recording(tuple(stations), notes=tuple(notes))
+        records = [self._record(rig, shot, T, bag.files) for shot, T in posed]
+        if not config.num_views:
+            return Recording(tuple(records), notes=tuple(notes))
+        motion = self._motion(bag, poses)
+        notes.append(f"the motion between the views of a sequence is that of {motion}")
+        sequenced, left_out = self._with_sequences(records)
+        odometry = _odometry_rows(rig, motion, [(*shot, record) for shot, record in zip(posed, sequenced, strict=True)])
+        remaining = tuple(record for number, record in enumerate(sequenced) if number not in left_out)
+        return Recording(remaining, odometry, notes=tuple(notes))
+
+    def _check_settings(self) -> None:
+        """Check that the settings do not contradict each other. Raises ConfigError."""
+        config = self.config
+        if config.num_views and config.group_by == "motion":
+            raise ConfigError(f"num_views is {config.num_views} with group_by=motion, expected group_by=time")
+        if config.num_views >= config.sequence_period:
+            raise ConfigError(
+                f"num_views is {config.num_views} and sequence_period is {config.sequence_period}, expected fewer "
+                "views than the period"
+            )
+
+    def _kind(self, cameras: Sequence[BagCamera]) -> RangeKind:
+        """Return what the depth measures. Raises ConfigError if that does not apply to the projection."""
+        is_equirectangular = any(camera.color.camera is None for camera in cameras)
+        if is_equirectangular and len(cameras) > 1:
+            raise ConfigError(f"image has {len(cameras)} topics with an equirectangular one, expected it alone")
+        if is_equirectangular and self.config.group_by == "motion":
+            raise ConfigError("group_by is motion for equirectangular images, expected group_by=time")
+        kinds = [RangeKind.RAY, RangeKind.CUBE] if is_equirectangular else [RangeKind.Z, RangeKind.RAY]
+        kind = kinds[0] if self.config.depth_kind is None else RangeKind(self.config.depth_kind)
+        if kind not in kinds:
+            projection = "equirectangular" if is_equirectangular else "pinhole"
+            raise ConfigError(f"depth_kind is {kind} for {projection} images, expected {' or '.join(kinds)}")
+        return kind
+
+    def _record(self, rig: BagRig, shot: BagShot, T_world_frame: np.ndarray, files: Sequence[Path]) -> PanoramaRecord:
+        """Return the panorama of a shot."""
+        id = f"{shot.number:06d}"
+        if not rig.is_equirectangular:
+            return station_record(id, rig.posed_images(shot, T_world_frame), self.config.height, files)
+        parts = frozenset({"rgb", "range"} if rig.cameras[0].depth else {"rgb"})
+        pose = rig.pano_pose(T_world_frame)
+        load = partial(rig.equirectangular, id, shot)
+        return PanoramaRecord(id, load, parts, pose, t_s=shot.stamp_ns / 1e9, sources=tuple(files))
+
+    def _motion(self, bag: Bag, poses: PoseSource) -> PoseSource:
+        """Return the source of the motion between views."""
+        topic = self.config.odometry
+        if topic is None and poses.odometry is not None:
+            return poses
+        if topic is None and not bag.topics([ODOMETRY]):
+            return poses
+        return odometry_source(bag, poses.tree, bag.choose("odometry", topic, [ODOMETRY]))
+
+    def _with_sequences(self, records: Sequence[PanoramaRecord]) -> tuple[list[PanoramaRecord], set[int]]:
+        """Return the records with the views of sequences, and the numbers of the records between views.
+
+        Raises:
+            DataError: The recording has too few views for a sequence.
+        """
+        config = self.config
+        spacing = ViewSpacing(
+            config.num_views, config.sequence_period, config.view_distance_m, np.radians(config.view_turn_deg)
+        )
+        sequences = choose_views(
+            [record.T_world_pano for record in records if record.T_world_pano is not None], spacing
+        )
+        if not sequences:
+            raise DataError(
+                f"the recording has too few views for a sequence, expected {spacing.period} views that are "
+                f"{spacing.distance_m:g} m or {config.view_turn_deg:g} deg apart: decrease sequence_period, "
+                "view_distance_m or view_turn_deg"
+            )
+        chosen, between = list(records), set[int]()
+        for number, views in enumerate(sequences, 1):
+            between |= set(range(views[0], views[-1])) - set(views)
+            for view in views:
+                chosen[view] = replace(records[view], is_query=True, sequence=f"sequence-{number:03d}")
+        return chosen, between
+
+
+def _upright_axes(rig: BagRig, T_world_frames: Sequence[np.ndarray]) -> CameraAxes:
+    """Return the axes under which equirectangular images are upright. Raises DataError if there are none."""
+    poses = np.array(T_world_frames)
+    up = {"body": float(poses[:, 2, 2].mean()), "optical": float((poses @ invert_pose(LEVEL))[:, 2, 2].mean())}
+    best: CameraAxes = "body" if up["body"] > up["optical"] else "optical"
+    if up[best] < MIN_UP:
+        raise DataError(
+            f"the frame {rig.frame} of {rig.cameras[0].color.topic} is not upright by its poses: the mean z of its up "
+            f"direction is {up['optical']:.2f} with optical axes (y down) and {up['body']:.2f} with axes of the body "
+            f"(z up), expected {MIN_UP:.2f} to 1: check the transforms of this frame in /tf_static, and whether they "
+            "are inverted"
+        )
+    return best
+
+
+def _delay_notes(shots: Sequence[BagShot], poses: PoseSource) -> list[str]:
+    """Return a warning where the stamps of pictures and poses seem to be of different clocks."""
+    delay_s = float(np.median([log_ns - stamp_ns for shot in shots for stamp_ns, log_ns in shot.colors[:1]])) / 1e9
+    if abs(delay_s - poses.delay_s) <= MAX_DELAY_S:
+        return []
+    return [
+        f"the pictures were recorded {delay_s:.2f} s after their stamps, the poses of {poses} {poses.delay_s:.2f} s "
+        f"after theirs, expected a difference of at most {MAX_DELAY_S:g} s: the stamps may be of different clocks, and "
+        f"the poses off by {abs(delay_s - poses.delay_s):.2f} s"
+    ]
+
+
+def _odometry_rows(
+    rig: BagRig, motion: PoseSource, shots: Sequence[tuple[BagShot, np.ndarray, PanoramaRecord]]
+) -> np.ndarray:
+    """Return the poses of the panoramas of views by the odometry, (N, 5): t_s, x_m, y_m, z_m, yaw_deg.
+
+    Args:
+        rig: The cameras.
+        motion: The odometry.
+        shots: Each shot with T_world_frame and its panorama.
+    """
+    rows = []
+    for shot, T_world_frame, record in shots:
+        T_motion_frame = motion.pose(rig.frame, shot.stamp_ns, rig.tolerance_s)
+        if record.sequence is not None and record.T_world_pano is not None and T_motion_frame is not None:
+            pose = T_motion_frame @ invert_pose(T_world_frame) @ record.T_world_pano
+            rows.append([shot.stamp_ns / 1e9, *pose[:3, 3], np.degrees(pose_yaw(pose))])
+    return np.array(rows, np.float64).reshape(-1, 5)

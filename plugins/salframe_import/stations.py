@@ -1,0 +1,342 @@
+"""Stations: images of cameras with known poses that are stitched to one panorama."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from pydantic import Field, PositiveFloat
+
+from salframe.framework.component import ComponentConfig
+from salframe.framework.errors import DataError
+from salframe.panoramas import images as image_files
+from salframe.panoramas.camera import Camera
+from salframe.panoramas.geometry import pose_2d
+from salframe.panoramas.importer import PanoramaRecord, PlaceSource
+from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.pose_conventions import NAMES
+from salframe.panoramas.range_encoding import RangeEncoding, RangeKind
+from salframe.panoramas.stitching import PosedCamera, reading_agreement, stitch_color, stitch_range
+
+MAX_ASPECT_ERROR = 0.02
+"""Maximum relative difference of the aspect ratio of an image and of its camera."""
+MIN_OVERLAP, MIN_AGREEMENT = 0.02, 0.6
+"""Minimum share of the sphere that two depth images show, and minimum share of it where they agree."""
+MAX_IMAGE_TILT_DEG, LEVEL_TILT_DEG = 60.0, 35.0
+"""Maximum median tilt of images without an error, and maximum of another convention that is named."""
+DISAGREES = (
+    "the depth images of one place contradict each other: check the convention of the poses, the extrinsics, the "
+    "times, and the unit and kind of the depth"
+)
+_FULL_TURN_DEG = 360
+
+
+class StationSettings(ComponentConfig):
+    """Settings of importers that stitch images to panoramas."""
+
+    height: int = Field(
+        512, ge=64, le=4096, description="height of a panorama in pixels; its width is twice the height"
+    )
+    max_move_m: PositiveFloat = Field(
+        0.3, description="maximum distance of the cameras of one panorama, where images are grouped by their motion"
+    )
+    min_view_deg: float = Field(
+        180.0,
+        ge=0,
+        le=_FULL_TURN_DEG,
+        description="minimum horizontal view of a panorama, where images are grouped by their motion",
+    )
+    min_step_deg: float = Field(
+        10.0, ge=0, le=90, description="minimum turn between two images of one panorama; others are left out"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class PosedImage:
+    """An image with its pose, which is read later.
+
+    Attributes:
+        name: Name for messages.
+        camera: Intrinsics and pose.
+        read_color: Returns (h, w, 3) uint8 RGB. Raises DataError.
+        read_depth: Returns (h', w') float32 depth along the optical axis in metres, NaN where unknown; None without
+            depth. Raises DataError.
+        t_s: Time in seconds; None where it is unknown.
+        station: Name of its station; None where it is unknown.
+        places: Place by the source of its name.
+        sources: The files.
+        depth_camera: Intrinsics and pose of the depth; None: those of the image.
+    """
+
+    name: str
+    camera: PosedCamera
+    read_color: Callable[[], np.ndarray]
+    read_depth: Callable[[], np.ndarray] | None = None
+    t_s: float | None = None
+    station: str | None = None
+    places: Mapping[PlaceSource, str] = field(default_factory=dict)
+    sources: tuple[Path, ...] = ()
+    depth_camera: PosedCamera | None = None
+
+    @property
+    def forward(self) -> np.ndarray:
+        """Direction of the optical axis in the world, (3,)."""
+        return self.camera.T_world_camera[:3, 2]
+
+    @property
+    def azimuth_deg(self) -> float:
+        """Azimuth of the optical axis in the world."""
+        return float(np.degrees(np.arctan2(self.forward[1], self.forward[0])))
+
+
+def z_depth(range_m: np.ndarray, lens: Camera) -> np.ndarray:
+    """Return the depth along the optical axis (h, w) float32 of ranges (h, w) along the rays of a camera."""
+    height, width = range_m.shape
+    return (range_m * (lens.scaled(width, height).rays() @ lens.rotation[:, 2])).astype(np.float32)
+
+
+def station_record(
+    id: str,
+    images: Sequence[PosedImage],
+    height: int,
+    sources: Iterable[Path] = (),
+    T_world_pano: np.ndarray | None = None,
+    check: Callable[[Panorama], str | None] | None = None,
+    *,
+    is_posed: bool = True,
+) -> PanoramaRecord:
+    """Return the record of the panorama that images are stitched to.
+
+    Args:
+        id: Id of the record.
+        images: The images, which have depth or not, all alike.
+        height: Height of the panorama.
+        sources: Further files that the panorama depends on, such as the list of poses.
+        T_world_pano: Pose of the panorama; None: upright, at the mean position of the cameras, with the heading of the
+            first image.
+        check: Returns a warning about the panorama, or None. By default the overlap of depth images is checked.
+        is_posed: Whether the poses of the cameras are poses in the world. If not, the panorama is a query.
+    """
+    pose = _upright_pose(images) if T_world_pano is None else T_world_pano
+    has_depth = all(image.read_depth is not None for image in images)
+    places: dict[PlaceSource, str] = {}
+    for source in PlaceSource:
+        if names := [image.places[source] for image in images if source in image.places]:
+            places[source] = Counter(names).most_common(1)[0][0]
+    return PanoramaRecord(
+        id,
+        partial(_stitch, id, tuple(images), pose, height, has_depth, check),
+        parts=frozenset({"rgb", "valid", *(("range",) if has_depth else ())}),
+        T_world_pano=pose if is_posed else None,
+        places=places,
+        t_s=images[0].t_s,
+        sources=(*sources, *(path for image in images for path in image.sources)),
+    )
+
+
+def read_depth(path: Path, encoding: RangeEncoding, lens: Camera) -> np.ndarray:
+    """Read a depth image, (h, w) float32 depth along the optical axis in metres, NaN where unknown.
+
+    Args:
+        path: A 16-bit grey image.
+        encoding: What its values mean, of the kind Z or RAY.
+        lens: The camera of the image, at any size.
+
+    Raises:
+        DataError: The file is not a 16-bit grey image.
+    """
+    depth_m = encoding.photograph_depth(image_files.read_ids(path))
+    return z_depth(depth_m, lens) if encoding.kind == RangeKind.RAY else depth_m
+
+
+def group_by_station(images: Sequence[PosedImage]) -> dict[str, list[PosedImage]]:
+    """Return the images by the name of their station. Raises DataError where an image has none."""
+    groups: dict[str, list[PosedImage]] = {}
+    for image in images:
+        if image.station is None:
+            raise DataError(f"the image {image.name} has no station, expected one for every image")
+        groups.setdefault(image.station, []).append(image)
+    return groups
+
+
+def group_by_time(images: Sequence[PosedImage], max_gap_s: float) -> dict[str, list[PosedImage]]:
+    """Return groups of images without a gap of more than `max_gap_s` seconds. Raises DataError without times."""
+    if without := [image.name for image in images if image.t_s is None]:
+        raise DataError(f"the image {without[0]} has no time, expected one for every image")
+    groups: list[list[PosedImage]] = []
+    for image in sorted(images, key=lambda image: image.t_s or 0.0):
+        if not groups or (image.t_s or 0.0) - (groups[-1][-1].t_s or 0.0) > max_gap_s:
+            groups.append([])
+        groups[-1].append(image)
+    return _numbered(groups)
+
+
+def group_by_motion(
+    images: Sequence[PosedImage], config: StationSettings
+) -> tuple[dict[str, list[PosedImage]], str | None]:
+    """Cut a recording into stations: runs of images in which the camera turned enough and moved little.
+
+    A station ends where the camera is more than `max_move_m` from its start, or has shown all directions.
+
+    Args:
+        images: The images in the order of the recording.
+        config: The settings.
+
+    Returns:
+        The images of each station, and a note on the images that are in none; None if all are.
+
+    Raises:
+        DataError: No station shows enough.
+    """
+    runs: list[list[PosedImage]] = []
+    views: list[np.ndarray] = []
+    for image in images:
+        position_m = image.camera.T_world_camera[:3, 3]
+        if (
+            not runs
+            or views[-1].all()
+            or np.linalg.norm(position_m - runs[-1][0].camera.T_world_camera[:3, 3]) > config.max_move_m
+        ):
+            runs.append([])
+            views.append(np.zeros(_FULL_TURN_DEG, bool))
+        runs[-1].append(image)
+        views[-1] |= _view(image)
+    groups = [run for run, view in zip(runs, views, strict=True) if view.sum() >= config.min_view_deg]
+    if not groups:
+        raise DataError(
+            f"no part of the recording shows {config.min_view_deg:g} deg within {config.max_move_m:g} m, the largest "
+            f"view is {max(int(view.sum()) for view in views)} deg: turn the camera at each place, or set min_view_deg "
+            "or max_move_m"
+        )
+    num_unused = len(images) - sum(map(len, groups))
+    if not num_unused:
+        return _numbered(groups), None
+    return _numbered(groups), (
+        f"{num_unused} of {len(images)} images are left out, because the camera did not turn enough where they were "
+        f"taken (min_view_deg {config.min_view_deg:g}, max_move_m {config.max_move_m:g})"
+    )
+
+
+def thinned(images: Sequence[PosedImage], min_step_deg: float) -> list[PosedImage]:
+    """Return images whose optical axes are at least `min_step_deg` apart, the first of each direction."""
+    taken: list[PosedImage] = []
+    limit = np.cos(np.radians(min_step_deg))
+    for image in images:
+        if min_step_deg == 0 or all(image.forward @ other.forward <= limit for other in taken):
+            taken.append(image)
+    return taken
+
+
+def check_upright(poses: Sequence[np.ndarray], others: Mapping[str, Sequence[np.ndarray]]) -> None:
+    """Check that most images are upright by their poses.
+
+    Args:
+        poses: (4, 4) poses of cameras; x right, y down, z forward.
+        others: The poses under other settings, by "key=value".
+
+    Raises:
+        DataError: They are not. The message names the settings under which they are.
+    """
+    tilt_deg = _median_tilt_deg(poses)
+    if tilt_deg <= MAX_IMAGE_TILT_DEG:
+        return
+    level = [setting for setting, changed in others.items() if _median_tilt_deg(changed) <= LEVEL_TILT_DEG]
+    cause = (
+        f"likely --set {' or --set '.join(level)}"
+        if level
+        else "check the axes of the cameras and of the world, and whether the poses map the camera to the world"
+    )
+    raise DataError(
+        f"the images are {tilt_deg:.0f} deg from upright by their poses (median of {len(poses)}), expected at most "
+        f"{MAX_IMAGE_TILT_DEG:g}: {cause}"
+    )
+
+
+def other_conventions(convention: str) -> list[str]:
+    """Return the conventions that may be meant instead of one."""
+    return [name for name in NAMES if name not in (convention, "compass", "image-plan")]
+
+
+def _median_tilt_deg(poses: Sequence[np.ndarray]) -> float:
+    cosines = [-pose[2, 1] for pose in poses]
+    return float(np.degrees(np.median(np.arccos(np.clip(cosines, -1, 1)))))
+
+
+def _numbered(groups: Sequence[list[PosedImage]]) -> dict[str, list[PosedImage]]:
+    return {f"station-{number:03d}": group for number, group in enumerate(groups, 1)}
+
+
+def _view(image: PosedImage) -> np.ndarray:
+    """Return the azimuths that an image shows, (360,) bool. A camera that looks up or down shows none."""
+    degrees = np.arange(_FULL_TURN_DEG)
+    if abs(image.forward[2]) > np.sin(np.radians(60)):
+        return np.zeros(_FULL_TURN_DEG, bool)
+    lens = image.camera.camera
+    half_deg = np.degrees(np.arctan(lens.width / 2 / lens.fx))
+    return np.abs((degrees - image.azimuth_deg + 180) % 360 - 180) <= half_deg  # type: ignore[no-any-return]
+
+
+def _upright_pose(images: Sequence[PosedImage]) -> np.ndarray:
+    """Return T_world_pano (4, 4), upright, at the mean position of the cameras."""
+    level = min(images, key=lambda image: round(abs(float(image.forward[2])), 1))
+    x_m, y_m, z_m = np.mean([image.camera.T_world_camera[:3, 3] for image in images], axis=0)
+    return pose_2d(x_m, y_m, np.radians(level.azimuth_deg), z_m)
+
+
+def _stitch(
+    id: str,
+    images: Sequence[PosedImage],
+    T_world_pano: np.ndarray,
+    height: int,
+    has_depth: bool,
+    check: Callable[[Panorama], str | None] | None,
+) -> Panorama:
+    """Stitch images to a panorama; images that cannot be read are left out. Raises DataError if none can."""
+    pictures, depths_m, cameras, depth_cameras, notes = [], [], [], [], []
+    for image in images:
+        try:
+            rgb = image.read_color()
+            depth_m = image.read_depth() if has_depth and image.read_depth is not None else None
+            camera = _fitted(image.name, image.camera, rgb)
+            depth_camera = None if depth_m is None else _fitted(image.name, image.depth_camera or image.camera, depth_m)
+        except DataError as error:
+            notes.append(f"left out: {error}")
+            continue
+        pictures.append(rgb)
+        cameras.append(camera)
+        if depth_m is not None and depth_camera is not None:
+            depths_m.append(depth_m)
+            depth_cameras.append(depth_camera)
+    if not pictures:
+        raise DataError(f"none of {len(images)} images of {id} can be read: {notes[0]}")
+    range_m = np.full((height, 2 * height), np.nan, np.float32)
+    if has_depth:
+        range_m = stitch_range(depths_m, depth_cameras, T_world_pano, height)
+    rgb, valid = stitch_color(pictures, cameras, T_world_pano, range_m)
+    range_m[~valid] = np.nan
+    panorama = Panorama(id, rgb, range_m if has_depth else None, valid)
+    if check is not None:
+        note = check(panorama)
+    else:
+        overlap, agreement = reading_agreement(depths_m, depth_cameras, T_world_pano)
+        note = DISAGREES if overlap >= MIN_OVERLAP and agreement < MIN_AGREEMENT else None
+    notes += [note] if note else []
+    return Panorama(id, panorama.rgb, panorama.range_m, panorama.valid, notes=tuple(notes))
+
+
+def _fitted(name: str, camera: PosedCamera, pixels: np.ndarray) -> PosedCamera:
+    """Return the camera of an image that may have been resized. Raises DataError if its aspect ratio is another."""
+    lens = camera.camera
+    height, width = pixels.shape[:2]
+    if (width, height) == (lens.width, lens.height):
+        return camera
+    if abs(width * lens.height / (height * lens.width) - 1) > MAX_ASPECT_ERROR:
+        raise DataError(
+            f"{name} is {width} x {height}, expected {lens.width} x {lens.height} or the same ratio, the size that its "
+            "camera was calibrated for"
+        )
+    return camera.scaled(width, height)

@@ -1,0 +1,143 @@
+"""A query as the descriptions of its views, made in one way for `localize`, navigation and evaluation."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from salframe.framework.files.cache import Cache
+from salframe.localization.describing import describe_frame
+from salframe.localization.level_frames import UPSIDE_DOWN, of_turned
+from salframe.localization.localizer import Description, Localizer
+from salframe.panoramas.camera_height import LevelSurfaces, find_level_surfaces
+from salframe.panoramas.data_checks import upside_down_note
+from salframe.panoramas.frames import QueryFrame
+from salframe.panoramas.levelling import turn_panorama
+from salframe.panoramas.panorama import Panorama
+
+VERSION = "1"
+"""Changes whenever the measured surfaces change. It is part of their cache keys."""
+
+
+@dataclass(frozen=True, eq=False)
+class DescribedView:
+    """A described panorama of a query.
+
+    Attributes:
+        id: Id of the panorama.
+        description: The description.
+        surfaces: Floor and ceiling in the panorama as it was taken.
+        seconds: Time of the computation, not counting the time to load the panorama.
+        describe_turned: Describes the panorama of the same camera after a turn by UPSIDE_DOWN. Returns a description of
+            the panorama as it was taken, and the time in seconds.
+    """
+
+    id: str
+    description: Description
+    surfaces: LevelSurfaces
+    seconds: float
+    describe_turned: Callable[[], tuple[Description, float]]
+
+
+@dataclass(frozen=True, eq=False)
+class DescribedQuery:
+    """A query of V views, at least one, that `LocalizationMap.answer_query` localizes.
+
+    Attributes:
+        descriptions: The descriptions of the views, in the order in which they were taken.
+        T_last_view: (V, 4, 4) motions that map coordinates of the views to those of the last view; None: unknown.
+        turned: The descriptions of the views turned by UPSIDE_DOWN, if all of them seem to be upside down; else empty.
+        seconds: Time of the descriptions.
+    """
+
+    descriptions: Sequence[Description]
+    T_last_view: np.ndarray | None = None
+    turned: Sequence[Description] = ()
+    seconds: float = 0.0
+
+
+def describe_view(
+    localizer: Localizer,
+    frame: QueryFrame,
+    cache: Cache | None = None,
+    dataset: str = "",
+    described: tuple[Description, float] | None = None,
+) -> DescribedView:
+    """Describe a panorama of a query.
+
+    Args:
+        localizer: The localizer.
+        frame: The panorama.
+        cache: As in `describe_frame`.
+        dataset: As in `describe_frame`.
+        described: The result of `describe_frame`, if it is known.
+
+    Raises:
+        InputMissing: The panorama lacks a part.
+        DataError: The panorama cannot be read.
+    """
+    description, seconds = described or describe_frame(localizer, frame, cache, dataset)
+    surfaces, surfaces_s = _measure_surfaces(frame, cache, dataset)
+    turned = partial(_describe_turned, localizer, frame, cache, dataset)
+    return DescribedView(frame.id, description, surfaces, seconds + surfaces_s, turned)
+
+
+def describe_query(
+    localizer: Localizer,
+    views: Sequence[DescribedView],
+    T_last_view: np.ndarray | None,
+    camera_z_m: np.ndarray,
+    warn: Callable[[str], object],
+) -> DescribedQuery:
+    """Return a query of described views. If all of them seem to be upside down, they are also described turned.
+
+    Args:
+        localizer: The localizer. They are turned only if it uses range and its `level` is "auto".
+        views: The V views in the order in which they were taken, at least one.
+        T_last_view: (V, 4, 4) motions that map coordinates of the views to those of the last view; None: unknown.
+        camera_z_m: (S,) world z of the cameras of the map.
+        warn: Called with a warning if the views seem to be upside down and are not turned.
+
+    Raises:
+        DataError: A panorama cannot be read.
+    """
+    descriptions, seconds = [view.description for view in views], sum(view.seconds for view in views)
+    notes = [upside_down_note(view.id, view.surfaces, camera_z_m) for view in views]
+    if None in notes:
+        return DescribedQuery(descriptions, T_last_view, seconds=seconds)
+    if localizer.level == "off" or "range" not in localizer.needs | localizer.uses:
+        warn(str(notes[0]))
+        return DescribedQuery(descriptions, T_last_view, seconds=seconds)
+    turned, turned_s = zip(*(view.describe_turned() for view in views), strict=True)
+    return DescribedQuery(descriptions, T_last_view, turned, seconds + sum(turned_s))
+
+
+def _measure_surfaces(frame: QueryFrame, cache: Cache | None, dataset: str) -> tuple[LevelSurfaces, float]:
+    """Return the floor and the ceiling in a panorama, and the time of the computation in seconds."""
+    key = {"dataset": frame.content or dataset, "frame": frame.id, "surfaces": VERSION}
+    cached = None if cache is None else cache.get(key)
+    if cached is not None:
+        floor_m, ceiling_m = cached[0]["surfaces_m"].tolist()
+        return LevelSurfaces(floor_m, ceiling_m), cached[1]
+    panorama = frame.load()
+    start = time.perf_counter()
+    surfaces = find_level_surfaces(panorama)
+    seconds = time.perf_counter() - start
+    if cache is not None:
+        cache.put(key, {"surfaces_m": np.array([surfaces.floor_m, surfaces.ceiling_m])}, seconds)
+    return surfaces, seconds
+
+
+def _describe_turned(
+    localizer: Localizer, frame: QueryFrame, cache: Cache | None, dataset: str
+) -> tuple[Description, float]:
+    def load() -> Panorama:
+        return turn_panorama(frame.load(), UPSIDE_DOWN)
+
+    turned = QueryFrame(f"{frame.id}, turned upside down", load, frame.content)
+    description, seconds = describe_frame(localizer, turned, cache, dataset)
+    return of_turned(description, UPSIDE_DOWN), seconds
