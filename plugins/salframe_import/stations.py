@@ -180,7 +180,7 @@ def group_by_motion(
 ) -> tuple[dict[str, list[PosedImage]], str | None]:
     """Cut a recording into stations: runs of images in which the camera turned enough and moved little.
 
-    A station ends where the camera is more than `max_move_m` from its start, or has shown all directions.
+    A station ends where the camera is more than `max_move_m` from its start.
 
     Args:
         images: The images in the order of the recording.
@@ -196,11 +196,8 @@ def group_by_motion(
     views: list[np.ndarray] = []
     for image in images:
         position_m = image.camera.T_world_camera[:3, 3]
-        if (
-            not runs
-            or views[-1].all()
-            or np.linalg.norm(position_m - runs[-1][0].camera.T_world_camera[:3, 3]) > config.max_move_m
-        ):
+        start_m = runs[-1][0].camera.T_world_camera[:3, 3] if runs else np.full(3, np.inf)
+        if not np.linalg.norm(position_m - start_m) <= config.max_move_m:
             runs.append([])
             views.append(np.zeros(_FULL_TURN_DEG, bool))
         runs[-1].append(image)
