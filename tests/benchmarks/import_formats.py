@@ -1,0 +1,208 @@
+"""Measure the import of a rendered home that is written in each format, and the localization in the imported folder.
+
+    python tests/benchmarks/import_formats.py [--formats NAMES] [--panoramas N] [--folder DIR]
+
+`house-42` is rendered at 512 x 256 pixels. Of its panoramas, N (at most 106) are written in each format by
+tests/importers/foreign_formats.py, without salframe: every third of them is a query. Then `data import`, `data info`,
+`build` (with the detector `panoseg`) and `localize` (one query) are called. Printed are what they print, the time of the
+import for 100 panoramas, the errors of poses and ranges of the imported folder, and the share of queries with the
+correct place and their median position error in the map of the imported folder.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+TESTS = Path(__file__).parent.parent
+sys.path[:0] = [str(TESTS / "importers"), str(TESTS / "matterport")]
+
+from foreign_formats import Stand, image_rays, write_cubemaps, write_pictures, write_transforms, write_tum  # noqa: E402
+
+import salframe  # noqa: E402
+from salframe.panoramas.geometry import pose_errors, rays_to_pixels, sample_nearest  # noqa: E402
+
+HEIGHT = 256
+DATA = ["data.height=256", "data.queries_per_room=1"]
+IMAGE = {"w": 192, "h": 160, "fl_x": 96.0, "fl_y": 96.0, "cx": 96.0, "cy": 80.0}
+"""Posed images of 90 x 80 degrees with the resolution of the panoramas."""
+
+
+def look(panorama: salframe.Panorama, T_world_pano: np.ndarray, T_world_camera: np.ndarray, calibration: dict):
+    """Colour and z-depth that a camera at the position of a panorama sees of it."""
+    rays = image_rays(calibration)
+    directions = rays @ (T_world_pano[:3, :3].T @ T_world_camera[:3, :3]).T
+    unit = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+    depth_m = sample_nearest(panorama.range_m, unit) / np.linalg.norm(rays, axis=-1)
+    return sample(panorama.rgb, unit), np.nan_to_num(depth_m)
+
+
+def sample(rgb: np.ndarray, rays: np.ndarray) -> np.ndarray:
+    """Return the colour of rays, bilinear."""
+    import cv2
+
+    columns, rows = rays_to_pixels(rays, len(rgb))
+    wrapped = np.concatenate([rgb[:, -1:], rgb, rgb[:, :1]], 1)
+    columns, rows = (columns + 0.5).astype(np.float32), np.clip(rows - 0.5, 0, len(rgb) - 1).astype(np.float32)
+    return cv2.remap(wrapped, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+
+
+def resized(panorama: salframe.Panorama, T_world_pano: np.ndarray, height: int):
+    """Colour and range of a panorama at another height."""
+    rays = salframe.equirectangular_rays(height)
+    return sample(panorama.rgb, rays), sample_nearest(panorama.range_m, rays)
+
+
+def read_stands(num_panoramas: int) -> tuple[list[Stand], list[Stand]]:
+    """Return the reference stands and the query stands of the rendered home."""
+    dataset = salframe.find_dataset("house-42", overrides=DATA)
+    (fold,) = dataset.folds()
+    scenes = [frame for frame in fold.references if frame.kind is salframe.FrameKind.SCENE]
+    num_queries = min(num_panoramas // 3, len(fold.queries))
+
+    def stand(frame, place, pose) -> Stand:
+        panorama = frame.load()
+        name = frame.id.removeprefix("map-")
+        return Stand(name, place, pose, partial(look, panorama, pose), lambda T, height: resized(panorama, T, height))
+
+    references = [stand(f, f.place, f.T_world_pano) for f in scenes[: num_panoramas - num_queries]]
+    truths = [(query, dataset.truth(query.id)) for query in fold.queries[:num_queries]]
+    return references, [stand(query, truth.place, truth.T_world_pano) for query, truth in truths]
+
+
+def write_matterport(root: Path, stands: list[Stand]) -> Path:
+    """Write the official layout of Matterport3D, whose pictures are 1280 x 1024 pixels."""
+    from official_layout import CX, CY, FX, FY, SIZE, camera_lines, rig, write_building
+
+    calibration = {"w": SIZE[0], "h": SIZE[1], "fl_x": FX, "fl_y": FY, "cx": CX + 0.5, "cy": CY + 0.5}
+    from foreign_formats import write_rgb, write_steps
+
+    folder, lines, places, panoramas = root / "v1" / "scans" / "home", [], [], {}
+    for number, stand in enumerate(stands):
+        name = f"{number:032x}"
+        poses = rig(stand.position, 90 - stand.heading_deg, rise_m=(0, 0, 0))
+        for (camera, stop), pose in poses.items():
+            rgb, depth_m = stand.look(pose, calibration)
+            write_rgb(folder / "undistorted_color_images" / f"{name}_i{camera}_{stop}.jpg", rgb)
+            write_steps(folder / "undistorted_depth_images" / f"{name}_d{camera}_{stop}.png", depth_m, 1 / 4000)
+        lines += camera_lines(name, poses)
+        places += [] if stand.place in places else [stand.place]
+        panoramas[name] = places.index(stand.place), stand.position
+    write_building(folder, lines, dict.fromkeys(range(len(places)), ((0, 0, 0), (1, 1, 1))), panoramas)
+    return root
+
+
+def salframe_command(*arguments: object) -> str:
+    """Run a command and return what it prints. Raises RuntimeError if it fails."""
+    command = [sys.executable, "-m", "salframe.cli", *map(str, arguments)]
+    code = "import sys; from salframe.cli import main; sys.argv[0] = 'salframe'; main()"
+    done = subprocess.run([sys.executable, "-c", code, *command[3:]], capture_output=True, text=True)
+    if done.returncode:
+        raise RuntimeError(f"salframe {' '.join(command[3:])}: {done.stderr}")
+    return done.stderr + done.stdout
+
+
+def measure(format: str, root: Path, references: list[Stand], queries: list[Stand], settings: list[str]) -> dict:
+    """Write the home in a format, import it, and compare the imported folder with the home."""
+    stands = [*references, *queries]
+    writers: dict[str, Callable[[Path], Path]] = {
+        "pictures": lambda path: write_pictures(path, references, queries, HEIGHT),
+        "perspective": lambda path: write_transforms(path, stands, IMAGE, apart_m=0.0),
+        "tum": lambda path: write_tum(path, stands),
+        "cubemap": lambda path: write_cubemaps(path, stands, size=HEIGHT // 2),
+        "matterport3d": lambda path: write_matterport(path, stands),
+    }
+    source, folder, map_folder = root / "source", root / "imported", root / "map"
+    writers[format](source)
+    ids = {
+        "tum": [f"station-{number:03d}" for number in range(1, len(stands) + 1)],
+        "matterport3d": [f"{number:032x}" for number in range(len(stands))],
+    }.get(format, [stand.name for stand in stands])
+    by_id = dict(zip(ids, stands, strict=True))
+    (root / "queries.txt").write_text("\n".join(ids[len(references) :]))
+    options = [option for setting in settings for option in ("--set", setting)]
+    options += [] if format == "pictures" else ["--queries", root / "queries.txt"]
+    start = time.perf_counter()
+    printed = {"import": salframe_command("data", "import", format, source, "-o", folder, *options)}
+    seconds = time.perf_counter() - start
+    printed["info"] = salframe_command("data", "info", folder)
+    printed["build"] = salframe_command("build", folder, "-o", map_folder, "--set", "detector.kind=panoseg")
+    query = folder / "frames" / f"{ids[len(references)]}.jpg"
+    printed["localize"] = salframe_command("localize", map_folder, query)
+    return {
+        "format": format,
+        "panoramas": len(stands),
+        "seconds_per_100": 100 * seconds / len(stands),
+        **compare(folder, map_folder, by_id),
+        "printed": printed,
+    }
+
+
+def compare(folder: Path, map_folder: Path, by_id: dict[str, Stand]) -> dict:
+    """Return the errors of the poses and ranges of an imported folder, and of the answers of its map."""
+    (fold,) = salframe.find_dataset(str(folder)).folds()
+    shifts_m, turns_deg, range_errors = [], [], []
+    for frame in fold.references:
+        stand, imported = by_id[frame.id], frame.load()
+        shift_m, turn_rad = pose_errors(frame.T_world_pano, stand.T_world_pano)
+        shifts_m.append(shift_m)
+        turns_deg.append(np.degrees(turn_rad))
+        rays = salframe.equirectangular_rays(len(imported.range_m)) @ frame.T_world_pano[:3, :3].T
+        truth_m = sample_nearest(stand.panorama(stand.T_world_pano, HEIGHT)[1], rays @ stand.T_world_pano[:3, :3])
+        ratio = imported.range_m / truth_m
+        range_errors.append(np.abs(ratio[np.isfinite(ratio)] - 1))
+    localizer = salframe.open_map(str(map_folder))
+    places = {frame.id: frame.place for frame in fold.references}
+    place_of = {by_id[id].place: place for id, place in places.items()}
+    has_places = len(set(places.values())) < len(places)
+    right, errors_m = [], []
+    for query in fold.queries:
+        answer, stand = localizer.localize(query.load()), by_id[query.id]
+        first = answer.places[0].place if answer.places else None
+        right.append(first == place_of.get(stand.place) if has_places else False)
+        if answer.T_world_query is not None:
+            errors_m.append(float(np.linalg.norm(answer.T_world_query[:2, 3] - stand.T_world_pano[:2, 3])))
+    return {
+        "max_pose_error_m": max(shifts_m),
+        "median_range_error": float(np.median(np.concatenate(range_errors))),
+        "known_share": float(np.mean([np.isfinite(frame.load().range_m).mean() for frame in fold.references])),
+        "references": len(fold.references),
+        "queries": len(fold.queries),
+        "right_place": float(np.mean(right)) if has_places else None,
+        "posed": len(errors_m),
+        "median_position_error_m": float(np.median(errors_m)) if errors_m else None,
+    }
+
+
+def main() -> None:
+    """Measure the formats and print a row for each."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--formats", default="pictures,perspective,tum,cubemap,matterport3d")
+    parser.add_argument("--panoramas", type=int, default=100)
+    parser.add_argument("--folder", type=Path, help="where the recordings are written (default: a temporary folder)")
+    arguments = parser.parse_args()
+    references, queries = read_stands(arguments.panoramas)
+    settings = {"pictures": [], "tum": ["height=256", "camera=default"]}
+    for format in arguments.formats.split(","):
+        with tempfile.TemporaryDirectory(dir=arguments.folder) as root:
+            row = measure(format, Path(root), references, queries, settings.get(format, ["height=256"]))
+            shutil.rmtree(root, ignore_errors=True)
+            Path(root).mkdir(exist_ok=True)
+        printed = row.pop("printed")
+        print(json.dumps(row))
+        for command, text in printed.items():
+            print(f"--- {command}\n{text}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
