@@ -38,6 +38,7 @@ PYTHON = {
     "navigate": "navigate",
     "score": "score",
     "data render": "find_dataset",
+    "data import": "import_data",
     "map build": "build_map",
     "map add": "add_to_map",
     "map remove": "remove_from_map",

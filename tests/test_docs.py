@@ -123,14 +123,18 @@ def test_the_walk_from_photographs_to_an_answer_works(cache, tmp_path, monkeypat
     commands = [
         shlex.split(line, comments=True)[1:] for line in re.findall("^salframe .*", (DOCS / page).read_text(), re.M)
     ]
-    render, show, _, look, build, localize, *_ = commands
+    render, show, _, dry_run, imported, look, build, localize, *_ = commands
     assert run(*render).code == 0
-    stand_ins, show_one, manifest, ask = blocks(page, "python")
+    stand_ins, show_one, again, ask = blocks(page, "python")
     exec(stand_ins, {})
     assert "study-01-0.objects.png: " in run(*show).out
     exec(show_one, {})
-    exec(manifest, {})
-    names = sorted(str(path) for path in Path("pictures").glob("*.jpg"))
+    assert run(*dry_run).code == 0
+    assert not Path("home").exists()
+    expected = (DOCS / page).read_text().partition("home: 8 reference frames")[2].partition(", in ")[0]
+    assert run(*imported).out.startswith(f"home: 8 reference frames{expected}, in ")
+    exec(again, {})
+    names = sorted(str(path) for path in Path("home/frames").glob("*.jpg"))
     looked = run("show-objects", *names, *look[2:], "--json").json
     assert len(looked["images"]) == 14
     assert not looked["failures"]

@@ -2,11 +2,11 @@
 
     python tests/benchmarks/import_formats.py [--formats NAMES] [--panoramas N] [--folder DIR]
 
-`house-42` is rendered at 512 x 256 pixels. Of its panoramas, N (at most 106) are written in each format by
-tests/importers/foreign_formats.py, without salframe: every third of them is a query. Then `data import`, `data info`,
-`build` (with the detector `panoseg`) and `localize` (one query) are called. Printed are what they print, the time of the
-import for 100 panoramas, the errors of poses and ranges of the imported folder, and the share of queries with the
-correct place and their median position error in the map of the imported folder.
+`house-42` is rendered at 512 x 256 pixels. Of its panoramas, N (at most 100) are written in each format by
+tests/importers/foreign_formats.py, without salframe. About a third of them are queries in rooms of the others. Then
+`data import`, `data info`, `build` (with the detector `panoseg`) and `localize` (one query) are called. Printed are
+what they print, the time of the import for 100 panoramas, the errors of poses and ranges of the imported folder, and
+the share of queries with the correct place and their median position error in the map of the imported folder.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ import salframe  # noqa: E402
 from salframe.panoramas.geometry import pose_errors, rays_to_pixels, sample_nearest  # noqa: E402
 
 HEIGHT = 256
+REFERENCE_SHARE = 0.64
 DATA = ["data.height=256", "data.queries_per_room=1"]
 IMAGE = {"w": 192, "h": 160, "fl_x": 96.0, "fl_y": 96.0, "cx": 96.0, "cy": 80.0}
 """Posed images of 90 x 80 degrees with the resolution of the panoramas."""
@@ -68,16 +69,18 @@ def read_stands(num_panoramas: int) -> tuple[list[Stand], list[Stand]]:
     dataset = salframe.find_dataset("house-42", overrides=DATA)
     (fold,) = dataset.folds()
     scenes = [frame for frame in fold.references if frame.kind is salframe.FrameKind.SCENE]
-    num_queries = min(num_panoramas // 3, len(fold.queries))
+    scenes = scenes[: round(REFERENCE_SHARE * num_panoramas)]
+    mapped = {frame.place for frame in scenes}
+    truths = [(query, truth) for query in fold.queries if (truth := dataset.truth(query.id)).place in mapped]
 
     def stand(frame, place, pose) -> Stand:
         panorama = frame.load()
         name = frame.id.removeprefix("map-")
         return Stand(name, place, pose, partial(look, panorama, pose), lambda T, height: resized(panorama, T, height))
 
-    references = [stand(f, f.place, f.T_world_pano) for f in scenes[: num_panoramas - num_queries]]
-    truths = [(query, dataset.truth(query.id)) for query in fold.queries[:num_queries]]
-    return references, [stand(query, truth.place, truth.T_world_pano) for query, truth in truths]
+    references = [stand(frame, frame.place, frame.T_world_pano) for frame in scenes]
+    queries = [stand(query, truth.place, truth.T_world_pano) for query, truth in truths]
+    return references, queries[: num_panoramas - len(references)]
 
 
 def write_matterport(root: Path, stands: list[Stand]) -> Path:
