@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 
 import numpy as np
@@ -17,7 +18,7 @@ import salframe
     ("format", "settings", "message"),
     [
         ("pictures", ["range_unit_m=0.00025"], "4 times too small, likely millimetres read as quarter millimetres"),
-        ("pictures", ["range_unit_m=0.01"], "10 times too large, likely centimetres read as millimetres"),
+        ("pictures", ["range_unit_m=0.01"], "ranges may be about 10 times too large"),
         ("pictures", ["position_unit_m=0.01"], "the positions are 100 times too small for the ranges"),
         ("pictures", ["position_unit_m=0.3048"], "the positions are 3.281 times too small for the ranges"),
         ("pictures", ["pose_convention=compass"], 'likely the convention "compass"'),
@@ -64,8 +65,8 @@ def test_a_time_offset_of_half_a_second_is_noticed(import_home, tmp_path, both_w
     """At 60 deg/s all headings are 30 deg off: to one side, or to the left and to the right in turn."""
     source = write_tum(tmp_path / "home", stands(), offset_s=0.5, both_ways=both_ways)
     notes = import_home("tum", source=source).notes
-    expected = "contradict their ranges" if both_ways else r"the centre of the images lies 30 deg to the"
-    assert any(expected in note for note in notes)
+    expected = "contradict their ranges" if both_ways else r"the centre of the images lies (25|30|35) deg to the left"
+    assert any(re.search(expected, note) for note in notes)
 
 
 def test_clocks_that_have_nothing_in_common_are_named(import_home):
