@@ -108,7 +108,10 @@ class RosBagImporter(Importer):
         )
         poses = find_poses(bag, rig.tree, rig.frame, config.poses, config.world)
         shots, notes = rig.find_shots()
-        notes.insert(0, f"the poses are those of {poses}")
+        odometries = bag.topics([ODOMETRY])
+        if config.poses is None and poses.odometry is None and odometries:
+            others = ", ".join(odometries)
+            notes.insert(0, f"the poses are those of {poses}, not those of {others}: for those, pass poses=TOPIC")
         posed = [
             (shot, T) for shot in shots if (T := poses.pose(rig.frame, shot.stamp_ns, rig.tolerance_s)) is not None
         ]
@@ -137,7 +140,6 @@ class RosBagImporter(Importer):
         if not config.num_views:
             return Recording(tuple(records), notes=tuple(notes))
         motion = self._motion(bag, poses)
-        notes.append(f"the motion between the views of a sequence is that of {motion}")
         sequenced, left_out = self._with_sequences(records)
         odometry = _odometry_rows(rig, motion, [(*shot, record) for shot, record in zip(posed, sequenced, strict=True)])
         remaining = tuple(record for number, record in enumerate(sequenced) if number not in left_out)
