@@ -53,11 +53,12 @@ class ColmapImporter(Importer):
             description="height of the cameras above the floor (m), instead of scale; the floor is found in the points "
             "of the model, and gets z = 0",
         )
-        images: Path | None = Field(
-            None, description="folder of the pictures; null: the folder images beside or above the model"
+        images: str | None = Field(
+            None, min_length=1, description="folder of the pictures; null: the folder images beside or above the model"
         )
-        depth: Path | None = Field(
+        depth: str | None = Field(
             None,
+            min_length=1,
             description="folder of depth images: 16-bit PNG files with the names of the pictures, or stereo/depth_maps "
             "of COLMAP; null: import no depth",
         )
@@ -77,7 +78,7 @@ class ColmapImporter(Importer):
         folder = find_model(source)
         model = read_model(folder)
         world, notes = self._world(model)
-        images = _image_folder(self.config.images, folder)
+        images = _image_folder(None if self.config.images is None else Path(self.config.images), folder)
         if num_unused := _num_unused(images, model):
             notes.append(f"{num_unused} pictures in {images} have no pose in the model: left out")
         frames: dict[int, list[ModelPicture]] = {}
@@ -203,9 +204,9 @@ class _Pictures:
 
     def _depth_file(self, name: Path, endings: tuple[str, ...]) -> Path | None:
         """Return the depth image of a picture; None without depth. Raises DataError if it is missing."""
-        folder = self.config.depth
-        if folder is None:
+        if self.config.depth is None:
             return None
+        folder = Path(self.config.depth)
         names = [name.as_posix() + suffix for suffix in DENSE_SUFFIXES if "bin" in endings]
         names.append(name.with_suffix(".png").as_posix())
         for candidate in names:
