@@ -29,9 +29,8 @@ def load_panorama(
 ) -> Panorama:
     """Read the image files of a panorama.
 
-    A picture whose Photo Sphere XMP declares a crop is placed on the full sphere, and `valid` is false elsewhere. One
-    whose XMP declares a tilt is turned upright. The other images have the same pixel grid and are changed in the same
-    way.
+    If the Photo Sphere XMP of the picture declares a crop, the picture is placed on the full sphere, and `valid` is
+    false elsewhere. If it declares a tilt, the picture is turned upright. The other images are changed in the same way.
 
     Args:
         id: Id of the panorama.

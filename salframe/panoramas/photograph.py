@@ -33,7 +33,9 @@ def lay_on_sphere(camera: Camera, image: np.ndarray, height: int, *, smooth: boo
 
 
 def see_panorama(camera: Camera, panorama_image: np.ndarray) -> np.ndarray:
-    """Return a camera's view of a panorama image (H, 2H, ...), (camera.height, camera.width, ...), nearest pixel.
+    """Return the image (camera.height, camera.width, ...) that a camera shows of a panorama image (H, 2H, ...).
+
+    The nearest pixel is used.
 
     Raises:
         DataError: The distortion of the camera is not invertible in a part of its image.

@@ -44,9 +44,9 @@ class View:
         panorama: The panorama. A narrow camera shows a part of the sphere, `Panorama.valid`.
         T_last_view: (4, 4) rigid motion that maps coordinates of this view to those of the last view; the identity for
             the last view. None where the motion is unknown.
-        position_m: (3,) float64 position of the panorama's centre in the base frame of the robot in metres; the axes of
-            both frames are equal. Coordinates of a view, and the pose of the answer, are those of the base. The default
-            is the origin: they are those of the panorama.
+        position_m: (3,) float64 position of the panorama's centre in the base frame of the robot, in metres. The
+            axes of both frames are equal. Motions and the pose of the answer are those of the base. The default is the
+            origin.
 
     Raises:
         DataError: The panorama is no Panorama, the motion is not rigid, or the position is not finite.
@@ -75,7 +75,7 @@ class View:
 def motions(views: Sequence[View]) -> np.ndarray | None:
     """Return the motions that map coordinates of panoramas to those of the last panorama, (V, 4, 4) float64.
 
-    None where a motion is unknown. That of the last view may be left out, because it is the identity.
+    The result is None if a motion is unknown. The motion of the last view may be None, because it is the identity.
 
     Raises:
         DataError: There are no views, one of them is no View, or the motion of the last view is not the identity.
