@@ -59,13 +59,13 @@ class VoteTracker(Tracker):
     version = "1"
 
     class Config(ComponentConfig):
-        fade: float = Field(0.8, ge=0, le=1, description="factor of a vote for each later answer; 1: votes do not fade")
+        fade: float = Field(0.7, ge=0, le=1, description="factor of a vote for each later answer; 1: votes do not fade")
         agreement_m: float = Field(0.5, gt=0, description="maximum distance of poses that agree (m)")
         agreement_deg: float = Field(
             30.0, gt=0, le=180, description="maximum difference of the headings of poses that agree (degrees)"
         )
         min_votes: float = Field(
-            0.5,
+            0.05,
             ge=0,
             description="minimum sum of votes to track a pose; for localizers without probabilities, any vote is "
             "sufficient",

@@ -83,5 +83,5 @@ def _is_near(line: BeliefLine) -> bool:
 
 
 def _recovers(belief: BeliefRow) -> bool:
-    """Return whether place and position are correct after at least one of the views that follow a kidnapping."""
-    return any(line.right and _is_near(line) for line in belief.kidnapped)
+    """Return whether the place is correct after at least one of the views that follow a kidnapping."""
+    return any(line.right for line in belief.kidnapped)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from salframe.evaluation.runs.method_row import MethodRow
@@ -28,8 +29,8 @@ class TrackingRow(MethodRow):
         near: Share of the walks whose position error is at most NEAR_M after the last view.
         position_m: Median position error after the last view, with its bootstrap interval.
         heading_deg: Median heading error after the last view.
-        recovered: Share of the walks in which place and position are correct after at least one of the views that
-            follow a move without odometry.
+        recovered: Share of the walks in which the place is correct after at least one of the views that follow a move
+            without odometry.
         roc_area: Area under the ROC curve of the support after the last view, of walks in this building against walks
             in the map of another building.
         tracking: Share of the walks whose status is `tracking` after the last view.
@@ -52,6 +53,10 @@ class TrackingRow(MethodRow):
     nees: float | None = None
 
     @property
+    def settings(self) -> Mapping[str, str]:
+        return {"belief": self.belief}
+
+    @property
     def measured(self) -> bool:
         return self.right_12 is not None
 
@@ -72,7 +77,6 @@ def _after(index: int) -> Column[TrackingRow]:
 
 
 COLUMNS: dict[str, Column[TrackingRow]] = {
-    "belief": Column("belief", lambda row: row.belief, unmeasured=True),
     "input": INPUT,
     "walks": Column("walks", lambda row: str(row.walks)),
     **{f"after_{count}": _after(index) for index, count in enumerate(AFTER[:-1])},

@@ -145,8 +145,8 @@ class TrackingTask(Task[Walk, TrackingSurvey, WalkRow, TrackingRow]):
     @classmethod
     def legend(cls, rows: Sequence[TrackingRow]) -> list[str]:
         return [
-            f"recovered: after 12 views, the camera is moved to another walk without odometry; place and position are "
-            f"correct after one of the next {NUM_KIDNAPPED} views."
+            "recovered: after 12 views, the camera is moved to another walk without odometry; the place is correct "
+            f"after at least one of the next {NUM_KIDNAPPED} views."
         ]
 
 
