@@ -34,12 +34,14 @@ class _Vote:
         pose: (4, 4) upright T_world_pano.
         covariance: (3, 3) of (x_m, y_m, yaw_rad), with the errors of odometry.
         weight: Number of votes.
+        probability: Probability of the place; 1 from a localizer without probabilities.
     """
 
     place: str
     pose: np.ndarray
     covariance: np.ndarray
     weight: float
+    probability: float
 
     def moved(self, odometry: np.ndarray, noise: OdometryNoise) -> _Vote:
         """Return the vote after a motion."""
@@ -67,8 +69,7 @@ class VoteTracker(Tracker):
         min_votes: float = Field(
             0.05,
             ge=0,
-            description="minimum sum of votes to track a pose; for localizers without probabilities, any vote is "
-            "sufficient",
+            description="minimum sum of votes to track a pose; an answer without a probability counts as one vote here",
         )
         odometry: OdometryNoise = Field(
             OdometryNoise(), description="errors of odometry, in the covariance of the pose"
@@ -82,10 +83,18 @@ class VoteTracker(Tracker):
         self._is_moved_blindly = False
 
     def move(self, odometry: np.ndarray | None) -> None:
-        """See Tracker. After an unknown motion, the votes are those of a camera that did not move, and the tracker is
-        lost until the next answer."""
+        """See Tracker.
+
+        An unknown motion is treated as no motion, with errors as large as the limits of agreement. The tracker is lost
+        until the next answer.
+        """
+        noise = self.config.odometry
         if odometry is None:
             self._is_moved_blindly = True
+            limits = np.array([self.config.agreement_m] * 2 + [np.radians(self.config.agreement_deg)])
+            self._votes = [
+                vote and replace(vote, covariance=vote.covariance + np.diag(limits**2)) for vote in self._votes
+            ]
             return
         if not is_rigid(odometry, RIGID_TOLERANCE):
             received = " ".join(str(np.asarray(odometry).tolist()).split())[:200]
@@ -93,8 +102,7 @@ class VoteTracker(Tracker):
         motion = np.asarray(odometry, np.float64)
         back, upright = invert_pose(motion), pose_2d(*motion[:2, 3], pose_yaw(motion), motion[2, 3])
         self._visited = [back @ pose for pose in self._visited]
-        noise = self.config.odometry
-        self._votes = [None if vote is None else vote.moved(upright, noise) for vote in self._votes]
+        self._votes = [vote and vote.moved(upright, noise) for vote in self._votes]
 
     def observe(self, answer: Localization) -> None:
         near = [self._is_here(pose) for pose in self._visited]
@@ -126,7 +134,8 @@ class VoteTracker(Tracker):
         covariance = np.tensordot(share, [votes[row].covariance for row in members], 1) + errors.T @ (
             share[:, None] * errors
         )
-        is_certain = self._out_of_map[-1] is None or support[best] >= self.config.min_votes
+        certainty = fade[rows][members] @ [votes[row].probability for row in members]
+        is_certain = certainty >= self.config.min_votes
         status = TrackStatus.TRACKING if is_certain and not self._is_moved_blindly else self._failure(fade)
         pose = pose_2d(x, y, yaw_rad[best] + turn, z)
         place = votes[members[-1]].place if self.find_place is None else self.find_place(pose[:3, 3])
@@ -157,7 +166,8 @@ def _vote(answer: Localization) -> _Vote | None:
     weight = max(first.score, 0.0) if first.probability is None else first.probability
     covariance = UNKNOWN_COVARIANCE if answer.covariance is None else _planar(answer.covariance)
     x, y, z = pose[:3, 3]
-    return _Vote(first.place, pose_2d(x, y, pose_yaw(pose), z), covariance, weight)
+    probability = 1.0 if first.probability is None else first.probability
+    return _Vote(first.place, pose_2d(x, y, pose_yaw(pose), z), covariance, weight, probability)
 
 
 def _planar(covariance: np.ndarray) -> np.ndarray:
