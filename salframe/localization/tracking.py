@@ -234,7 +234,8 @@ def track(
     frames = opened.view_frames(entries, {})
     t_s = [entry.t_s or 0.0 for entry in entries]
     poses = [None if opened.odometry is None else opened.odometry.pose(time) for time in t_s]
-    steps, last = [], None
+    steps: list[TrackStep] = []
+    last: np.ndarray | None = None
     for number, (frame, pose) in enumerate(zip(frames, poses, strict=True)):
         if progress:
             progress(number, len(frames))

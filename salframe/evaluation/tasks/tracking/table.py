@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from salframe.evaluation.runs.method_row import MethodRow
 from salframe.evaluation.statistics import Estimate
@@ -78,6 +78,9 @@ def _after(index: int) -> Column[TrackingRow]:
     )
 
 
+_ELSEWHERE: Column[TrackingRow] = rate_column(
+    "tracking in another\nbuilding % (95 % CI)", lambda row: row.tracking_elsewhere
+)
 COLUMNS: dict[str, Column[TrackingRow]] = {
     "input": INPUT,
     "walks": Column("walks", lambda row: str(row.walks)),
@@ -100,12 +103,7 @@ COLUMNS: dict[str, Column[TrackingRow]] = {
         lambda row: None if row.roc_area is None else row.roc_area.value,
     ),
     "tracking": rate_column("tracking %\n(95 % CI)", lambda row: row.tracking),
-    "tracking_elsewhere": Column(
-        "tracking in another\nbuilding % (95 % CI)",
-        rate_column("", lambda row: row.tracking_elsewhere).cell,
-        lambda row: None if row.tracking_elsewhere is None else row.tracking_elsewhere.value,
-        largest=False,
-    ),
+    "tracking_elsewhere": replace(_ELSEWHERE, largest=False),
     "nees": number_column("NEES", lambda row: row.nees, 1),
 }
 USUAL = tuple(COLUMNS)

@@ -115,7 +115,7 @@ class TrackingTask(Task[Walk, TrackingSurvey, WalkRow, TrackingRow]):
         self, label: str, method: Localizer, survey: TrackingSurvey, todo: Sequence[Walk], folder: Path
     ) -> Worker[Walk]:
         check_needs(method, survey.dataset)
-        kidnapped = {}
+        kidnapped: dict[str, Walk] = {}
         for world in survey.worlds:
             walks = [walk for walk in survey.pieces if walk.world == world]
             kidnapped |= {walk.id: walks[(number + 1) % len(walks)] for number, walk in enumerate(walks)}

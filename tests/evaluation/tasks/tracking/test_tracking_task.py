@@ -64,13 +64,13 @@ def test_correct_answers_and_exact_odometry_are_tracked_without_an_error():
     for row in rows.values():
         assert row.walks == 4
         assert (row.near.value, row.tracking.value) == (1.0, 1.0)
-        assert row.position_m.value == pytest.approx(0.0, abs=1e-5)  # the range image is float32
+        assert row.position_m.value == pytest.approx(0.0, abs=1e-4)  # the range image is float32
         assert row.roc_area is None  # the apartment is not generated from a seed
     for name in ("votes", "first"):  # the place of a single answer is that of the nearest frame, also in the doorway
         assert rows[name].right == (1.0,) * 5
         assert rows[name].right_12.value == 1.0
     assert rows["votes"].recovered.value == 1.0
-    assert rows["first"].position_m.value == pytest.approx(0.0, abs=1e-5)
+    assert rows["first"].position_m.value == pytest.approx(0.0, abs=1e-4)
     assert not result.crashed
     stored = json.loads((result.runs[0] / "beliefs.json").read_text())
     assert [row["belief"] for row in stored] == ["votes", "latest", "first"]
