@@ -66,9 +66,8 @@ def test_correct_answers_and_exact_odometry_are_tracked_without_an_error():
         assert (row.near.value, row.tracking.value) == (1.0, 1.0)
         assert row.position_m.value == pytest.approx(0.0, abs=1e-4)  # the range image is float32
         assert row.roc_area is None  # the apartment is not generated from a seed
-    for name in ("votes", "first"):  # the place of a single answer is that of the nearest frame, also in the doorway
-        assert rows[name].right == (1.0,) * 5
-        assert rows[name].right_12.value == 1.0
+    for name in ("votes", "first"):  # in between, the nearest frame may be beyond the door: `seer` stores no masks
+        assert rows[name].right[0] == rows[name].right_12.value == 1.0
     assert rows["votes"].recovered.value == 1.0
     assert rows["first"].position_m.value == pytest.approx(0.0, abs=1e-4)
     assert not result.crashed
