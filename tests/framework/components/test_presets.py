@@ -74,6 +74,7 @@ def test_every_default_is_a_name_that_there_is():
         "detector": "detector",
         "saliency": "saliency",
         "image-network": "image-network",
+        "tracker": "tracker",
     }
     assert set(defaults()) == {*known, "auto"}
     assert set(auto_order("detector")) <= {*names("detector"), "segments"}
