@@ -193,7 +193,7 @@ def test_a_camera_is_read_from_its_file(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"width": 640.5}, "a.json: width: received 640.5, expected a valid integer"),
+        ({"width": 640.5}, "a.json: width: received 640.5, expected an integer"),
         ({"K": [1] * 9}, r"unknown key .*a\.json: K .*fx"),
         ({"distortion_model": "omni"}, r"a\.json: distortion_model is 'omni', expected one of none"),
         ({"T_base_camera": [[1, 0], [0, 1]]}, r"a\.json: .*T_base_camera has shape \(2, 2\), expected \(4, 4\)"),
