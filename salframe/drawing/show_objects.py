@@ -133,7 +133,7 @@ def show_objects(
     range_missing: Sequence[int] = (),
     range_kind: RangeKind | str | None = None,
     fov_deg: float | None = None,
-    pitch_deg: float | None = None,
+    elevation_deg: float | None = None,
     camera: Camera | None = None,
     progress: Progress | None = None,
 ) -> ObjectViews:
@@ -154,8 +154,8 @@ def show_objects(
         range_kind: "ray": range along the ray, the default for panoramas; "z": z-depth of a photograph, the default for
             photographs; "cube": z-depth of the stitched cube faces of a panorama.
         fov_deg: Horizontal field of view of photographs, in degrees; None for panoramas.
-        pitch_deg: Angle by which the camera of the photographs looks up, in degrees.
-        camera: Camera of photographs, instead of `fov_deg` and `pitch_deg`.
+        elevation_deg: Angle by which the camera of the photographs looks up, in degrees.
+        camera: Camera of photographs, instead of `fov_deg` and `elevation_deg`.
         progress: Called with the name of the step, the number of images done and their total number.
 
     Raises:
@@ -163,7 +163,7 @@ def show_objects(
     """
     paths, output = [Path(image) for image in images], Path(output)
     range_image = None if range_image is None else Path(range_image)
-    _check(paths, output, range_image, fov_deg, pitch_deg, camera)
+    _check(paths, output, range_image, fov_deg, elevation_deg, camera)
     are_photographs = fov_deg is not None or camera is not None
     default_kind = RangeKind.Z if are_photographs else RangeKind.RAY
     encoding = RangeEncoding(range_unit_m, tuple(range_missing), range_kind or default_kind)
@@ -179,7 +179,7 @@ def show_objects(
             _check_picture(picture)
             if are_photographs:
                 shot = open_photograph(
-                    image, range_image, camera=camera, fov_deg=fov_deg, pitch_deg=pitch_deg or 0.0, encoding=encoding
+                    image, range_image, camera=camera, fov_deg=fov_deg, elevation_deg=elevation_deg or 0.0, encoding=encoding
                 )
             else:
                 shot = open_panorama(image, range_image, encoding)
@@ -205,7 +205,7 @@ def _check(
     output: Path,
     range_image: Path | None,
     fov_deg: float | None,
-    pitch_deg: float | None,
+    elevation_deg: float | None,
     camera: Camera | None,
 ) -> None:
     """Check the arguments.
@@ -217,9 +217,9 @@ def _check(
         raise ConfigError("received no image, expected at least one")
     if range_image is not None and len(images) != 1:
         raise ConfigError(f"received {len(images)} images with --range, expected one image")
-    if pitch_deg is not None and fov_deg is None:
+    if elevation_deg is not None and fov_deg is None:
         raise ConfigError(
-            "received --pitch without --fov: add --fov DEG, the horizontal field of view of the photographs"
+            "received --elevation without --fov: add --fov DEG, the horizontal field of view of the photographs"
         )
     if camera is not None and fov_deg is not None:
         raise ConfigError("received both --camera and --fov, expected only one of them")

@@ -147,13 +147,13 @@ def open_photograph(
     *,
     camera: Camera | None = None,
     fov_deg: float | None = None,
-    pitch_deg: float = 0.0,
+    elevation_deg: float = 0.0,
     encoding: RangeEncoding | None = None,
 ) -> Shot:
     """Read a photograph with its panorama. Arguments and errors are as in `read_photograph`, besides these:
 
     Args:
-        pitch_deg: Elevation of the optical axis with `fov_deg`, in degrees.
+        elevation_deg: Elevation of the optical axis with `fov_deg`, in degrees, positive upwards.
         encoding: Encoding of the depth image; None: z-depth in millimetres.
     """
     if camera is not None and fov_deg is not None:
@@ -174,7 +174,7 @@ def open_photograph(
     if camera is None:
         if fov_deg is None:
             raise DataError("received neither camera nor fov_deg for a photograph, expected one of them")
-        camera = Camera.of_field_of_view(width, height, fov_deg, pitch_deg)
+        camera = Camera.of_field_of_view(width, height, fov_deg, elevation_deg)
     else:
         if (file.width_px, file.height_px) != (camera.width, camera.height):
             raise DataError(
