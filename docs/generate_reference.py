@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args, get_origin
 
 import typer
 from salframe_panoseg.detector import PANOSEG
@@ -82,9 +82,17 @@ def _option(parameter: Any) -> tuple[str, str, str]:
     default = "" if parameter.default is None or parameter.default is False else f"`{parameter.default}`"
     return (
         ", ".join(f"`{name}`" for name in _spelling(parameter)),
-        _plain(parameter.help),
+        _plain(parameter.help) + _values(parameter),
         "required" if parameter.required else default,
     )
+
+
+def _values(parameter: Any) -> str:
+    """The values of an option that has a list of them, as a sentence."""
+    annotation = parameter.type_descriptor.annotation
+    parts = [annotation, *get_args(annotation)]
+    values = [f"`{value}`" for part in parts if get_origin(part) is Literal for value in get_args(part)]
+    return f". Values: {', '.join(values)}" if values else ""
 
 
 def _spelling(parameter: Any) -> list[str]:

@@ -249,7 +249,7 @@ class NodeMatcher(GraphMatcher):
         return Candidates(graph, query, weight, numbers[is_candidate], jaccard[is_candidate], nodes, node_weight)
 
     def _shortlist(self, graph: SaliencyGraph, index: GraphIndex) -> np.ndarray:
-        """Return the numbers (K,) of the best graphs by the scene index, or of all graphs without one, ascending."""
+        """Return the indices (K,) of the graphs to match: the candidates of the scene index, or all. Ascending."""
         if index.scenes is None:
             return np.arange(len(index.graphs))
         return np.sort(index.scenes.candidates(graph, self.config.max_candidates).scene)

@@ -49,7 +49,7 @@ class HouseConfig(QueryView):
         "down",
     )
     query_height_m: float = added(
-        1.5, ge=0.2, le=2.2, description="mean height of the cameras of the queries over the floor in metres"
+        1.5, ge=0.2, le=2.2, description="mean height of the cameras of the queries above the floor in metres"
     )
     changed_fraction: float = Field(
         0.1,

@@ -91,10 +91,12 @@ class PerspectiveImporter(Importer):
         pose_convention: PoseConvention = Field(
             "opengl-z-up", description="convention of transform_matrix; nerfstudio has opengl-z-up"
         )
-        position_unit_m: PositiveFloat = Field(1.0, description="unit of the positions in metres")
+        position_unit_m: PositiveFloat = Field(
+            1.0, description="length of one unit of the positions, in metres (0.001: the positions are in millimetres)"
+        )
         depth_unit_m: PositiveFloat = Field(MILLIMETRE, description="metres per step of a depth image")
         depth_missing: tuple[Annotated[int, Field(ge=0, le=MAX_STEP)], ...] = Field(
-            (), description="values of a depth image that mean no reading, besides 0"
+            (), description="values of a depth image that mean an unknown depth, besides 0"
         )
         depth_kind: Literal["z", "ray"] = Field(
             "z", description="what a depth image stores: depth along the optical axis (z), or range along the ray"

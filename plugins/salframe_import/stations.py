@@ -42,13 +42,16 @@ class StationSettings(ComponentConfig):
         512, ge=64, le=4096, description="height of a panorama in pixels; its width is twice the height"
     )
     max_move_m: PositiveFloat = Field(
-        0.3, description="maximum distance of the cameras of one panorama, where images are grouped by their motion"
+        0.3,
+        description="maximum distance between the cameras of the images of one panorama, in metres. Used if images are "
+        "grouped by their motion",
     )
     min_view_deg: float = Field(
         180.0,
         ge=0,
         le=_FULL_TURN_DEG,
-        description="minimum horizontal view of a panorama, where images are grouped by their motion",
+        description="minimum horizontal field of view of a panorama, in degrees. Used if images are grouped by their "
+        "motion",
     )
     min_step_deg: float = Field(
         10.0, ge=0, le=90, description="minimum turn between two images of one panorama; others are left out"

@@ -41,9 +41,9 @@ class MatterportAnnotations(NavigableDataset):
     """Real buildings: the objects visible from each viewpoint of Matterport3D, from the annotations of REVERIE.
 
     By default, each query has a map of all other viewpoints of its building. The query is turned by a random yaw. The
-    range of an object comes from its position, which is triangulated from its bearings at several viewpoints. The views
-    of a driven query are the viewpoints of a random walk that ends at the query, each turned by a random yaw. The map
-    contains none of them.
+    range of an object comes from its position, which is triangulated from its bearings at several viewpoints. With
+    `query_motion=driven`, the views of a query are the panoramas of a random walk from viewpoint to viewpoint, each
+    with a random yaw. The map contains none of these viewpoints.
     """
 
     name = "matterport-annotations"

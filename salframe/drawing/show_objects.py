@@ -179,7 +179,12 @@ def show_objects(
             _check_picture(picture)
             if are_photographs:
                 shot = open_photograph(
-                    image, range_image, camera=camera, fov_deg=fov_deg, elevation_deg=elevation_deg or 0.0, encoding=encoding
+                    image,
+                    range_image,
+                    camera=camera,
+                    fov_deg=fov_deg,
+                    elevation_deg=elevation_deg or 0.0,
+                    encoding=encoding,
                 )
             else:
                 shot = open_panorama(image, range_image, encoding)

@@ -157,7 +157,7 @@ class Localization:
     def accepted(self) -> bool | None:
         """Whether a program should use the first place and, if there is one, the pose.
 
-        None for a localizer without probabilities, if the answer has a place.
+        None if the answer has a place, but the localizer computes no probabilities.
         """
         return is_accepted(self.status, self.out_of_map_probability)
 

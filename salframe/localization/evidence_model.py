@@ -73,10 +73,10 @@ class PlaceFrames:
 
 @dataclass(frozen=True, eq=False)
 class PlaceHypotheses:
-    """H hypotheses of where a query was taken. The first C have a pose, the others only a place.
+    """H hypotheses of the place of a query. The first C also have a pose.
 
     Attributes:
-        place: (H,) int64 number of the place in PlaceFrames.
+        place: (H,) int64 index of the place in PlaceFrames.
         xy_m: (C, 2) float64 position of the query in the world, metres.
         yaw_rad: (C,) float64 heading of the query in the world.
         scale: (C,) float64 factor from the query's ranges to true ranges.
@@ -111,14 +111,14 @@ class EvidenceModel(Role):
     uses_pose: ClassVar[bool] = False
     """Whether the columns depend on the pose of a hypothesis. Only such evidence compares poses in one place."""
     column_step: ClassVar[int | None] = 1
-    """Rolling the panorama by a multiple of this number of columns changes no column; None: any roll may."""
+    """Turning the panorama by a multiple of this number of pixel columns changes no evidence; None: every turn may."""
 
     def describe(self, panorama: Panorama, description: Description) -> Description:
         """Return the arrays to add to the description of a panorama, of those named in `arrays`.
 
         Args:
             panorama: The panorama.
-            description: What the localizer itself describes, such as the arrays of the saliency graph.
+            description: Arrays of the localizer itself, such as those of the saliency graph.
         """
         return {}
 

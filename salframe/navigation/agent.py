@@ -37,8 +37,8 @@ class Located(NamedTuple):
     Attributes:
         pose: (4, 4) T_world_pano.
         score: Score of the answer.
-        frame: Id of the reference frame whose position the pose has, where the localizer gave a place only; None where
-            it gave a pose.
+        frame: Id of a reference frame. If the localizer returned a place without a pose, `pose` is the pose of this
+            frame. None if the localizer returned a pose.
     """
 
     pose: np.ndarray

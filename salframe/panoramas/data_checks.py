@@ -100,7 +100,7 @@ def upside_down_note(query: str, surfaces: LevelSurfaces, camera_z_m: np.ndarray
     Args:
         query: Id of the query.
         surfaces: Floor and ceiling in the query.
-        camera_z_m: (S,) world z of the cameras of the map. Those that are positive are heights over the floor.
+        camera_z_m: (S,) world z of the cameras of the map. Those that are positive are heights above the floor.
     """
     known_m = camera_z_m[camera_z_m > 0]
     if np.isnan(surfaces).any() or not len(known_m):

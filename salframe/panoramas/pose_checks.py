@@ -340,7 +340,7 @@ def _scale_text(scale: float, sample: _Sample) -> str:
 
 
 def _floor_distance_m(sample: _Sample) -> float | None:
-    """Return the median height of the first cameras over the floor; None where no floor is visible."""
+    """Return the median height of the first cameras above the floor; None where no floor is visible."""
     heights = [height for range_m in sample.ranges[:3] if (height := camera_height(range_m)) is not None]
     return float(np.median(heights)) if heights else None
 
@@ -357,7 +357,7 @@ def _height_notes(sample: _Sample, floors: Sequence[FloorMasks]) -> list[str]:
     frames, z_m, height_m = zip(*rows, strict=True)
     if len(rows) > 1 and np.allclose(z_m, -np.array(height_m), rtol=0.1):
         return [
-            f"the cameras are {height_m[0]:.2f} m over the visible floor, and the z of their poses is {z_m[0]:.2f} m "
+            f"the cameras are {height_m[0]:.2f} m above the visible floor, and the z of their poses is {z_m[0]:.2f} m "
             f"({frames[0].id}), expected the opposite sign: {_convention_text('ros-world-to-camera')}"
         ]
     if not floors:

@@ -68,8 +68,8 @@ class QueryView(ComponentConfig):
     query_errors: Literal["stretch", "view"] = added(
         "stretch",
         match_only=True,
-        description="how the simulated errors of an object vary over the views of a query. stretch: the same "
-        "errors in all views; view: new errors in each view",
+        description="simulated detection errors of an object in the views of a query. stretch: the same errors in "
+        "all views; view: different errors in each view",
     )
 
 

@@ -134,7 +134,9 @@ def missing_line(shares: Mapping[int, float], source: str, encoding: RangeEncodi
     fills = " and ".join(
         f"{value if encoding else f'{value * MILLIMETRE:g} m'} fills {shares[value]:.1%}" for value in values
     )
-    likely = f"{fills} of the pixels of the {source}, differs from the surfaces around it, and likely means no reading"
+    likely = (
+        f"{fills} of the pixels of the {source}, differs from the ranges around it, and likely means an unknown range"
+    )
     if encoding is None:
         return f"{likely}: set the range of these pixels to NaN"
     missing = sorted({*encoding.missing, *values})
@@ -143,4 +145,4 @@ def missing_line(shares: Mapping[int, float], source: str, encoding: RangeEncodi
 
 
 def _listed(concerned: Mapping[str, object], panoramas: Sequence[Panorama]) -> str:
-    return f"{len(concerned)} of {len(panoramas)} checked, {next(iter(concerned))} first"
+    return f"{len(concerned)} of {len(panoramas)} checked images, such as {next(iter(concerned))}"

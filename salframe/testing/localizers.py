@@ -240,7 +240,7 @@ def _index(
 
 
 def _expect_same(checked: str, before: Localization, after: Localization, world: np.ndarray | None = None) -> None:
-    """Check that an answer did not change; with `world`, that its pose moved with the world."""
+    """Check that two answers are equal. With `world`, the pose must have moved by this transform."""
     expect(after.status == before.status, checked, f"the status '{after.status}'", f"'{before.status}' as before")
     tolerance = _ROUNDING if world is None else _MOVED
     fields = ("out_of_map_probability", *(("covariance",) if world is None else ()))

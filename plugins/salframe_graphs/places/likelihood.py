@@ -67,7 +67,7 @@ class PlaceLikelihood:
             rates: Error rates of the detector.
             likelihood: Constants of the likelihood.
             sectors: Sectors that the query shows; None: all of them.
-            camera_height_m: Height of the query's camera over the floor; NaN: unknown, equal to that of the map.
+            camera_height_m: Height of the query's camera above the floor; NaN: unknown, equal to that of the map.
         """
         self.query, self.index, self.rates, self.likelihood = query, index, rates, likelihood
         self.sectors = sectors

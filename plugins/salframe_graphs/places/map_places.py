@@ -59,7 +59,7 @@ class MapPlaces:
         Args:
             graphs: The graph of each frame.
             frames: The frames.
-            heights_m: (S,) height of each frame's camera over the floor, NaN where it is unknown.
+            heights_m: (S,) height of each frame's camera above the floor, NaN where it is unknown.
             regions: The floor area of each place, or None.
             rates: Error rates of the detector.
             likelihood: Constants of the likelihood.
@@ -158,7 +158,7 @@ class MapPlaces:
         return np.sort(self._frames_m[self.shown.of_name(name), 2])
 
     def camera_z_m(self, place: int, camera_height_m: float) -> float:
-        """Return the height in the world of a camera over the floor of a place.
+        """Return the height in the world of a camera above the floor of a place.
 
         Where a height is unknown, it is the median height of the cameras of the place.
         """

@@ -46,7 +46,7 @@ class RangedObjects(ObservedObjects):
             index: The places.
             rates: Error rates of the detector.
             likelihood: Constants of the likelihood.
-            camera_height_m: Height of the query's camera over the floor; NaN: unknown, equal to that of the map.
+            camera_height_m: Height of the query's camera above the floor; NaN: unknown, equal to that of the map.
         """
         self._index, self._rates, self._likelihood = index, rates, likelihood
         self.position = as_complex(query.centroid_m)

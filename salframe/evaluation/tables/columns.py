@@ -35,7 +35,7 @@ class Column(Generic[RowT]):
         cell: Returns the text of a row.
         value: Returns the number by which rows are ranked; None: the column does not rank rows.
         largest: Whether the largest number is the best; otherwise the smallest is.
-        cost: Whether it shows a cost of methods.
+        cost: Whether it shows a time, a size or memory.
         unmeasured: Whether rows of methods that were not measured have a text too.
     """
 
