@@ -108,9 +108,10 @@ def write_components() -> str:
     page = [
         "# Components",
         "Generated from the registry by docs/generate_reference.py. `salframe show NAME` prints the same with the "
-        "values of a preset, and `salframe plugins` says what is missing to run a component here. A setting is changed "
-        "with `--set`: see [Ablate](../how-to/ablate.md). A setting whose type is a role holds another component, "
-        "whose settings follow a dot.",
+        "values of a preset. `salframe plugins` states what is missing to run a component on your machine. Change a "
+        "setting with `--set KEY=VALUE`: see [Ablate](../how-to/ablate.md). If the type of a setting is a role, its "
+        "value is the name of another component. The settings of this component follow after a dot, as in "
+        "`matcher.rarity`.",
     ]
     for role, base in registry().roles.items():
         components = [component for component, package in registry() if component.role == role and package == PACKAGE]

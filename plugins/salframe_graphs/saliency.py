@@ -18,7 +18,7 @@ class VolumetricSaliency(SaliencyModel):
     """Saliency is an object's share of the volume of all objects: S_b = V_b / sum(V).
 
     V_b is the volume of the convex hull of the object's points. An object of unknown volume has saliency 0. Where no
-    volume is known, as without range, saliency is the share of solid angle. Where no solid angle is known either, all
+    volume is known, such as without range, saliency is the share of solid angle. Where no solid angle is known either, all
     objects have equal saliency.
     """
 

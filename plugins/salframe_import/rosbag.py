@@ -57,7 +57,7 @@ class RosBagImporter(Importer):
         camera_axes: CameraAxes = Field(
             "auto",
             description="axes of the frame of equirectangular images. optical: x right, y down, z forward; body: x "
-            "forward, y left, z up; auto: those under which the images are upright",
+            "forward, y left, z up; auto: the axes for which the images are upright",
         )
         poses: str | None = Field(
             None,
@@ -75,25 +75,29 @@ class RosBagImporter(Importer):
         tolerance_s: float = Field(
             0.02, gt=0, le=1, description="maximum difference of the stamps of messages that belong together (s)"
         )
-        depth_unit_m: float = Field(MILLIMETRE, gt=0, description="metres per step of depth of 16 bits")
+        depth_unit_m: float = Field(MILLIMETRE, gt=0, description="metres per unit of 16-bit depth")
         depth_kind: Literal["z", "ray", "cube"] | None = Field(
             None,
-            description="what depth measures. z: along the optical axis; ray: along the ray; cube: along the axis of "
+            description="quantity in the depth. z: along the optical axis; ray: along the ray; cube: along the axis of "
             "the cube face that shows a pixel; null: z for pinhole images, ray for equirectangular ones",
         )
         group_by: Literal["time", "motion"] = Field(
             "time",
-            description="which pinhole images are one panorama. time: those of one time; motion: those of a camera "
+            description="pinhole images that form one panorama. time: those of one time; motion: those of a camera "
             "that turned and moved little",
         )
         num_views: int = Field(
-            0, ge=0, le=100, description="number of views of a query sequence; 0: import no sequences"
+            0, ge=0, le=100, description="number of views of a query of several views (a sequence); 0: no such queries"
         )
         sequence_period: int = Field(
             20, ge=2, description="number of views from the end of a sequence to the end of the next one"
         )
-        view_distance_m: float = Field(0.5, gt=0, description="distance between two views of a sequence (m)")
-        view_turn_deg: float = Field(45.0, gt=0, description="turn between two views of a sequence (degrees)")
+        view_distance_m: float = Field(
+            0.5, gt=0, description="distance after which a new view of a sequence is taken (m)"
+        )
+        view_turn_deg: float = Field(
+            45.0, gt=0, description="turn after which a new view of a sequence is taken (degrees)"
+        )
         distribution: Literal["foxy", "galactic", "humble", "iron", "jazzy", "kilted"] = Field(
             "humble", description="ROS 2 distribution whose message definitions are used if the bag has none"
         )

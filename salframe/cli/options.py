@@ -133,7 +133,7 @@ RangeUnit = Annotated[
 RangeMissing = Annotated[
     list[int] | None,
     typer.Option(
-        metavar="VALUE", min=0, max=65535, help="Value of the range image that means no reading, besides 0; repeatable"
+        metavar="VALUE", min=0, max=65535, help="Pixel value that means an unknown range, besides 0; repeatable"
     ),
 ]
 

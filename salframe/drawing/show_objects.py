@@ -150,7 +150,7 @@ def show_objects(
         overrides: Settings of ShowConfig, "key.path=value" each.
         range_image: 16-bit range image, for a single image.
         range_unit_m: Metres per step of the range image.
-        range_missing: Values of the range image that mean no reading, besides 0.
+        range_missing: Values of the range image that mean an unknown range, besides 0.
         range_kind: "ray": range along the ray, the default for panoramas; "z": z-depth of a photograph, the default for
             photographs; "cube": z-depth of the stitched cube faces of a panorama.
         fov_deg: Horizontal field of view of photographs, in degrees; None for panoramas.

@@ -54,8 +54,8 @@ class LevelledConfig(ComponentConfig):
 
     level: Literal["auto", "off"] = added(
         "auto",
-        description="auto: level tilted panoramas before they are described, reference frames by their poses, queries "
-        "by the floor and walls in the range or by the lines in the colour; off: use them as they are",
+        description="auto: tilted panoramas are levelled before they are described (reference frames by their poses, "
+        "queries by the floor and walls in the range image, or by the lines in the colour image); off: no levelling",
     )
 
 

@@ -1,4 +1,4 @@
-"""Find undeclared values of range images that mean no reading, such as 65535."""
+"""Find undeclared values of range images that mean an unknown range, such as 65535."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ NUM_FRAMES = 6
 
 
 def missing_values(steps: np.ndarray, weights: np.ndarray | None = None) -> dict[int, float]:
-    """Return the values of a range image that likely mean no reading, each with its share of the known pixels.
+    """Return the values of a range image that likely mean an unknown range, each with its share of the known pixels.
 
     Such a value fills many more pixels than the values next to it, and the range jumps almost everywhere around it.
 
@@ -101,7 +101,7 @@ def _jump_share(steps: np.ndarray, value: int) -> float:
 
 
 def missing_note(frames: Sequence[Frame]) -> str | None:
-    """Return a one-line warning where a value of the range images seems to mean no reading; None where none does.
+    """Return a one-line warning where a value of the range images seems to mean an unknown range; None where none does.
 
     A few of the frames are loaded. Panoramas without range and unreadable panoramas are ignored.
     """
@@ -123,7 +123,7 @@ def missing_note(frames: Sequence[Frame]) -> str | None:
 
 
 def missing_line(shares: Mapping[int, float], source: str, encoding: RangeEncoding | None) -> str:
-    """Return the one-line warning on values that likely mean no reading.
+    """Return the one-line warning on values that likely mean an unknown range.
 
     Args:
         shares: Share of the pixels with each value.

@@ -58,7 +58,7 @@ def read_panorama(
         instances: 16-bit file with the id of the object at each pixel, 0 where there is none.
         labels: JSON file with the label of each id, such as {"1": "bed"}.
         range_unit_m: Metres per step of the range image.
-        range_missing: Values of the range image that mean no reading, besides 0.
+        range_missing: Values of the range image that mean an unknown range, besides 0.
         range_kind: "ray": range along the ray; "cube": depth along the axis of the cube face that the ray passes
             through, as in panoramas stitched from cube maps.
 
@@ -126,7 +126,7 @@ def read_photograph(
         camera: The camera; `salframe.read_camera` reads it from a file.
         fov_deg: Horizontal field of view of a level camera without distortion, in degrees, instead of `camera`.
         range_unit_m: Metres per step of the depth image.
-        range_missing: Values of the depth image that mean no reading, besides 0.
+        range_missing: Values of the depth image that mean an unknown depth, besides 0.
         range_kind: "z": depth along the optical axis; "ray": range along the ray.
 
     Raises:
@@ -208,7 +208,7 @@ def _read_ids(path: Path, rgb: np.ndarray) -> np.ndarray:
 
 
 def missing_depth_note(shot: Shot, encoding: RangeEncoding) -> str | None:
-    """Return a one-line warning where a value of a photograph's depth image seems to mean no reading; else None."""
+    """Return a one-line warning if a value of a photograph's depth image seems to mean an unknown depth; else None."""
     if shot.depth_steps is None:
         return None
     shares = missing_values(np.where(np.isin(shot.depth_steps, encoding.missing), 0, shot.depth_steps))
