@@ -174,7 +174,7 @@ class GeometricMatcher(NodeMatcher):
         )
 
     def _scale_bound(self, candidates: Candidates) -> ScaleBound | None:
-        """Return the bounds of the query's scale; None where ranges are metric, or the query has none."""
+        """Return the bounds of the query's scale; None if ranges are metric, or the query has none."""
         if not self._estimates_scale or candidates.graph.bearings_only:
             return None
         heights = candidates.query.centroid_m[:, 2], candidates.nodes.centroid_m[:, 2]

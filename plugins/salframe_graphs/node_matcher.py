@@ -104,10 +104,10 @@ class GraphIndex:
 
     Attributes:
         graphs: The graphs.
-        scenes: The index that returns candidates; None where every graph is a candidate.
-        nodes: The nodes of all graphs; None where `scenes` returns candidates.
+        scenes: The index that returns candidates; None if every graph is a candidate.
+        nodes: The nodes of all graphs; None if `scenes` returns candidates.
         rarity: (L + 1,) inverse document frequency of each label. The last one is for labels that the map lacks.
-        structure: csr_array of the structural features of all nodes; None where the features of the candidates are
+        structure: csr_array of the structural features of all nodes; None if the features of the candidates are
             computed for each query.
     """
 
@@ -230,7 +230,7 @@ class NodeMatcher(GraphMatcher):
         return ring_hop_histograms(nodes, adjacency, labels, self.config.ring_edges_m, self.config.hops)
 
     def _candidates(self, graph: SaliencyGraph, index: GraphIndex) -> Candidates | None:
-        """Return the graphs to compare with; None where the query has no label of the map."""
+        """Return the graphs to compare with; None if the query has no label of the map."""
         query = GraphNodes.of(graph, index.graphs.vocabulary)
         if not (query.label >= 0).any():
             return None

@@ -52,7 +52,7 @@ class ScaleBound:
         max_error: The scale lies in [1 - max_error, 1 + max_error].
         query_z: (n,) heights of the query's nodes above the camera (m), which change with the scale.
         map_z: (N,) heights of the map's nodes above the camera (m).
-        height_scale_m: Difference in height that halves similarity; None where heights are ignored.
+        height_scale_m: Difference in height that halves similarity; None if heights are ignored.
     """
 
     max_error: float

@@ -124,11 +124,11 @@ class TransformTree:
         return sorted({name for track in self.tracks.values() for name in (track.parent, track.child)})
 
     def root(self, frame: str) -> str:
-        """Return the root of the tree above a frame. Raises DataError where the transforms form a loop."""
+        """Return the root of the tree above a frame. Raises DataError if the transforms form a loop."""
         return self.chain(frame)[-1].parent if frame in self.tracks else frame
 
     def pose(self, target: str, source: str, stamp_ns: int, tolerance_s: float) -> np.ndarray | None:
-        """Return T_target_source (4, 4) at a time; None where a transform has no pose at this time.
+        """Return T_target_source (4, 4) at a time; None if a transform has no pose at this time.
 
         Raises:
             DataError: The frames are not connected, or the transforms form a loop.
@@ -155,7 +155,7 @@ class TransformTree:
         return invert_pose(T_above[0]) @ T_above[1]
 
     def chain(self, frame: str) -> list[PoseTrack]:
-        """Return the transforms from a frame up to the root. Raises DataError where they form a loop."""
+        """Return the transforms from a frame up to the root. Raises DataError if they form a loop."""
         chain: list[PoseTrack] = []
         while frame in self.tracks:
             chain.append(self.tracks[frame])
@@ -166,7 +166,7 @@ class TransformTree:
 
 
 def read_transforms(bag: Bag) -> TransformTree:
-    """Read /tf and /tf_static of a bag, of any namespace. Raises DataError where a transform is invalid."""
+    """Read /tf and /tf_static of a bag, of any namespace. Raises DataError if a transform is invalid."""
     rows: dict[str, list[StampedPose]] = {}
     parents: dict[str, str] = {}
     static: set[str] = set()
@@ -230,7 +230,7 @@ class PoseSource:
         return float(np.median(moving)) if moving else 0.0
 
     def pose(self, frame: str, stamp_ns: int, tolerance_s: float) -> np.ndarray | None:
-        """Return T_world_frame (4, 4) at a time; None where it is unknown.
+        """Return T_world_frame (4, 4) at a time; None if it is unknown.
 
         Raises:
             DataError: The transforms do not connect the frames.

@@ -162,7 +162,7 @@ class BagRig:
         return notes
 
     def _posed(self, images: BagImages, T_world_frame: np.ndarray, stamp_ns: int) -> PosedCamera:
-        """Return the camera of a topic in the world. Raises DataError where its transform is unknown."""
+        """Return the camera of a topic in the world. Raises DataError if its transform is unknown."""
         T_frame_camera = self.tree.pose(self.frame, images.frame, stamp_ns, self.tolerance_s)
         if T_frame_camera is None or images.camera is None:
             raise DataError(

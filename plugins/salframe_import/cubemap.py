@@ -127,7 +127,7 @@ class CubemapImporter(Importer):
 
 
 def seam_note(panorama: Panorama) -> str | None:
-    """Return a warning where neighbouring faces of a cubemap do not join at their common edges; None where they do.
+    """Return a warning if neighbouring faces of a cubemap do not join at their common edges; None if they do.
 
     The grey values and the ranges on both sides of the twelve edges are compared.
 

@@ -236,7 +236,7 @@ def _upright_axes(rig: BagRig, T_world_frames: Sequence[np.ndarray]) -> CameraAx
 
 
 def _delay_notes(shots: Sequence[BagShot], poses: PoseSource) -> list[str]:
-    """Return a warning where the stamps of pictures and poses seem to be of different clocks."""
+    """Return a warning if the stamps of pictures and poses seem to be of different clocks."""
     delay_s = float(np.median([log_ns - stamp_ns for shot in shots for stamp_ns, log_ns in shot.colors[:1]])) / 1e9
     if abs(delay_s - poses.delay_s) <= MAX_DELAY_S:
         return []

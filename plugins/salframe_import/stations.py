@@ -68,8 +68,8 @@ class PosedImage:
         read_color: Returns (h, w, 3) uint8 RGB. Raises DataError.
         read_depth: Returns (h', w') float32 depth along the optical axis in metres, NaN where unknown; None without
             depth. Raises DataError.
-        t_s: Time in seconds; None where it is unknown.
-        station: Name of its station; None where it is unknown.
+        t_s: Time in seconds; None if it is unknown.
+        station: Name of its station; None if it is unknown.
         places: Place by the source of its name.
         sources: The files.
         depth_camera: Intrinsics and pose of the depth; None: those of the image.
@@ -157,7 +157,7 @@ def read_depth(path: Path, encoding: RangeEncoding, lens: Camera) -> np.ndarray:
 
 
 def group_by_station(images: Sequence[PosedImage]) -> dict[str, list[PosedImage]]:
-    """Return the images by the name of their station. Raises DataError where an image has none."""
+    """Return the images by the name of their station. Raises DataError if an image has none."""
     groups: dict[str, list[PosedImage]] = {}
     for image in images:
         if image.station is None:

@@ -153,7 +153,7 @@ class TumImporter(Importer):
         check_upright(self._camera_poses(sample, convention, order), others)
 
     def _camera(self, source: Path) -> tuple[Camera, str | None]:
-        """Return the camera, and a note where its calibration is assumed."""
+        """Return the camera, and a note if its calibration is assumed."""
         name, note = self.config.camera, None
         if name == "auto":
             name = next((camera for camera in CAMERAS if camera in source.resolve().name), "default")

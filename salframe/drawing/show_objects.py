@@ -67,7 +67,7 @@ class ObjectView:
         picture: Path of the picture.
         detector: The detector, with its settings that differ from the defaults.
         detections: N objects, in the panorama frame.
-        saliency: (N,) float64, their saliency; None where no range is known.
+        saliency: (N,) float64, their saliency; None if no range is known.
         seconds: Time of detection.
     """
 

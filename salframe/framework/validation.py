@@ -42,7 +42,7 @@ class Settings(BaseModel):
 
 
 def check_size(value: Any, key: str = "") -> None:
-    """Raise ValueError where a number, also in a list or mapping, exceeds MAX_NUMBER or MAX_INTEGER.
+    """Raise ValueError if a number, also in a list or mapping, exceeds MAX_NUMBER or MAX_INTEGER.
 
     `key` is the dotted key of the value, for the message.
     """
@@ -150,7 +150,7 @@ def _counted(count: int, noun: str) -> str:
 
 
 def _fields_below(model: type[BaseModel] | None, keys: Sequence[str]) -> list[str]:
-    """Return the names of the fields of the model at nested keys; an empty list where it is not known."""
+    """Return the names of the fields of the model at nested keys; an empty list if it is not known."""
     for key in keys:
         field = model.model_fields.get(key) if model else None
         parts = [] if field is None else [field.annotation, *get_args(field.annotation)]

@@ -81,7 +81,7 @@ def detections_where_known(
     Args:
         labels: N labels.
         scores: (N,).
-        points_m: N arrays (n_i, 3), the points behind the masks in metres, or None where no range is known. Objects
+        points_m: N arrays (n_i, 3), the points behind the masks in metres, or None if no range is known. Objects
             with fewer than MIN_POINTS points have the position and size NaN.
         bearing: (N, 3), as in Detections.
         solid_angle_sr: (N,), as in Detections.

@@ -99,7 +99,7 @@ class GraphTable(Sequence[SaliencyGraph]):
         sizes: (S,) int64, number of nodes of each graph.
         labels: Names of the L labels; the index of a name is its label id.
         vocabulary: Label id of each name.
-        scenes: An open scene index of these graphs, None where there is none.
+        scenes: An open scene index of these graphs, None if there is none.
     """
 
     scenes: SceneLookup | None = None

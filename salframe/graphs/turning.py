@@ -59,7 +59,7 @@ def turned_detections(detections: Detections, angle_rad: float) -> Detections:
 
 def _side(panorama: Panorama) -> np.ndarray | None:
     """Return the mean nearness 1 / (1 + range) of each column, (W,) float64; where no range is known, the mean
-    brightness; None where the panorama has neither."""
+    brightness; None if the panorama has neither."""
     if panorama.range_m is not None and (known := np.isfinite(panorama.range_m)).any():
         return np.divide(1, 1 + panorama.range_m, where=known, out=np.zeros(known.shape)).mean(0)
     return None if panorama.rgb is None else panorama.rgb.mean((0, 2))

@@ -107,7 +107,7 @@ class EvidenceModel(Role):
     arrays: ClassVar[tuple[str, ...]] = ()
     """Names of all arrays that `describe` may return."""
     uses: ClassVar[frozenset[str]] = frozenset()
-    """Parts of a panorama that `describe` reads where they are present, of "rgb", "range" and "annotations"."""
+    """Parts of a panorama that `describe` reads if they are present, of "rgb", "range" and "annotations"."""
     uses_pose: ClassVar[bool] = False
     """Whether the columns depend on the pose of a hypothesis. Only such evidence compares poses in one place."""
     column_step: ClassVar[int | None] = 1
@@ -143,7 +143,7 @@ class EvidenceModel(Role):
         """Prepare the scoring of hypotheses in a map with S reference frames. By default, nothing is prepared.
 
         Args:
-            descriptions: The arrays of `describe` of each reference frame; empty where it returned none.
+            descriptions: The arrays of `describe` of each reference frame; empty if it returned none.
             places: The places of the map.
             T_world_pano: (S, 3, 4) poses of the frames.
         """

@@ -33,7 +33,7 @@ class Fusion(StrEnum):
     PRODUCT = "product"
     """The probabilities of a place are multiplied over the views."""
     SUREST = "surest"
-    """The answer with the highest probability of its first place, or score where there are no probabilities."""
+    """The answer with the highest probability of its first place, or score if there are no probabilities."""
 
 
 def fuse_answers(answers: Sequence[Localization], T_last_view: np.ndarray | None) -> Localization:
@@ -121,7 +121,7 @@ def _multiply(answers: Sequence[Localization]) -> tuple[tuple[RankedPlace, ...],
 
 
 def _pose(answers: Sequence[Localization], place: str, T_last_view: np.ndarray | None) -> np.ndarray | None:
-    """Return the pose (4, 4) of the last view by the surest answer in a place; None where no answer has a pose."""
+    """Return the pose (4, 4) of the last view by the surest answer in a place; None if no answer has a pose."""
     rows = [
         number
         for number, answer in enumerate(answers)

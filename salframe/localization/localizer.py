@@ -90,9 +90,9 @@ class Localizer(Role):
     uses_floors: ClassVar[bool] = False
     """Whether `index` reads `floors`; they are then saved with the map."""
     uses: ClassVar[frozenset[str]] = frozenset()
-    """Parts of a panorama that `describe` reads where they are present, in addition to `needs`."""
+    """Parts of a panorama that `describe` reads if they are present, in addition to `needs`."""
     floors: tuple[FloorMasks, ...] = ()
-    """Floors of the map, set before `index` and `open_index`; empty where they are unknown or not used."""
+    """Floors of the map, set before `index` and `open_index`; empty if they are unknown or not used."""
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)

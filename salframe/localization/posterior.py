@@ -143,7 +143,7 @@ class ScoredAnswer:
 
     Attributes:
         scores: (P,) float64 scores of the places, best first, at least one.
-        true_place: Index of the query's place among them; None where it is not ranked.
+        true_place: Index of the query's place among them; None if it is not ranked.
         here: Whether the query's place is in the map.
         objects: Number of objects of the query.
     """

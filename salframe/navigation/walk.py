@@ -65,7 +65,7 @@ class NavigationConfig(Settings):
 
 
 Look = Callable[[np.ndarray, float], Located | None]
-"""look(T_world_pano, yaw_rad): return the localization of a panorama taken at this true pose, None where it is not
+"""look(T_world_pano, yaw_rad): return the localization of a panorama taken at this true pose, None if it is not
 localized; `yaw_rad` is the heading by odometry."""
 
 

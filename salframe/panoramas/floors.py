@@ -114,7 +114,7 @@ def _stay_apart(floor: FloorMasks, other: FloorMasks) -> bool:
 
 
 def find_floor(floors: Sequence[FloorMasks], xyz_m: Sequence[float] | np.ndarray) -> int | None:
-    """Return the index of the floor that a camera or an agent is on; None where it is on none. See `floor_numbers`.
+    """Return the index of the floor that a camera or an agent is on; None if it is on none. See `floor_numbers`.
 
     Args:
         floors: Floors, sorted by height.

@@ -23,7 +23,7 @@ class SelectedPanorama:
     Attributes:
         record: The panorama.
         is_query: Whether it is a query.
-        place: Its place; None where it is unknown.
+        place: Its place; None if it is unknown.
     """
 
     record: PanoramaRecord
@@ -88,7 +88,7 @@ def _place_source(references: Sequence[PanoramaRecord], place_from: str | None) 
 
 
 def _nearest_id(record: PanoramaRecord, references: Sequence[PanoramaRecord]) -> str | None:
-    """Return the id of the reference panorama that is nearest to a panorama; None where its pose is unknown."""
+    """Return the id of the reference panorama that is nearest to a panorama; None if its pose is unknown."""
     if record.T_world_pano is None:
         return None
     positions_m = np.array([np.asarray(reference.T_world_pano)[:3, 3] for reference in references])

@@ -54,7 +54,7 @@ class _Draw:
         missed: Whether the object is missed.
         label: Label of the object, or another label if the object is mislabelled.
         factor: Factor of the range of the object.
-        false_label: Label of a false positive with the outline of this object; None where there is no false positive.
+        false_label: Label of a false positive with the outline of this object; None if there is no false positive.
         turn_rad: Azimuth of the false positive, relative to the object.
     """
 
@@ -66,7 +66,7 @@ class _Draw:
 
 
 def another_label(label: str, vocabulary: Sequence[str], rng: np.random.Generator) -> str:
-    """Return a random other label of a vocabulary; the label itself where there is no other."""
+    """Return a random other label of a vocabulary; the label itself if there is no other."""
     others = [name for name in vocabulary if name != label]
     return others[rng.integers(len(others))] if others else label
 

@@ -18,7 +18,7 @@ NUM_FRAMES = 3
 
 
 def storeys_note(frames: Sequence[ReferenceFrame]) -> str | None:
-    """Return a one-line warning about places whose frames cannot be in one room; None where there are none.
+    """Return a one-line warning about places whose frames cannot be in one room; None if there are none.
 
     The frames of a place lie in two rooms where their heights differ by more than MAX_STEP_M, the lower frames see a
     ceiling below the upper cameras, and the upper frames see a floor above the lower cameras. Only frames around such
@@ -39,7 +39,7 @@ def storeys_note(frames: Sequence[ReferenceFrame]) -> str | None:
 
 
 def _storey_step(frames: Sequence[ReferenceFrame]) -> tuple[ReferenceFrame, ReferenceFrame] | None:
-    """Return the frames below and above a floor that divides the frames of a place; None where they are one room."""
+    """Return the frames below and above a floor that divides the frames of a place; None if they are one room."""
     by_height = sorted(frames, key=_z_m)
     for number, (lower, upper) in enumerate(pairwise(by_height), 1):
         if _z_m(upper) - _z_m(lower) <= MAX_STEP_M:

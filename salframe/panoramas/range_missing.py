@@ -101,7 +101,7 @@ def _jump_share(steps: np.ndarray, value: int) -> float:
 
 
 def missing_note(frames: Sequence[Frame]) -> str | None:
-    """Return a one-line warning where a value of the range images seems to mean an unknown range; None where none does.
+    """Return a one-line warning if a value of the range images seems to mean an unknown range; None if none does.
 
     A few of the frames are loaded. Panoramas without range and unreadable panoramas are ignored.
     """
@@ -128,7 +128,7 @@ def missing_line(shares: Mapping[int, float], source: str, encoding: RangeEncodi
     Args:
         shares: Share of the pixels with each value.
         source: The range images.
-        encoding: Encoding of their files; None where they come from no file, and the values are millimetres.
+        encoding: Encoding of their files; None if they come from no file, and the values are millimetres.
     """
     values = sorted(shares)
     fills = " and ".join(

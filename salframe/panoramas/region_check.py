@@ -84,7 +84,7 @@ def compare_regions(frames: Sequence[ReferenceFrame], floors: Sequence[FloorMask
 
 
 def check_regions(frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks]) -> str | None:
-    """Return a one-line warning where frames stand outside the region of their place; None where all stand in it.
+    """Return a one-line warning if frames stand outside the region of their place; None if all stand in it.
 
     Raises:
         DataError: More than MAX_SHARE of the frames do, or two floors have the same height. The message names the

@@ -29,7 +29,7 @@ class Shot:
         rgb: (H, W, 3) uint8, the original image.
         panorama: The panorama for components.
         camera: The camera of a photograph; None for a panorama.
-        depth_steps: (h, w) int32, values of the depth image of a photograph; None where there is none.
+        depth_steps: (h, w) int32, values of the depth image of a photograph; None if there is none.
     """
 
     rgb: np.ndarray
@@ -229,7 +229,7 @@ def _check_files(**files: object) -> None:
 
 
 def _in_manifest(image: Path) -> Panorama | None:
-    """Return the panorama of the frame whose rgb image this is; None where no manifest.json names it."""
+    """Return the panorama of the frame whose rgb image this is; None if no manifest.json names it."""
     named = find_frame_image(image)
     if named is None:
         return None

@@ -47,7 +47,7 @@ def up_from_range(range_m: np.ndarray) -> np.ndarray | None:
         range_m: (H, 2H) range along the ray in metres, NaN where unknown.
 
     Returns:
-        (3,) float64 unit vector at most MAX_TILT_DEG from +z; None where the surfaces do not determine it.
+        (3,) float64 unit vector at most MAX_TILT_DEG from +z; None if the surfaces do not determine it.
     """
     normal, weight = _surface_normals(_reduced(range_m))
     if not len(normal):
@@ -104,7 +104,7 @@ def up_from_lines(ends: np.ndarray) -> np.ndarray | None:
         ends: (N, 2, 3) unit vectors to the ends of line segments, as `find_segments` returns them.
 
     Returns:
-        (3,) float64 unit vector at most MAX_TILT_DEG from +z; None where the lines do not determine it.
+        (3,) float64 unit vector at most MAX_TILT_DEG from +z; None if the lines do not determine it.
     """
     normal, length = _lines(ends)
     if len(normal) < MIN_LINES:

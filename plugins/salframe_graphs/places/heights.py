@@ -19,7 +19,7 @@ _MAX_M = 65.535
 
 
 def measure_height(panorama: Panorama) -> dict[str, np.ndarray]:
-    """Return the height of the camera above the floor as an array (1,) of a description; {} where it is unknown.
+    """Return the height of the camera above the floor as an array (1,) of a description; {} if it is unknown.
 
     Only measured ranges are used: those of a range model may have a wrong scale.
     """
@@ -47,7 +47,7 @@ def join_heights(heights_m: Sequence[float], T_last_view: np.ndarray) -> dict[st
 
 
 def pack_height(description: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the height of a description as (1,) uint16 in millimetres; {} where it is unknown."""
+    """Return the height of a description as (1,) uint16 in millimetres; {} if it is unknown."""
     return {PACKED_HEIGHT: np.round(description[HEIGHT] * 1000).astype(np.uint16)} if HEIGHT in description else {}
 
 

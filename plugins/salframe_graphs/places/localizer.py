@@ -101,7 +101,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
 
     @property
     def uses(self) -> frozenset[str]:  # type: ignore[override]
-        """Parts of a panorama that the graph or the evidence reads where they are present."""
+        """Parts of a panorama that the graph or the evidence reads if they are present."""
         return super().uses | self._evidence.uses
 
     def describe_identity(self) -> dict[str, Any]:
@@ -229,7 +229,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         return Localization(places, T_world_query, LocalizationStatus.OK, covariance)
 
     def _rank(self, query: SaliencyGraph, description: Description) -> Ranking | None:
-        """Return the places of a query, best first; None where no place has any of the query's labels."""
+        """Return the places of a query, best first; None if no place has any of the query's labels."""
         groups = groups_from_arrays(description)
         if groups:
             raised = at_map_height(query, height_of(description), self._map.index.camera_height_m)
@@ -278,7 +278,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
     def _hypotheses(self, query: SaliencyGraph, description: Description) -> _Hypotheses | None:
         """Return the hypotheses of a query: candidates under their best pose, and other places by their labels only.
 
-        None where no place has any of the query's labels.
+        None if no place has any of the query's labels.
         """
         places = self._map
         nodes = QueryObjects.of(query, places.index.vocabulary)

@@ -35,7 +35,7 @@ class MapPlaces:
         shown: The places and their scene frames.
         index: The objects of the places.
         T_world_pano: (S, 3, 4) poses of the frames.
-        regions: The floor area of each place; None where it is unknown.
+        regions: The floor area of each place; None if it is unknown.
     """
 
     shown: ShownPlaces
@@ -97,7 +97,7 @@ class MapPlaces:
 
         Args:
             folder: The folder of `write`.
-            height_mm: The packed heights of the frames' cameras; None where no frame has one.
+            height_mm: The packed heights of the frames' cameras; None if no frame has one.
             num_frames: Number of reference frames, S.
             T_world_pano: (S, 3, 4) poses of the frames.
             regions: The floor area of each place, or None.

@@ -17,7 +17,7 @@ OUTLINE = "outline_m"
 LOWEST_M, HIGHEST_M = 1.85, 2.3
 """Range of heights above the floor of the points of an outline: above most furniture and below lintels."""
 USUAL_HEIGHT_M = 1.5
-"""Height of a camera above the floor where it is unknown."""
+"""Height of a camera above the floor if it is unknown."""
 ERROR_LOG, STRAY, PEAK, MAX_SQUARED = 0.1, 0.15, 3.0, 50.0
 """Standard deviation of the logarithm of a range, share of outlier bins, likelihood ratio of an inlier at its peak, and
 upper bound of the squared deviation in standard deviations."""

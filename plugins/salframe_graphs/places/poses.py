@@ -129,7 +129,7 @@ class RefinedPoses:
     share: np.ndarray
 
     def share_of(self, pose: int) -> np.ndarray | None:
-        """Return the shares (n, m) of a pose; None where it was not refined."""
+        """Return the shares (n, m) of a pose; None if it was not refined."""
         row = int(np.searchsorted(self.rows, pose))
         if row == len(self.rows) or self.rows[row] != pose:
             return None

@@ -158,7 +158,7 @@ def verify_scenes(lists, labels, query, limits, scenes, explained):  # type: ign
 
 @_compile
 def _explain_best(pair, place, xy_m, weight, max_shift_m):  # type: ignore[no-untyped-def]
-    """Return the support of the pose of a scene that explains the largest part of the query; 0 where there is no pose.
+    """Return the support of the pose of a scene that explains the largest part of the query; 0 if there is no pose.
 
     Args:
         pair: (C, 2) numbers of a query object and a scene object, ordered by query object.

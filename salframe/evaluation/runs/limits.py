@@ -104,7 +104,7 @@ class Death:
     """The death of a process.
 
     Attributes:
-        piece: Key fields of the piece that the process worked on; None where it worked on none.
+        piece: Key fields of the piece that the process worked on; None if it worked on none.
         reason: Why the process died.
         by_limit: Whether it exceeded a limit.
     """

@@ -239,7 +239,7 @@ def stand_in(
 def why_not(config: ComponentConfig) -> str | None:
     """Return why a configured component cannot run here.
 
-    None where it can, and where its check raises another error, which its row reports.
+    None if it can, and where its check raises another error, which its row reports.
     """
     try:
         config.component.check(config)

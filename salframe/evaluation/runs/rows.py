@@ -120,7 +120,7 @@ class LineCounter:
         self._counts: dict[Path, tuple[int, int]] = {}
 
     def count(self, path: Path) -> int:
-        """Return the current number of lines of a file; 0 where it is missing."""
+        """Return the current number of lines of a file; 0 if it is missing."""
         offset, lines = self._counts.get(path, (0, 0))
         try:
             if path.stat().st_size < offset:  # the file was replaced

@@ -209,7 +209,7 @@ def leading_columns(
 ) -> dict[str, list[str]]:
     """Return the leading columns of a study: the settings of the data, the method and its settings.
 
-    A cell is empty where a setting does not apply to the row.
+    A cell is empty if a setting does not apply to the row.
     """
     keys = list(dict.fromkeys(key for row_settings in settings for key in row_settings))
     texts_by_key = {

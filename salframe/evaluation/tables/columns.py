@@ -90,7 +90,7 @@ def bytes_column(heading: str, get: Callable[[RowT], float | None]) -> Column[Ro
 
 
 def p_value_column(get: Callable[[RowT], float | None]) -> Column[RowT]:
-    """Return the column of adjusted p-values, empty where there is no test."""
+    """Return the column of adjusted p-values, empty if there is no test."""
     return Column("p\n(Holm)", lambda row: "" if (p := get(row)) is None else f"{p:.2g}")
 
 

@@ -1,4 +1,4 @@
-"""Rows of named arrays, stored as packed columns: one .npy file per name, memory-mapped where it is large."""
+"""Rows of named arrays, stored as packed columns: one .npy file per name, memory-mapped if it is large."""
 
 from __future__ import annotations
 

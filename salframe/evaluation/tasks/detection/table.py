@@ -21,7 +21,7 @@ SHARES = ("precision", "recall")
 class Counts:
     """Numbers of annotated objects, of detections, and of correct detections.
 
-    `precision` is relative to the detections and `recall` to the annotated objects; None where there are none.
+    `precision` is relative to the detections and `recall` to the annotated objects; None if there are none.
     """
 
     annotated: int

@@ -228,7 +228,7 @@ class _Window:
 def rooms_of(method: Localizer, dataset: Dataset) -> tuple[SaliencyGraph, ...]:
     """Return the graphs of the scene frames of a data set that have at least MIN_OBJECTS, described by a localizer.
 
-    Raises DataError where there is none.
+    Raises DataError if there is none.
     """
     cache = Cache()
     frames = {frame.id: frame for fold in dataset.folds() for frame in fold.references if frame.kind is FrameKind.SCENE}
