@@ -173,7 +173,7 @@ class _Pictures:
         if len(pictures) > 1:
             raise DataError(
                 f"the pictures {', '.join(name.as_posix() for name in names)} of a rig include an equirectangular one, "
-                "expected it alone"
+                "expected a rig with this picture alone"
             )
         encoding = RangeEncoding(self.config.depth_unit_m, (), self.config.depth_kind or RangeKind.RAY)
         encoding.check_panorama()

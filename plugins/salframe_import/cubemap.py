@@ -88,7 +88,9 @@ class CubemapImporter(Importer):
         notes = []
         if missing:
             example = front.replace("{name}", missing[0])
-            notes.append(f"{len(missing)} of {len(rows)} rows of {self.config.poses} name no cubemap ({example} first)")
+            notes.append(
+                f"{len(missing)} of {len(rows)} rows of {self.config.poses} name no cubemap (such as {example})"
+            )
         records = tuple(self._record(source, name, rows.get(name)) for name in sorted(names))
         return Recording(records, notes=tuple(notes))
 

@@ -50,7 +50,7 @@ class PictureImporter(Importer):
         notes = []
         if missing:
             notes.append(
-                f"{len(missing)} of {len(rows)} rows of {self.config.poses} name no picture ({missing[0]} first), "
+                f"{len(missing)} of {len(rows)} rows of {self.config.poses} name no picture (such as {missing[0]}), "
                 "expected file names with their ending; upper and lower case differ"
             )
         records = tuple(_record(source, name, encoding, rows.get(name)) for name in sorted(names))

@@ -115,7 +115,7 @@ class RosBagImporter(Importer):
         odometries = bag.topics([ODOMETRY])
         if config.poses is None and poses.odometry is None and odometries:
             others = ", ".join(odometries)
-            notes.insert(0, f"the poses are those of {poses}, not those of {others}: for those, pass poses=TOPIC")
+            notes.insert(0, f"the poses are those of {poses}. To use the poses of {others}, pass --set poses=TOPIC")
         posed = [
             (shot, T) for shot in shots if (T := poses.pose(rig.frame, shot.stamp_ns, rig.tolerance_s)) is not None
         ]
@@ -164,7 +164,9 @@ class RosBagImporter(Importer):
         """Return what the depth measures. Raises ConfigError if that does not apply to the projection."""
         is_equirectangular = any(camera.color.camera is None for camera in cameras)
         if is_equirectangular and len(cameras) > 1:
-            raise ConfigError(f"image has {len(cameras)} topics with an equirectangular one, expected it alone")
+            raise ConfigError(
+                f"image has {len(cameras)} topics, one of them equirectangular; expected an equirectangular topic alone"
+            )
         if is_equirectangular and self.config.group_by == "motion":
             raise ConfigError("group_by is motion for equirectangular images, expected group_by=time")
         kinds = [RangeKind.RAY, RangeKind.CUBE] if is_equirectangular else [RangeKind.Z, RangeKind.RAY]

@@ -82,7 +82,8 @@ class OnnxNetwork(SegmentationNetwork):
         scores = self._model.run(image)[0]
         if scores.dtype.kind != "f":
             raise WeightsError(
-                f"{self.path} gives {scores.dtype}, expected scores as floats: set the tensor's name as output.name"
+                f"the output of {self.path} has the type {scores.dtype}, expected class scores as floats: set "
+                "output.name in the model card to the name of the tensor with the scores"
             )
         return np.asarray(scores, np.float32)
 

@@ -81,8 +81,8 @@ def _place_source(references: Sequence[PanoramaRecord], place_from: str | None) 
     if without and source is not PlaceSource.NONE:
         known = [s for s in PlaceSource if s is PlaceSource.NONE or all(s in record.places for record in references)]
         raise DataError(
-            f"{len(without)} of {len(references)} reference panoramas have no place from the {source} ({without[0]} "
-            f"first), expected a place for each; this recording has places from: {', '.join(known)}"
+            f"{len(without)} of {len(references)} reference panoramas have no place from the source {source} (such as "
+            f"{without[0]}), expected a place for each. Sources of this recording: {', '.join(known)}"
         )
     return source
 

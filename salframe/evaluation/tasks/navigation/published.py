@@ -36,8 +36,8 @@ class Published:
     def note(self) -> str:
         """Note on the figures."""
         return (
-            f"{self}: the agent knows the goal of each episode, so this is an upper bound; "
-            f"its answers: methods/METHOD/{SUBMISSION} in the folder of the run"
+            f"{self}: the agent knows the goal of each episode, so the results are upper bounds; "
+            f"the answers of a method are in methods/METHOD/{SUBMISSION} in the folder of the run"
         )
 
     def episodes(self, data: ComponentConfig) -> tuple[EpisodeRequest, ...]:
