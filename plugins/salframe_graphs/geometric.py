@@ -22,7 +22,7 @@ class _Ranking:
 
     Attributes:
         candidates: The K graphs that the query is compared with.
-        best: (T,) numbers of the best candidates, best first.
+        best: (T,) indices of the best candidates, best first.
         score: (K,) score of each candidate.
         pairs: The P node pairs whose similarity is at least the minimum.
         similarity: (P,) similarity of each pair.

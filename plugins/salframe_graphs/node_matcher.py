@@ -126,7 +126,7 @@ class Candidates:
         graph: The query's graph.
         query: The query's nodes, with labels numbered by the map's vocabulary.
         weight: (n,) weights of the query's nodes.
-        graphs: (K,) numbers of the graphs in the map, ascending.
+        graphs: (K,) indices of the graphs in the map, ascending.
         jaccard: (K,) Jaccard index of the labels.
         nodes: The nodes of the graphs.
         node_weight: (N,) weights of these nodes.

@@ -161,7 +161,7 @@ class RosBagImporter(Importer):
             )
 
     def _kind(self, cameras: Sequence[BagCamera]) -> RangeKind:
-        """Return what the depth measures. Raises ConfigError if that does not apply to the projection."""
+        """Return the quantity in the depth. Raises ConfigError if it does not apply to the projection."""
         is_equirectangular = any(camera.color.camera is None for camera in cameras)
         if is_equirectangular and len(cameras) > 1:
             raise ConfigError(
@@ -196,7 +196,7 @@ class RosBagImporter(Importer):
         return odometry_source(bag, poses.tree, bag.choose("odometry", topic, [ODOMETRY]))
 
     def _with_sequences(self, records: Sequence[PanoramaRecord]) -> tuple[list[PanoramaRecord], set[int]]:
-        """Return the records with the views of sequences, and the numbers of the records between views.
+        """Return the records with the views of sequences, and the indices of the records between views.
 
         Raises:
             DataError: The recording has too few views for a sequence.

@@ -25,9 +25,9 @@ from salframe.panoramas.stitching import PosedCamera, reading_agreement, stitch_
 MAX_ASPECT_ERROR = 0.02
 """Maximum relative difference of the aspect ratio of an image and of its camera."""
 MIN_OVERLAP, MIN_AGREEMENT = 0.02, 0.6
-"""Minimum share of the sphere that two depth images show, and minimum share of it where they agree."""
+"""Minimum share of the sphere that two depth images both show, and minimum share of this part where they agree."""
 MAX_IMAGE_TILT_DEG, LEVEL_TILT_DEG = 60.0, 35.0
-"""Maximum median tilt of images without an error, and maximum of another convention that is named."""
+"""Maximum median tilt of the images without an error, and maximum for another convention to be named in the error."""
 DISAGREES = (
     "the depth images of one place contradict each other: check the convention of the poses, the extrinsics, the "
     "times, and the unit and kind of the depth"

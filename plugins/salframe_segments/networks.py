@@ -148,7 +148,7 @@ class _NoTensor(Exception):
 
 
 def _truncate_after(content: bytearray, name: str) -> None:
-    """Make a tensor the only output of a TensorFlow Lite file, and remove all operators after the one that computes it.
+    """Make a tensor the only output of a TensorFlow Lite file, and remove all later operators.
 
     Raises:
         _NoTensor: No operator computes a tensor of this name.

@@ -285,7 +285,7 @@ class _Stages:
         return detections, seconds
 
     def link(self, detections: Detections) -> tuple[np.ndarray | None, SaliencyGraph | None]:
-        """Return the objects' saliency and their graph; None for both where no position is known."""
+        """Return the saliency of the objects and their graph; None for both if no position is known."""
         if not np.isfinite(detections.centroid_m).all(1).any():
             return None, None
         saliency = self._saliency.score(detections)

@@ -18,8 +18,9 @@ def from_near_side(detect: Callable[[Any, Panorama], Detections]) -> Callable[[A
     """Decorate the `detect` of a detector: rotate each panorama so that its near side is in the middle, remove the
     annotations, detect, and rotate the detections back.
 
-    This is for networks whose output depends on where the panorama begins (strides, views at fixed azimuths): rotating
-    the panorama by any number of columns then rotates the detections and changes nothing else. It is canonicalisation
+    Use it for networks whose output depends on the first column of the panorama, for example because of strides or
+    views at fixed azimuths. If the panorama is rotated, the detections are then the same, rotated. The method is
+    canonicalisation
     (Kaba et al., Equivariance with Learned Canonicalization Functions, ICML 2023) by a fixed function.
     """
 

@@ -53,7 +53,7 @@ class PlaceFrames:
 
     @cached_property
     def place(self) -> np.ndarray:
-        """(F,) number of the place of each frame."""
+        """(F,) index of the place of each frame."""
         return np.repeat(np.arange(len(self)), np.diff(self.start))
 
     @cached_property

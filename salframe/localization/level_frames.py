@@ -29,7 +29,7 @@ VERSION = "1"
 
 
 def level_key(localizer: Localizer, frame: ReferenceFrame | QueryFrame) -> dict[str, Any]:
-    """Return what the levelling of a frame depends on besides its panorama, for a cache; {} if it is off."""
+    """Return the inputs of the levelling other than the panorama, for cache keys; {} if it is off."""
     if localizer.level == "off":
         return {}
     rotation = pose_level_rotation(frame.T_world_pano) if isinstance(frame, ReferenceFrame) else None

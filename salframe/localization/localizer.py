@@ -175,7 +175,7 @@ class Localizer(Role):
         return None
 
     def unknown_labels(self, description: Description) -> tuple[str, ...]:
-        """Return the labels of a described query that no object of the map has; () for methods without labels."""
+        """Return the labels of a described query that are missing in the map; () for methods without labels."""
         return ()
 
     def unfit_for_map(self, description: Description) -> str | None:

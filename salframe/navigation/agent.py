@@ -47,11 +47,10 @@ class Located(NamedTuple):
 
 
 class Belief:
-    """An agent's estimate of its pose: the localization that most of its localizations agree with, all moved to the
-    present by odometry.
+    """An agent's estimate of its pose: the localization that agrees with most of the others.
 
-    Votes are weighted by score, where that is positive: an uncertain answer is outvoted, and a wrong belief is outvoted
-    by better answers that contradict it. At a position where the agent has been before, the new answer replaces the old
+    All localizations are moved to the present by odometry. They vote with their positive scores, so several good
+    answers outvote an uncertain or wrong one. If the agent returns to a position, the new answer there replaces the old
     one, because the errors of both are correlated. A place without a pose is used only if it differs from the previous
     place. If the place is the same, odometry is the better estimate of the position in it.
     """

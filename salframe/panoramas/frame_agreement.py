@@ -1,4 +1,4 @@
-"""How well the ranges of reference frames agree under their poses: points of one frame, seen from another."""
+"""Agreement of the ranges of reference frames under their poses: points of one frame, seen from another frame."""
 
 from __future__ import annotations
 

@@ -120,7 +120,7 @@ def _query_ids(
 
 
 def _thinned(records: Sequence[PanoramaRecord], every: str) -> list[PanoramaRecord]:
-    """Return the records without those with poses that are too near to the previous one that is left."""
+    """Return the records, without records with a pose that are too close to the previously selected record."""
     match = re.fullmatch(rf"{_NUMBER}\s*(m|s)", every.strip())
     if not match or not 0 < float(match[1]) < 1e9:
         raise ConfigError(f"every is {every!r}, expected a distance such as 0.5m or a time such as 2s")

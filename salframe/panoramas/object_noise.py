@@ -127,7 +127,7 @@ def _spoil_image(
 
 
 def _spoil_list(objects: ObjectBoxes, draws: Sequence[_Draw]) -> ObjectBoxes:
-    """Apply errors to a list of objects. An object at another range subtends the same angle as before."""
+    """Apply errors to a list of objects. If the range of an object changes, its angular size stays the same."""
     rows: list[tuple[str, str, np.ndarray, np.ndarray, float]] = []
     for i, errors in enumerate(draws):
         key, centroid_m, size_m, yaw_rad = objects.keys[i], objects.centroid_m[i], objects.size_m[i], objects.yaw_rad[i]

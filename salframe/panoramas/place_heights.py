@@ -11,10 +11,10 @@ from salframe.panoramas.camera_height import camera_height
 from salframe.panoramas.frames import ReferenceFrame
 
 MAX_STEP_M = 1.8
-"""Maximum difference of height between a frame of a room and the next higher one. Cameras on steps, galleries and
-robots of one room differ by less, those of two storeys by more."""
+"""Maximum difference of height between a frame of a room and the next higher frame of this room. Steps and galleries
+cause smaller differences; two storeys cause larger ones."""
 NUM_FRAMES = 3
-"""Number of frames to load on either side of such a step."""
+"""Number of frames to load above and below such a difference."""
 
 
 def storeys_note(frames: Sequence[ReferenceFrame]) -> str | None:

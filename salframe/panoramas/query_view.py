@@ -74,7 +74,7 @@ class QueryView(ComponentConfig):
 
 
 MOTION_SETTINGS = frozenset({"query_views", "query_motion", "query_odometry"})
-"""Names of the settings that no single view depends on."""
+"""Names of the settings that affect only queries of several views."""
 VIEW_SETTINGS = frozenset(QueryView.model_fields) - {"kind"}
 """Names of the settings of QueryView. The fingerprint of a dataset does not depend on them."""
 

@@ -1,4 +1,4 @@
-"""How a 16-bit range image encodes the range: unit, values without a reading, and kind of depth."""
+"""Encoding of a 16-bit range image: unit, values for unknown range, and kind of depth."""
 
 from __future__ import annotations
 

@@ -16,18 +16,20 @@ MIN_SHARE = 0.003
 MAX_PIXELS = 0.52
 """Maximum share of all pixels with the value. A value that fills more is the background of a drawn image."""
 MIN_RATIO = 8.0
-"""Minimum ratio of this share to that of the values next to it. A surface has similar shares of neighbouring values."""
+"""Minimum ratio of the share of the value to the share of each neighbouring value. The values of a surface have similar
+shares."""
 NUM_NEIGHBOURS = 8
 NEAR = 0.25
-"""Maximum number of values to compare with on either side, among those that occur, and their maximum relative
-difference."""
+"""Maximum number of smaller, and of larger, values to compare with, and their maximum relative difference. Only values
+that occur in the image count."""
 MIN_OUTSIDE = 2.0
-"""Minimum ratio of the value to those of all surfaces, or of those to it, where whole surfaces have one value."""
+"""Minimum ratio of the value to the values of all surfaces, or the inverse, in images with surfaces of a single
+value."""
 MIN_VALUES = 50
 """Minimum number of values that occur. An image with fewer values is drawn, not measured."""
 MIN_GAP = 0.02
-"""Minimum relative difference between the largest value of an image and the next one. Ranges that a sensor limits have
-a smaller difference."""
+"""Minimum relative difference between the largest value of an image and the next smaller value. It is smaller if a
+sensor limits its range."""
 MIN_JUMP = 0.1
 """Minimum relative difference of range at the edge between a surface and pixels without a reading."""
 MIN_JUMP_SHARE = 0.9
@@ -74,7 +76,7 @@ def missing_values(steps: np.ndarray, weights: np.ndarray | None = None) -> dict
 
 
 def _stands_out(values: np.ndarray, shares: np.ndarray, number: int) -> bool:
-    """Return whether a value fills many more pixels than the next values, and is not the maximum range of a sensor.
+    """Return whether a value has many more pixels than neighbouring values, and is not the maximum range of a sensor.
 
     Args:
         values: (V,) values that occur, in ascending order.

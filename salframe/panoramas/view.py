@@ -110,7 +110,7 @@ def motion_variance_m2(T_last_view: np.ndarray, noise: OdometryNoise, range_m: n
         T_last_view: (V, 4, 4) motions of the views.
         noise: The errors of the motion.
         range_m: (N,) distances of the positions from the view in metres.
-        view: Number of the view.
+        view: Index of the view.
 
     Returns:
         (N,) float64.

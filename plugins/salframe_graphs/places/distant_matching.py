@@ -45,7 +45,7 @@ def rank_distant_views(
         query: The joined graph of all views.
         description: Their joined description.
         groups: The groups of the views.
-        matched: (C,) numbers of the places to match, ascending.
+        matched: (C,) indices of the places to match, ascending.
     """
     places = evidence.places
     nodes = QueryObjects.of(query, places.index.vocabulary)

@@ -18,7 +18,7 @@ _MOTIONS = "T_last_group"
 
 
 class DistantViews(Settings):
-    """How views that were taken far apart are matched in a map without floor masks."""
+    """Settings for matching views that were taken far apart, in a map without floor masks."""
 
     near_m: float = Field(
         2.5,
@@ -61,7 +61,7 @@ class ViewGroup:
 
 
 def group_views(T_last_view: np.ndarray, near_m: float) -> list[range]:
-    """Return the numbers of the views of each group, in the order in which they were taken.
+    """Return the indices of the views of each group, in the order in which they were taken.
 
     Args:
         T_last_view: (V, 4, 4) motions of the views.

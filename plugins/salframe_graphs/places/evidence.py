@@ -108,7 +108,7 @@ class PlaceEvidence:
         return self._added(joined, lambda model: model.join(descriptions, T_last_view))
 
     def pack(self, packed: Description, description: Description) -> Description:
-        """Return the packed description with what each component stores."""
+        """Return the packed description with the arrays of each component."""
         for model in self._models:
             packed = _merged(packed, model.pack(description), model.name)
         return packed
@@ -146,9 +146,9 @@ class PlaceEvidence:
         Args:
             nodes: The nodes of the query, with the vocabulary of the map.
             description: The description of the query.
-            rows: (H,) number of the place of each hypothesis.
+            rows: (H,) index of the place of each hypothesis.
             names: (H,) position in `places.names` of the name of each hypothesis.
-            poses: The C poses, with place numbers of the map.
+            poses: The C poses, with place indices of the map.
             likelihood: (H,) log likelihood ratio of objects and pose.
             of_poses: Whether to return only the columns that depend on the pose.
 
@@ -192,7 +192,7 @@ def _merged(description: Description, arrays: Description, name: str) -> Descrip
 
 
 def _checked(model: EvidenceModel, columns: Mapping[str, np.ndarray], count: int) -> Mapping[str, np.ndarray]:
-    """Return the columns of a component. Raises InvalidAnswer if they are not those that it declares."""
+    """Return the columns of a component. Raises InvalidAnswer if they differ from the declared columns."""
     names = [column.name for column in model.columns]
     if columns.keys() != set(names):
         raise InvalidAnswer(

@@ -35,12 +35,15 @@ MIN_PAIR_SHARE = 1e-3
 class PlaceLikelihood:
     """Scores a query's objects against the places of a map.
 
-    The score of place r and pose T is the sum over query objects i of
-    log(1 + sum_j o_j p(i | j, T) / (c p(i | clutter))) and over the place's objects j of log(1 - P_j), where P_j is the
-    probability that j is detected from T, o_j = P_j / (1 - P_j), and c is the rate of clutter. Query objects that
-    compete for the same object of the place share its odds. The second sum is over objects that the query should show:
-    in its sectors, and not behind walls. The height of the camera and the scale of the ranges are unknown too: their
-    normal priors are part of the score.
+    The score of a place and a pose T is the sum of two sums:
+
+    - over the query objects i: log(1 + sum_j o_j p(i | j, T) / (c p(i | clutter)))
+    - over the objects j of the place: log(1 - P_j)
+
+    P_j is the probability that j is detected from T, o_j = P_j / (1 - P_j), and c is the rate of clutter. If several
+    query objects match the same object of the place, its odds are divided among them. The second sum contains only
+    objects that the query should show: in its sectors, and not behind walls. The height of the camera and the scale of
+    the ranges are also unknown. Their normal priors are terms of the score.
 
     Attributes:
         query: The n objects of the query, first those with range.

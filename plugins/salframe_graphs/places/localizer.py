@@ -69,8 +69,8 @@ class _Hypotheses:
     Attributes:
         name: (H,) position of each hypothesis's place in MapPlaces.names.
         evidence: The evidence for each hypothesis.
-        poses: The C poses, with place numbers of the map.
-        search: The C poses, with place numbers of the searched places.
+        poses: The C poses, with place indices of the map.
+        search: The C poses, with place indices of the searched places.
     """
 
     name: np.ndarray
@@ -253,7 +253,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
 
     def _without_pose(self, places: tuple[RankedPlace, ...], name: int) -> Localization:
         """Return an answer without a pose. It has a note if the frames of the first place lie on several storeys;
-        `name` is the number of the place's name."""
+        `name` is the index of the place's name."""
         heights_m = self._map.heights_m(name)
         divided = np.diff(heights_m).max(initial=0) > MAX_STEP_M
         note = (

@@ -136,7 +136,7 @@ class MapPlaces:
 
     @cached_property
     def _name_of_region(self) -> np.ndarray:
-        """(R + 1,) name number of each region's place, -1 outside the map; the last one (-1) is for no region."""
+        """(R + 1,) index of the name of each region's place, -1 outside the map; the last one (-1) is for no region."""
         regions = self.regions.places if self.regions else ()
         return np.array([*(self.number.get(place, -1) for place in regions), -1])
 
@@ -169,7 +169,7 @@ class MapPlaces:
         """Return the scene frame of each place that is nearest to a pose.
 
         Args:
-            names: (N,) numbers of names of places.
+            names: (N,) indices of names of places.
             poses: Poses in the world.
             row: (N,) the pose for each name, or -1 to return the first frame of the place.
 

@@ -22,7 +22,7 @@ class Place:
 
     Attributes:
         name: Name of the place.
-        frames: Numbers of the scene frames of the place in the map.
+        frames: Indices of the scene frames of the place in the map.
         labels: M labels.
         centroid_m: (M, 3) mean of the sightings in the world, weighted by inverse variance.
         variance_m2: (M,) variance of that mean along each axis.

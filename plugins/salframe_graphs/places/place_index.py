@@ -37,7 +37,7 @@ class PlaceIndex:
             lacks.
         rarity: (L + 1,) smooth inverse document frequency over the places.
         count: (K,) number of objects of each place.
-        label: (M,) number of each object's label.
+        label: (M,) index of each object's label.
         xy_m: (M, 2) positions in the world.
         z_m: (M,) heights above the camera.
         variance_m2: (M,) variance of the position along each axis.
@@ -70,7 +70,7 @@ class PlaceIndex:
 
     @cached_property
     def place(self) -> np.ndarray:
-        """(M,) int64 number of the place of each object."""
+        """(M,) int64 index of the place of each object."""
         return self.segments.spread(np.arange(len(self)))
 
     @cached_property

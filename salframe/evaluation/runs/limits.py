@@ -51,10 +51,10 @@ NO_LIMITS = Limits()
 
 
 class Guard:
-    """Records the piece that a process works on, and kills the process and its children where they exceed the limits.
+    """Records the current piece of work of a process, and kills the process and its children if they exceed the limits.
 
-    The memory limit holds from the start, the time limit during a piece. A process that hangs in a library cannot
-    raise, so it is killed by another process, which a plugin does not know. `Death.of` returns the reason.
+    The memory limit applies from the start, the time limit to each piece. A process that hangs in a library cannot
+    raise an exception, so another process kills it. `Death.of` returns the reason.
 
     Args:
         folder: The method's folder.

@@ -24,7 +24,7 @@ Amount = Annotated[float, Field(ge=0, le=MAX_NUMBER)]
 
 
 class PieceStatus(StrEnum):
-    """How the work on one piece, such as a query, ended.
+    """The outcome of one piece of work, such as a query.
 
     The work is done, the panorama lacks an input that the method needs, the panorama cannot be read, or the method
     crashed.

@@ -40,7 +40,7 @@ MAX_NAME_BYTES = 200
 
 
 class MethodStatus(StrEnum):
-    """How a method's work ended."""
+    """The outcome of a method's work."""
 
     DONE = "done"
     UNAVAILABLE = "unavailable"

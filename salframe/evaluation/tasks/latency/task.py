@@ -35,7 +35,7 @@ from salframe.panoramas.frames import Fold, QueryFrame
 from salframe.panoramas.opening import open_dataset
 
 QUERIES = 100
-"""Maximum number of queries, evenly spread over those of the fold."""
+"""Maximum number of queries, evenly spread over the queries of the fold."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -68,7 +68,7 @@ class ScaleTask(Task[int, Survey[int], SceneRow, ScaleRow]):
     """The task `scale`: which of many scenes does a query show? The scenes are generated from the rooms of a data set
     (`City`).
 
-    A piece is the number of a scene.
+    A piece is the index of a scene.
     """
 
     scenes: int
