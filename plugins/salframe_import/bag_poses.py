@@ -13,7 +13,7 @@ from salframe.panoramas.geometry import invert_pose
 from salframe_import.bag import ODOMETRY, TF_TYPES, Bag
 
 MAX_GAP_S = 1.0
-"""Maximum time between two poses that a pose is interpolated between."""
+"""Maximum time between two poses, to interpolate a pose between them."""
 MAX_NORM_ERROR = 0.01
 """Maximum difference of the length of a quaternion from 1."""
 MAP, TF_SOURCE = "map", "tf"

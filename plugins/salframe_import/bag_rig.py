@@ -81,7 +81,7 @@ class BagRig:
         """Return the shots in the order of time, and notes about pictures that are left out.
 
         Raises:
-            DataError: A topic has no message or no stamps, or no picture belongs together with the other topics.
+            DataError: A topic has no message or no stamps, or no picture has messages of the other topics at its time.
         """
         topics = [images.topic for camera in self.cameras for images in (camera.color, camera.depth) if images]
         times = self.bag.stamps(topics)

@@ -80,7 +80,7 @@ def estimate_statistic(
 ) -> Estimate | None:
     """Return a statistic of the indices (N,) of queries with its bootstrap interval over clusters.
 
-    Samples where the statistic is None are left out. The result is None if it is None of all queries.
+    Samples where the statistic is None are left out. The result is None if the statistic of all queries is None.
     """
     number = _cluster_numbers(clusters)
     value = statistic(np.arange(len(number)))

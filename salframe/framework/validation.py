@@ -104,7 +104,7 @@ _COMPARISONS = ("greater_than", "greater_than_equal", "less_than", "less_than_eq
 
 
 def describe_faults(error: ValidationError, where: str, model: type[BaseModel] | None = None) -> str:
-    """Describe validation errors in one line: the first MAX_PROBLEMS, and how many more there are."""
+    """Describe validation errors in one line: the first MAX_PROBLEMS errors, and the number of the others."""
     problems = list(dict.fromkeys(_problem(model, problem, where) for problem in error.errors()))
     more = f"; and {len(problems) - MAX_PROBLEMS} more errors" if len(problems) > MAX_PROBLEMS else ""
     return "; ".join(problems[:MAX_PROBLEMS]) + more

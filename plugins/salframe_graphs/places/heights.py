@@ -21,7 +21,7 @@ _MAX_M = 65.535
 def measure_height(panorama: Panorama) -> dict[str, np.ndarray]:
     """Return the height of the camera above the floor as an array (1,) of a description; {} if it is unknown.
 
-    Only measured ranges are used: those of a range model may have a wrong scale.
+    Estimated ranges are not used, because their scale may be wrong.
     """
     if panorama.range_m is None or panorama.range_by is not None:
         return {}

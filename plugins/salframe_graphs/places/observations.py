@@ -69,7 +69,7 @@ class ObservedObjects(ABC):
 
     Attributes:
         same_label: (n, M) bool, whether both have the same label.
-        log_ratio: (n, M) float32, log ratio of what does not depend on the pose, such as the label.
+        log_ratio: (n, M) float32, log ratio of the observations that do not depend on the pose, such as the label.
     """
 
     same_label: np.ndarray

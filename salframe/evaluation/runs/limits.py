@@ -115,7 +115,7 @@ class Death:
 
     @classmethod
     def of(cls, folder: Path, limits: Limits, error: WorkerDied) -> Death:
-        """Return the death that an engine reports, with the record that the process left in its folder."""
+        """Return the death of a process as the engine reports it, with the record in the folder of the process."""
         piece = read_json(folder / AT_WORK) if (folder / AT_WORK).exists() else None
         log = (folder / LOG).read_text(encoding="utf-8", errors="replace") if (folder / LOG).exists() else ""
         if log:

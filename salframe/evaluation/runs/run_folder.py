@@ -56,8 +56,8 @@ class Outcome:
     """The outcome of a method's work.
 
     Attributes:
-        status: How the work ended.
-        reason: Why the work ended in this way, or a warning.
+        status: The outcome.
+        reason: Reason for this outcome, or a warning.
         input: Parts of panoramas that the method received as input.
         seconds: Duration of the work; None if it was resumed.
     """

@@ -75,7 +75,7 @@ def _nodes(rows: Sequence[PairRow], done: np.ndarray) -> tuple[dict[str, Share],
 
 
 def _mean(share: np.ndarray, counts: np.ndarray, places: Sequence[str], seed: int) -> Estimate | None:
-    """Return the mean of the shares that count; None if none does."""
+    """Return the mean of the known shares; None without a known share."""
     if not counts.any():
         return None
     chosen = np.flatnonzero(counts).tolist()
