@@ -60,8 +60,7 @@ def _check_found(checked: str, detections: ImageDetections) -> None:
     finite = np.isfinite(detections.box_px).all() and np.isfinite(detections.score).all()
     expect(finite, checked, "a box or score that is not finite", "pixels and shares")
     expect(detections.label.dtype.kind in "iu", checked, f"labels of dtype {detections.label.dtype}", "whole numbers")
-    count = REQUEST.num_classes
-    in_classes = ((detections.label >= 0) & (detections.label < count)).all()
+    in_classes = ((detections.label >= 0) & (detections.label < REQUEST.num_classes)).all()
     expect(
         in_classes, checked, f"labels {sorted(set(detections.label.tolist()))}", f"classes below {REQUEST.num_classes}"
     )
