@@ -140,4 +140,4 @@ def _spoil_list(objects: ObjectBoxes, draws: Sequence[_Draw]) -> ObjectBoxes:
     if not rows:
         return ObjectBoxes.empty()
     labels, keys, centroid_m, size_m, yaw_rad = zip(*rows, strict=True)
-    return ObjectBoxes(labels, keys, np.array(centroid_m), np.array(size_m), np.array(yaw_rad))
+    return ObjectBoxes(labels, keys, np.array(centroid_m), np.array(size_m), np.array(yaw_rad), objects.ranged)

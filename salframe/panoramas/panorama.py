@@ -81,6 +81,7 @@ class ObjectBoxes:
         centroid_m: (N, 3) float64 centres; NaN where the range is unknown.
         size_m: (N, 3) float64 length, width and height.
         yaw_rad: (N,) float64 azimuth of the length, modulo pi.
+        ranged: Whether detectors may use the ranges. If false, they use directions and solid angles only.
     """
 
     labels: tuple[str, ...]
@@ -88,6 +89,7 @@ class ObjectBoxes:
     centroid_m: np.ndarray
     size_m: np.ndarray
     yaw_rad: np.ndarray
+    ranged: bool = True
 
     def __post_init__(self) -> None:
         n = len(self.labels)
@@ -106,7 +108,7 @@ class ObjectBoxes:
         """Return the objects where a mask (N,) bool is true."""
         rows = np.flatnonzero(mask)
         labels, keys = (tuple(column[i] for i in rows) for column in (self.labels, self.keys))
-        return ObjectBoxes(labels, keys, self.centroid_m[rows], self.size_m[rows], self.yaw_rad[rows])
+        return ObjectBoxes(labels, keys, self.centroid_m[rows], self.size_m[rows], self.yaw_rad[rows], self.ranged)
 
 
 @dataclass(frozen=True, eq=False)

@@ -78,7 +78,7 @@ class PlaceLikelihood:
         self.parts: list[ObservedObjects] = []
         if query.num_ranged:
             self.parts.append(RangedObjects(query.ranged, index, rates, likelihood, camera_height_m))
-        if query.num_ranged < len(query):
+        if self.has_bearings:
             self.parts.append(BearingObjects(query.bearings, index, rates, likelihood, self._map_height_m))
         self.same_label = np.concatenate([part.same_label for part in self.parts])
         self.log_ratio = np.concatenate([part.log_ratio for part in self.parts])
@@ -88,6 +88,11 @@ class PlaceLikelihood:
             bearings = likelihood.bearings
             self._detection_logit = bearings.detection_logit + bearings.detection_per_logit * index.detection_logit
             self._detection_per_distance = bearings.detection_per_distance
+
+    @property
+    def has_bearings(self) -> bool:
+        """Whether any object of the query has no range."""
+        return self.query.num_ranged < len(self.query)
 
     def rows_of(self, i: np.ndarray) -> list[tuple[ObservedObjects, np.ndarray | slice, np.ndarray]]:
         """Return for each part with any of the query objects i (P,): the part, the positions of its objects in `i`,

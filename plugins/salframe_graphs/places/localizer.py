@@ -88,7 +88,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
     """
 
     name = "saliency-places"
-    version = "8"
+    version = "9"
     uses_floors = True
 
     class Config(PlacesConfig):
@@ -223,8 +223,8 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         if (share.sum(1) > 0.5).sum() < MIN_EXPLAINED:
             return self._without_pose(places, names[0])
         pose, covariance = settle(ranking.search.scorer, best, share, MIN_DEVIATION_M)
-        camera_z_m = self._map.camera_z_m(int(ranking.poses.place[pose_row[0]]), height_of(description))
-        camera_z_m += pose.raised_m[0]
+        height_m = height_of(description) * pose.scale[0]  # it was measured by the same ranges
+        camera_z_m = self._map.camera_z_m(int(ranking.poses.place[pose_row[0]]), height_m) + pose.raised_m[0]
         T_world_query = pose_2d(pose.shift_m[0, 0], pose.shift_m[0, 1], pose.yaw_rad[0], camera_z_m)
         return Localization(places, T_world_query, LocalizationStatus.OK, covariance)
 

@@ -85,8 +85,9 @@ class ObservedObjects(ABC):
         """Return `log_odds` of pairs: of the query objects i (T,), each with one of the T map objects, (T,)."""
 
     @abstractmethod
-    def pair_points(self, i: np.ndarray, j: np.ndarray) -> PairPoints:
-        """Return the positions of query objects i (P,) that are the map objects j (P,)."""
+    def pair_points(self, i: np.ndarray, j: np.ndarray, raised_m: float) -> PairPoints:
+        """Return the positions of query objects i (P,) that are the map objects j (P,), for a camera that is `raised_m`
+        metres above its expected height."""
 
     @abstractmethod
     def residuals(self, i: np.ndarray, relative: RelativeObjects) -> Residuals:
