@@ -80,17 +80,13 @@ def draw(name: str, text: str) -> str:
 
 
 def used_terms(tables: Sequence[Table], titles: str = "") -> dict[str, set[str]]:
-    """Return the terms of tables, by group: headings, names of rows, inputs, and words for data in the titles.
-
-    Settings, such as `data.query_views`, and conditions are not among them if TERMS does not define them.
-    """
+    """Return the terms of tables, by group: headings, names of rows, inputs, and words for data in the titles."""
     used: dict[str, set[str]] = {group: set() for group in GROUPS}
     for table in tables:
         headings = [" ".join(heading.split()) for heading in table.headings]
         plain = {heading.replace(" (95 % CI)", "") for heading in headings}
-        used["columns"] |= plain - {METHOD, "input"} | (
-            {"95 % CI"} if any("95 % CI" in one for one in headings) else set()
-        )
+        used["columns"] |= plain - {METHOD, "input"}
+        used["columns"] |= {"95 % CI" for heading in headings if "95 % CI" in heading}
         for row in table.rows:
             cells = dict(zip(headings, row, strict=True))
             used["rows"] |= set(re.sub(r"\[.*", "", cells[METHOD]).split(", "))
