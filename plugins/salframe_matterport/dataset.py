@@ -194,11 +194,11 @@ class MatterportAnnotations(NavigableDataset):
     def _as_query(self, panorama: Panorama) -> Panorama:
         """Return a panorama of an agent with the settings of queries applied."""
         panorama = as_query(panorama, self.config)
-        objects = None if panorama.annotations is None else panorama.annotations.objects
-        if self.config.query_range or objects is None:
+        annotations = panorama.annotations
+        if self.config.query_range or annotations is None or annotations.objects is None:
             return panorama
-        annotations = replace(panorama.annotations, objects=replace(objects, ranged=False))
-        return replace(panorama, annotations=annotations)
+        directions = replace(annotations, objects=replace(annotations.objects, ranged=False))
+        return replace(panorama, annotations=directions)
 
     def scenes(self) -> dict[str, ViewpointScene]:
         """Return every scene with its object ids, by the id of its reference frames.
