@@ -32,7 +32,7 @@ def object_label(label: str) -> str:
 
     Labels are compared without case, composition of characters, punctuation between words, a number at the end, and
     the difference of singular and plural: "Potted_Plants 2" is a plant. A label that is not in the vocabulary is
-    returned in lower case, in the singular where it is an English word.
+    returned in lower case and, if it is an English word, in the singular.
     """
     spelling, names = _spelling(label), _names()
     for form in (spelling, *_singular_forms(spelling)):

@@ -96,7 +96,7 @@ class Agent:
             self._off_path = False
 
     def decide(self) -> Move | None:
-        """Return the next move, None where the agent estimates that it has arrived.
+        """Return the next move, None if the agent estimates that it has arrived.
 
         After a collision with an obstacle of its chart, which means that the agent was off its path, it steps aside
         before it tries again. Without a pose, or without a path from there, it moves to look from another position.

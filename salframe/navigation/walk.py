@@ -32,7 +32,7 @@ Row = dict[str, Any]
 
 
 class EpisodeStatus(StrEnum):
-    """How an episode ended: the agent reported its arrival, or used its budget of panoramas."""
+    """The end of an episode: the agent reported its arrival, or used its budget of panoramas."""
 
     ARRIVED = "arrived"
     OUT_OF_BUDGET = "out of budget"
