@@ -1,0 +1,303 @@
+"""The HTTP interface of the service."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager, suppress
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+import numpy as np
+from fastapi import FastAPI, Query, Request, Response, WebSocket
+from fastapi.staticfiles import StaticFiles
+from starlette.datastructures import FormData
+from starlette.middleware.cors import CORSMiddleware
+from starlette.responses import FileResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from salframe.framework.errors import DataError
+from salframe.framework.version import __version__
+from salframe.localization.answers import Localization
+from salframe.panoramas.geometry import pose_2d
+from salframe.serving import openapi
+from salframe.serving.access import PUBLIC_FOLDER, Access, AccessRules
+from salframe.serving.bodies import BodyLimits
+from salframe.serving.limits import Limits
+from salframe.serving.localizing import localize_query
+from salframe.serving.metrics import METRICS_TYPE, ServiceMetrics
+from salframe.serving.problems import add_problem_handlers
+from salframe.serving.routing import plan_route
+from salframe.serving.schemas import (
+    Answer,
+    BeliefBody,
+    DetectionsObservation,
+    DetectionsQuery,
+    HealthBody,
+    Motion,
+    ObservationBody,
+    RouteBody,
+    RouteQuery,
+    SessionBody,
+)
+from salframe.serving.served_map import MapHolder, ServedMap
+from salframe.serving.sessions import SessionStore, SessionTracker
+from salframe.serving.streams import stream_belief
+from salframe.serving.tracking import VotingTracker
+from salframe.serving.uploads import (
+    MULTIPART,
+    ObservationFields,
+    ServedQuery,
+    UploadFields,
+    content_type,
+    open_upload,
+    read_form,
+    read_json_body,
+    to_detections,
+)
+from salframe.serving.work import WorkPool
+
+PAGE = Path(__file__).with_name("page")
+REFRESH_S = 1.0
+"""Interval at which the service looks for changes of the map and for idle sessions."""
+_Result = TypeVar("_Result")
+_Located = tuple[Localization, dict[str, Any]]
+WithObjects = Annotated[bool, Query(description="list the objects of the query and those that they were matched with")]
+WithPicture = Annotated[bool, Query(description="return the image as the server placed it")]
+
+
+class Service:
+    """The state of the service: the map, the pool, the sessions and the metrics."""
+
+    def __init__(self, maps: MapHolder, limits: Limits, rules: AccessRules) -> None:
+        self.maps, self.limits, self.rules = maps, limits, rules
+        self.pool = WorkPool(limits)
+        new_tracker: Callable[[], SessionTracker] = VotingTracker
+        self.sessions = SessionStore(limits, new_tracker)
+        self.metrics = ServiceMetrics(
+            lambda: self.pool.num_pending, lambda: len(self.sessions), lambda: self.maps.num_reloads
+        )
+
+    async def run(self, call: Callable[[ServedMap], _Result]) -> _Result:
+        """Return the result of a call with the current map, in a thread of the pool.
+
+        If the files of the map have changed during the call, so that it failed, it is repeated with the new version.
+        """
+        return await self.pool.run(partial(self._with_map, call))
+
+    def _with_map(self, call: Callable[[ServedMap], _Result]) -> _Result:
+        served = self.maps.current
+        try:
+            return call(served)
+        except DataError:
+            newer = self.maps.refresh()
+            if newer is served:
+                raise
+            return call(newer)
+
+    async def localize(self, read: Callable[[], ServedQuery], objects: bool, picture: bool) -> _Located:
+        """Return the answer to a query, and its JSON. The query is read in the pool too."""
+
+        def localize(served: ServedMap) -> _Located:
+            return localize_query(served, read(), with_objects=objects, with_picture=picture)
+
+        answer, content = await self.run(localize)
+        self.metrics.localize_s.observe(content["seconds"])
+        self.metrics.answers.labels(content["status"]).inc()
+        return answer, content
+
+    async def watch(self) -> None:
+        """Open the map again whenever it changes, and end idle sessions."""
+        while True:
+            await asyncio.sleep(REFRESH_S)
+            self.sessions.expire()
+            await asyncio.to_thread(self.maps.refresh)
+
+
+def create_app(maps: MapHolder, limits: Limits, rules: AccessRules) -> ASGIApp:
+    """Return the app of a service.
+
+    Args:
+        maps: The open map.
+        limits: The limits of the service.
+        rules: Who may use the service.
+    """
+    service = Service(maps, limits, rules)
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        watch = asyncio.create_task(service.watch())
+        yield
+        watch.cancel()
+        with suppress(asyncio.CancelledError):
+            await watch
+        service.sessions.close()
+        await asyncio.to_thread(service.pool.close)
+
+    app = FastAPI(
+        title="salframe",
+        version=__version__,
+        summary="Localizes panoramas, photographs and detections in a map",
+        docs_url=None,
+        redoc_url=None,
+        lifespan=lifespan,
+        responses=openapi.PROBLEMS,
+    )
+    add_problem_handlers(app)
+    _add_queries(app, service)
+    _add_sessions(app, service)
+    _add_map(app, service)
+    app.mount(PUBLIC_FOLDER.rstrip("/"), StaticFiles(directory=PAGE))
+    openapi.add_schemas(app)
+    layered: ASGIApp = Access(BodyLimits(app, limits), rules)
+    if rules.origins:
+        layered = CORSMiddleware(
+            layered,
+            allow_origins=rules.origins,
+            allow_methods=["GET", "POST", "DELETE"],
+            allow_headers=["Authorization", "Content-Type"],
+        )
+    return Measured(layered, service.metrics)
+
+
+def _add_queries(app: FastAPI, service: Service) -> None:
+    limits = service.limits
+
+    @app.post("/localize", response_model=Answer, openapi_extra=openapi.LOCALIZE)
+    async def localize(request: Request, objects: WithObjects = False, picture: WithPicture = False) -> Any:
+        """Localize a panorama, a photograph, or detections."""
+        service.pool.check_room()
+        if content_type(request) == MULTIPART:
+            fields, form = await read_form(request, UploadFields)
+            async with _closing(form):
+                return (await service.localize(partial(open_upload, fields, form, limits), objects, picture))[1]
+        body = await read_json_body(request, DetectionsQuery, limits)
+        return (await service.localize(partial(to_detections, body.detections, limits), objects, picture))[1]
+
+    @app.post("/route", response_model=RouteBody, openapi_extra=openapi.ROUTE)
+    async def route(request: Request) -> Any:
+        """Plan the shortest route from a pose, a place or a reference frame to a place or a point."""
+        body = await read_json_body(request, RouteQuery, limits)
+        return await service.run(partial(plan_route, start=body.start, goal=body.goal))
+
+
+def _add_sessions(app: FastAPI, service: Service) -> None:
+    limits, sessions = service.limits, service.sessions
+
+    @app.post("/sessions", response_model=SessionBody, status_code=201)
+    async def create_session() -> Any:
+        """Create a session, which follows one robot."""
+        return SessionBody(id=sessions.create().id, idle_s=limits.idle_s)
+
+    @app.post("/sessions/{session_id}/observations", response_model=ObservationBody, openapi_extra=openapi.OBSERVATION)
+    async def observe(
+        session_id: str, request: Request, objects: WithObjects = False, picture: WithPicture = False
+    ) -> Any:
+        """Add a view and the motion since the previous one. An error leaves the session as it was."""
+        session = sessions.get(session_id)
+        service.pool.check_room()
+        form: FormData | None = None
+        if content_type(request) == MULTIPART:
+            fields, form = await read_form(request, ObservationFields)
+            read = partial(open_upload, fields, form, limits)
+            t_s, odometry = fields.t_s, fields.odometry
+        else:
+            body = await read_json_body(request, DetectionsObservation, limits)
+            read = partial(to_detections, body.detections, limits)
+            t_s, odometry = body.t_s, body.odometry
+        async with _closing(form), session.lock:
+            session.check_time(t_s)
+            answer, content = await service.localize(read, objects, picture)
+            belief = session.apply(t_s, None if odometry is None else _matrix(odometry), answer)
+        return {"answer": content, "belief": belief}
+
+    @app.get("/sessions/{session_id}", response_model=BeliefBody)
+    async def belief(session_id: str) -> Any:
+        """Return the belief of a session."""
+        return sessions.get(session_id).belief_json()
+
+    @app.delete("/sessions/{session_id}", status_code=204)
+    async def end_session(session_id: str) -> Response:
+        """End a session."""
+        sessions.end(session_id)
+        return Response(status_code=204)
+
+    @app.websocket("/sessions/{session_id}/stream")
+    async def stream(socket: WebSocket, session_id: str) -> None:
+        await stream_belief(socket, session_id, sessions, service.rules, limits)
+
+
+def _add_map(app: FastAPI, service: Service) -> None:
+    @app.get("/map", response_class=Response, responses=openapi.MAP)
+    async def map(request: Request) -> Response:
+        """Return places, floors, objects, nodes and edges of the map as GeoJSON, in metres of its world frame."""
+        served = service.maps.current
+        headers = {"ETag": f'"{served.version}"', "Cache-Control": "no-cache"}
+        if request.headers.get("if-none-match") == headers["ETag"]:
+            return Response(status_code=304, headers=headers)
+        return Response(served.json, headers=headers, media_type="application/geo+json")
+
+    @app.get("/health", response_model=HealthBody)
+    async def health() -> Any:
+        """Return whether the service runs."""
+        return HealthBody(status="ok" if service.maps.failure is None else "stale", version=__version__)
+
+    @app.get("/metrics", response_class=Response, responses=openapi.METRICS)
+    async def metrics() -> Response:
+        """Return the metrics in the text format of Prometheus."""
+        return Response(service.metrics.text(), media_type=METRICS_TYPE)
+
+    @app.get("/", include_in_schema=False)
+    async def page() -> FileResponse:
+        return FileResponse(PAGE / "index.html")
+
+    @app.get("/api", include_in_schema=False)
+    async def api_page() -> FileResponse:
+        return FileResponse(PAGE / "api.html")
+
+
+class Measured:
+    """Middleware that counts requests and measures their time."""
+
+    def __init__(self, app: ASGIApp, metrics: ServiceMetrics) -> None:
+        self._app, self._metrics = app, metrics
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        start, status = time.perf_counter(), 500
+
+        async def send_noted(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                status = message["status"]
+            await send(message)
+
+        try:
+            await self._app(scope, receive, send_noted)
+        finally:
+            path = getattr(scope.get("route"), "path", "other")  # the template, of which there are few
+            self._metrics.requests.labels(path, _method(scope["method"]), str(status)).inc()
+            self._metrics.request_s.labels(path).observe(time.perf_counter() - start)
+
+
+@asynccontextmanager
+async def _closing(form: FormData | None) -> AsyncIterator[None]:
+    """Close the files of a form at the end."""
+    try:
+        yield
+    finally:
+        if form is not None:
+            await form.close()
+
+
+def _matrix(motion: Motion) -> np.ndarray:
+    """Return a motion as a matrix (4, 4): the pose after the motion in the frame before it."""
+    return pose_2d(motion.x_m, motion.y_m, float(np.radians(motion.yaw_deg)), motion.z_m)
+
+
+def _method(name: str) -> str:
+    return name if name in ("GET", "HEAD", "POST", "DELETE", "OPTIONS") else "other"
