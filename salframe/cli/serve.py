@@ -37,6 +37,7 @@ def serve(
     the page `/api` describes. On another address than this machine's own, requests must send a token; without
     --token-file, a token is created and printed. SIGTERM finishes the requests in progress.
     """
+    import secrets
     from importlib.util import find_spec
 
     from salframe.cli.output import tell
@@ -50,6 +51,7 @@ def serve(
         if find_spec(name) is None
     ]:
         raise RequirementMissing(f"serve needs {', '.join(missing)}, not installed: pip install 'salframe[serve]'")
+    from salframe.serving.access import is_loopback
     from salframe.serving.limits import Limits
     from salframe.serving.run import serve_map
 
@@ -57,41 +59,32 @@ def serve(
     for text in overrides or ():
         changed = merge(changed, nest(*parse_override(text)))
     limits = validate(Limits, changed, "--set")
-    token = _find_token(host, token_file)
-    serve_map(
-        map,
-        host,
-        port,
-        token=token,
-        origins=allow_origin or (),
-        limits=limits,
-        tell_url=lambda url: tell(f"serving {map} at {url}"),
-    )
+    token = _read_token(token_file) if token_file is not None else None
+    is_created = token is None and not is_loopback(host)
+    if is_created:
+        token = secrets.token_urlsafe(24)
+
+    def tell_url(url: str) -> None:
+        if is_created:
+            tell(f"token: {token}")
+        tell(f"serving {map} at {url}")
+
+    serve_map(map, host, port, token=token, origins=allow_origin or (), limits=limits, tell_url=tell_url)
 
 
-def _find_token(host: str, token_file: Path | None) -> str | None:
-    """Return the token of a file, or a new one where the address needs one.
+def _read_token(path: Path) -> str:
+    """Return the token of a file.
 
     Raises:
         ConfigError: The file cannot be read, or its token is short or cannot be sent in a header.
     """
-    import secrets
-
-    from salframe.cli.output import tell
     from salframe.framework.errors import ConfigError
     from salframe.framework.files.reading import read_text
-    from salframe.serving.access import is_loopback
 
-    if token_file is not None:
-        token = read_text(token_file, "a file with a token").strip()
-        if len(token) < MIN_TOKEN or not (token.isascii() and token.isprintable()) or " " in token:
-            raise ConfigError(
-                f"the token in {token_file} has {len(token)} characters, expected one line with at least {MIN_TOKEN} "
-                "ASCII characters and no spaces: create one with `openssl rand -hex 16`"
-            )
-        return token
-    if is_loopback(host):
-        return None
-    token = secrets.token_urlsafe(24)
-    tell(f"token: {token}")
+    token = read_text(path, "a file with a token").strip()
+    if len(token) < MIN_TOKEN or not (token.isascii() and token.isprintable()) or " " in token:
+        raise ConfigError(
+            f"the token in {path} has {len(token)} characters, expected one line with at least {MIN_TOKEN} ASCII "
+            "characters and no spaces: create one with `openssl rand -hex 16`"
+        )
     return token

@@ -49,30 +49,39 @@ def serve_map(
     """
     limits = limits or Limits()
     maps = MapHolder(folder)
-    with _listen(host, port) as listener:
-        rules = AccessRules.of_address(host, token, origins)
-        config = uvicorn.Config(
-            create_app(maps, limits, rules),
-            http=_timed_protocol(limits.headers_s),
-            ws_max_size=MAX_MESSAGE_BYTES,
-            log_config=None,
-            access_log=False,
-            lifespan="on",
-            server_header=False,
-            proxy_headers=False,
-            limit_concurrency=limits.max_connections,
-            h11_max_incomplete_event_size=MAX_HEADER_BYTES,
-            timeout_graceful_shutdown=limits.drain_s,
-        )
+    with listen(host, port) as listener:
+        server = make_server(maps, limits, AccessRules.of_address(host, token, origins))
         tell_url(_url(host, listener.getsockname()[1]))
         try:
-            uvicorn.Server(config).run(sockets=[listener])
+            server.run(sockets=[listener])
         except KeyboardInterrupt:  # uvicorn raises the signal again after it has finished all requests
             return
 
 
-def _listen(host: str, port: int) -> socket.socket:
-    """Return a socket that listens. Raises ConfigError."""
+def make_server(maps: MapHolder, limits: Limits, rules: AccessRules) -> uvicorn.Server:
+    """Return a server of a map, which runs with `run(sockets=...)` until its `should_exit` is set."""
+    config = uvicorn.Config(
+        create_app(maps, limits, rules),
+        http=_timed_protocol(limits.headers_s),
+        ws_max_size=MAX_MESSAGE_BYTES,
+        log_config=None,
+        access_log=False,
+        lifespan="on",
+        server_header=False,
+        proxy_headers=False,
+        limit_concurrency=limits.max_connections,
+        h11_max_incomplete_event_size=MAX_HEADER_BYTES,
+        timeout_graceful_shutdown=limits.drain_s,
+    )
+    return uvicorn.Server(config)
+
+
+def listen(host: str, port: int) -> socket.socket:
+    """Return a socket that listens on an address.
+
+    Raises:
+        ConfigError: The address cannot be used.
+    """
     try:
         family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)[0]
         return socket.create_server(address[:2], family=family, backlog=1024)
