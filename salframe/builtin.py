@@ -12,6 +12,7 @@ from salframe.graphs.scene_index import SceneIndex
 from salframe.localization.evidence_model import EvidenceModel
 from salframe.localization.localizer import Localizer
 from salframe.localization.positioner import Positioner
+from salframe.localization.tracker import Tracker
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.folder import FolderDataset
 from salframe.panoramas.importer import Importer
@@ -35,6 +36,7 @@ def salframe_provides() -> list[type]:
         Planner,
         Scorer,
         Localizer,
+        Tracker,
         Engine,
         FolderDataset,
     ]

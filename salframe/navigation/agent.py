@@ -1,4 +1,4 @@
-"""The agent: its estimate of its pose, and its next move. It never learns its true pose."""
+"""The agent: its estimated pose, and its next move. It never learns its true pose."""
 
 from __future__ import annotations
 
@@ -7,21 +7,15 @@ from typing import NamedTuple
 import numpy as np
 
 from salframe.framework.errors import NoRoute
+from salframe.localization.answers import Localization
+from salframe.localization.tracker import Tracker
 from salframe.navigation.guide import Guide, Way
-from salframe.panoramas.geometry import invert_pose, pose_2d, pose_yaw, wrap_angle
+from salframe.panoramas.geometry import pose_yaw, wrap_angle
 
-MAX_LOCALIZATIONS = 20
-"""Maximum number of the latest positions whose localization the agent stores."""
-SAME_POSITION_M = 0.3
-"""Positions within this distance count as the same position."""
-AGREE_M, AGREE_RAD = 0.5, np.radians(30.0)
-"""Maximum differences in position and heading of two localizations that agree, after correction by odometry."""
 MIN_SAVING_M = 1.0
 """Minimum saving in length for which the agent takes a path without a safety margin."""
 SAME_OBSTACLE_M = 0.3
 """Collisions within this distance count as collisions with the same obstacle."""
-REACHED_M = 0.1
-"""Distance at which a corner of the path counts as reached."""
 
 
 class Move(NamedTuple):
@@ -32,84 +26,54 @@ class Move(NamedTuple):
 
 
 class Located(NamedTuple):
-    """A localization.
+    """The answer to the panorama that an agent has taken.
 
     Attributes:
-        pose: (4, 4) T_world_pano.
-        score: Score of the answer.
-        frame: Id of the reference frame whose position the pose has, where the localizer gave a place only; None where
-            it gave a pose.
+        answer: The answer. Where the localizer gave a place only, its pose is the position of the reference frame with
+            the heading by odometry.
+        frame: Id of this reference frame; None where the localizer gave a pose, or failed.
     """
 
-    pose: np.ndarray
-    score: float
+    answer: Localization
     frame: str | None = None
-
-
-class Belief:
-    """An agent's estimate of its pose: the localization that most of its localizations agree with, all moved to the
-    present by odometry.
-
-    Votes are weighted by score, where that is positive: an uncertain answer is outvoted, and a wrong belief is outvoted
-    by better answers that contradict it. At a position where the agent has been before, the new answer replaces the old
-    one, because the errors of both are correlated. A place without a pose is used only if it differs from the previous
-    place. If the place is the same, odometry is the better estimate of the position in it.
-    """
-
-    def __init__(self, yaw_rad: float) -> None:
-        self.yaw_rad = yaw_rad
-        """Heading in the world by odometry alone, from the known initial heading."""
-        self._visited_poses: list[np.ndarray] = []
-        self._localizations: list[Located] = []
-        self._last_frame: str | None = None
-
-    @property
-    def pose(self) -> np.ndarray | None:
-        """The estimated T_world_pano (4, 4), None before the first localization."""
-        if not self._localizations:
-            return None
-        position_m = np.array([pose[:3, 3] for pose, _, _ in self._localizations])
-        yaw_rad = np.array([pose_yaw(pose) for pose, _, _ in self._localizations])
-        near = np.linalg.norm(position_m[:, None] - position_m, axis=2) <= AGREE_M
-        agree = near & (np.abs(wrap_angle(yaw_rad[:, None] - yaw_rad)) <= AGREE_RAD)
-        votes = agree @ np.array([max(score, 0.0) for _, score, _ in self._localizations])
-        best = np.flatnonzero(votes == votes.max())[-1]
-        # Of the localizations that agree, the latest has the smallest error from odometry.
-        return self._localizations[int(np.flatnonzero(agree[best])[-1])].pose
-
-    def add_motion(self, odometry: np.ndarray) -> None:
-        """Update the belief by a motion (4, 4): the pose after the motion in the frame of the pose before."""
-        back = invert_pose(odometry)
-        self._visited_poses = [back @ pose for pose in self._visited_poses]
-        self._localizations = [located._replace(pose=located.pose @ odometry) for located in self._localizations]
-        self.yaw_rad += pose_yaw(odometry)
-
-    def add_localization(self, located: Located) -> None:
-        """Update the belief by a localization of the present position."""
-        frame, self._last_frame = self._last_frame, located.frame
-        if located.frame is not None and located.frame == frame:
-            return
-        x, y, z = located.pose[:3, 3]
-        elsewhere = [i for i, pose in enumerate(self._visited_poses) if np.linalg.norm(pose[:3, 3]) > SAME_POSITION_M]
-        other = elsewhere[1 - MAX_LOCALIZATIONS :]
-        self._visited_poses = [*(self._visited_poses[i] for i in other), np.eye(4)]
-        self._localizations = [
-            *(self._localizations[i] for i in other),
-            located._replace(pose=pose_2d(x, y, pose_yaw(located.pose), z)),
-        ]
 
 
 class Agent:
     """An agent that walks to a node along the shortest path from its estimated position, with a safety margin to walls
-    unless that path is much longer."""
+    unless that path is much longer.
 
-    def __init__(self, guide: Guide, goal: str, yaw_rad: float, arrival_m: float, rng: np.random.Generator) -> None:
-        self.belief = Belief(yaw_rad)
+    It walks from the best guess of its tracker, even where the tracker is lost: the next answers correct it.
+    """
+
+    def __init__(
+        self, guide: Guide, goal: str, yaw_rad: float, arrival_m: float, rng: np.random.Generator, tracker: Tracker
+    ) -> None:
+        self.yaw_rad = yaw_rad
+        """Heading in the world by odometry alone, from the known initial heading."""
+        self._tracker = tracker
+        self._last_frame: str | None = None
         self._initial_guides: tuple[Guide, ...] = (guide.roomy, guide)
         self._guides: tuple[Guide, ...] = self._initial_guides
         self._goal, self._arrival_m, self._rng = goal, arrival_m, rng
         self._off_path = False
         self._stops_m: list[np.ndarray] = []
+
+    @property
+    def pose(self) -> np.ndarray | None:
+        """The estimated T_world_pano (4, 4), None before the first localization."""
+        return self._tracker.belief().T_world_pano
+
+    def add_localization(self, located: Located) -> None:
+        """Update the agent by a localization of the present position.
+
+        A place without a pose is used only if its reference frame differs from the previous one. If the frame is the
+        same, odometry is the better estimate of the position in the place.
+        """
+        is_repeated = located.frame is not None and located.frame == self._last_frame
+        if located.answer.status.names_a_place:
+            self._last_frame = located.frame
+        if not is_repeated:
+            self._tracker.observe(located.answer)
 
     def add_motion(self, odometry: np.ndarray, stopped: bool) -> None:
         """Update the agent after a move.
@@ -118,9 +82,10 @@ class Agent:
             odometry: (4, 4), the motion measured by odometry: the pose after it in the frame of the pose before.
             stopped: Whether an obstacle stopped the move.
         """
-        self.belief.add_motion(odometry)
+        self._tracker.move(odometry)
+        self.yaw_rad += pose_yaw(odometry)
         self._off_path = stopped
-        pose = self.belief.pose
+        pose = self.pose
         if not stopped or pose is None:
             return
         again = any(np.linalg.norm(pose[:2, 3] - stop_m) <= SAME_OBSTACLE_M for stop_m in self._stops_m)
@@ -136,7 +101,7 @@ class Agent:
         After a collision with an obstacle of its chart, which means that the agent was off its path, it steps aside
         before it tries again. Without a pose, or without a path from there, it moves to look from another position.
         """
-        pose = self.belief.pose
+        pose = self.pose
         way = None if pose is None else self._way(pose[:3, 3])
         if pose is None or way is None:
             return self._aside()
@@ -145,10 +110,9 @@ class Agent:
         if self._off_path:
             return self._aside()
         chart = self._guides[0].chart
-        legs_m = way.corners_m[:, :2] - chart.spot(pose[:3, 3])[:2]
-        next_leg_m = next((leg for leg in legs_m if np.linalg.norm(leg) > REACHED_M), legs_m[-1])
-        turn_rad = float(wrap_angle(np.arctan2(next_leg_m[1], next_leg_m[0]) - pose_yaw(pose)))
-        return Move(turn_rad, min(float(np.linalg.norm(next_leg_m)), chart.max_move_m))
+        leg_m = way.leg(chart.spot(pose[:3, 3]))
+        turn_rad = float(wrap_angle(np.arctan2(leg_m[1], leg_m[0]) - pose_yaw(pose)))
+        return Move(turn_rad, min(float(np.linalg.norm(leg_m)), chart.max_move_m))
 
     def _way(self, position_m: np.ndarray) -> Way | None:
         """Return the best path. Where the recorded collisions leave none, their positions were wrong, and they are

@@ -15,6 +15,9 @@ from salframe.navigation.chart import Chart
 from salframe.topology.planner import Planner
 from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap
 
+REACHED_M = 0.1
+"""Distance at which a corner of the path counts as reached."""
+
 
 @dataclass(frozen=True, eq=False)
 class Way:
@@ -28,6 +31,12 @@ class Way:
 
     length_m: float
     corners_m: np.ndarray
+
+    def leg(self, position_m: np.ndarray) -> np.ndarray:
+        """Return the horizontal vector (2,) from a position (3,) to the first corner that is not reached; to the goal
+        where all are."""
+        legs_m = self.corners_m[:, :2] - position_m[:2]
+        return next((leg_m for leg_m in legs_m if np.linalg.norm(leg_m) > REACHED_M), legs_m[-1])
 
 
 class Guide:

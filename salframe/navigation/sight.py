@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from salframe.framework.errors import FRAME_ERRORS, DataError, InputMissing, MethodFailed, MethodUnavailable
 from salframe.framework.files.cache import Cache
-from salframe.localization.answers import LocalizationStatus
+from salframe.localization.answers import Localization, LocalizationStatus, RankedPlace
 from salframe.localization.described_query import describe_view
 from salframe.localization.describing import describe_frame
 from salframe.localization.left_out import check_left_out, left_out_note
@@ -41,7 +42,8 @@ def see_place(world: World, T_world_pano: np.ndarray, yaw_rad: float) -> Located
         distance_m = np.linalg.norm(point_m - T_world_pano[:3, 3], axis=1)
     nearest = int(distance_m.argmin())
     x, y, _ = point_m[nearest]
-    return Located(pose_2d(x, y, yaw_rad, T_world_pano[2, 3]), 1.0, nodes[nearest].id)
+    name, pose = nodes[nearest].id, pose_2d(x, y, yaw_rad, T_world_pano[2, 3])
+    return Located(Localization((RankedPlace(name, name, 1.0),), pose, LocalizationStatus.OK), name)
 
 
 class Sight:
@@ -68,29 +70,27 @@ class Sight:
         """A warning on reference frames that were left out, None where there is none."""
         return left_out_note(self._left_out)
 
-    def look(self, world: World, T_world_pano: np.ndarray, yaw_rad: float) -> Located | None:
+    def look(self, world: World, T_world_pano: np.ndarray, yaw_rad: float) -> Located:
         """Localize an agent.
 
         Args:
             world: The world.
             T_world_pano: (4, 4), true pose of the agent, at which the panorama is taken.
             yaw_rad: Heading by odometry, used where the localizer returns no pose.
-
-        Returns:
-            The localization, None where the localizer fails.
         """
         map = self._map_of(world.references(T_world_pano), world.chart.map.floors)
         panorama = world.observe(T_world_pano)
         view = describe_view(self._localizer, QueryFrame(panorama.id, lambda: panorama))
         answer = map.answer_query(map.describe_query([view]))
         if not answer.status.names_a_place:
-            return None
-        best = answer.places[0]
-        pose = answer.T_world_query if self._positioning and answer.status is LocalizationStatus.OK else None
+            return Located(answer)
+        pose = answer.T_world_query if self._positioning else None
         if pose is not None and abs(wrap_angle(pose_yaw(pose) - yaw_rad)) <= ASTRAY_RAD:
-            return Located(pose, best.score)
-        x, y, z = self._frames[best.frame].T_world_pano[:3, 3]
-        return Located(pose_2d(x, y, yaw_rad, z), best.score, best.frame)
+            return Located(answer)
+        frame = answer.places[0].frame
+        x, y, z = self._frames[frame].T_world_pano[:3, 3]
+        pose = pose_2d(x, y, yaw_rad, z)
+        return Located(replace(answer, T_world_query=pose, covariance=None, status=LocalizationStatus.OK), frame)
 
     def _map_of(self, frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks]) -> LocalizationMap:
         """Return the map of these frames and floors. Each frame is described once; frames that cannot be used are left

@@ -12,9 +12,11 @@ from pydantic import Field
 
 from salframe.framework.component import added
 from salframe.framework.components.defaults import default_of
+from salframe.framework.components.registry import registry
 from salframe.framework.components.slots import slot
 from salframe.framework.errors import NoRoute
 from salframe.framework.validation import Settings
+from salframe.localization.tracker import Tracker
 from salframe.navigation.agent import Agent, Located
 from salframe.navigation.episodes import Episode, Site
 from salframe.navigation.guide import Guide
@@ -40,6 +42,7 @@ class NavigationConfig(Settings):
     """Settings of navigation, the same for every method of a run. Noise is normal with these standard deviations."""
 
     planner: slot("planner", default_of("navigation_planner"), description="route planner")  # type: ignore[valid-type]
+    tracker: slot("tracker", description="tracker of the agent's pose")  # type: ignore[valid-type]
     budget: int = Field(60, ge=1, description="maximum number of panoramas per episode")
     arrival_m: float = Field(
         0.25, gt=0, description="length of the remaining path below which an agent reports its arrival (m)"
@@ -64,9 +67,9 @@ class NavigationConfig(Settings):
     )
 
 
-Look = Callable[[np.ndarray, float], Located | None]
-"""look(T_world_pano, yaw_rad): return the localization of a panorama taken at this true pose, None where it is not
-localized; `yaw_rad` is the heading by odometry."""
+Look = Callable[[np.ndarray, float], Located]
+"""look(T_world_pano, yaw_rad): return the localization of a panorama taken at this true pose; `yaw_rad` is the heading
+by odometry."""
 
 
 def walk(site: Site, look: Look, episode: Episode, config: NavigationConfig, seed: int) -> Row:
@@ -79,15 +82,17 @@ def walk(site: Site, look: Look, episode: Episode, config: NavigationConfig, see
     rng = np.random.default_rng([seed, 2, episode.number])
     slips = np.random.default_rng([seed, 4, episode.number])
     T = np.array(episode.start).reshape(4, 4)
-    agent = Agent(guide, episode.goal, pose_yaw(T), config.arrival_m, np.random.default_rng([seed, 3, episode.number]))
+    tracker: Tracker = registry().build(Tracker.role, config.tracker)
+    agent_rng = np.random.default_rng([seed, 3, episode.number])
+    agent = Agent(guide, episode.goal, pose_yaw(T), config.arrival_m, agent_rng, tracker)
     path, believed, localized = [_flat(T)], [], []
     collisions, travelled_m, arrived = 0, 0.0, False
     for _ in range(config.budget):
-        located = look(T, agent.belief.yaw_rad)
-        localized.append(located is not None)
-        if located is not None:
-            agent.belief.add_localization(located)
-        believed.append(None if agent.belief.pose is None else _flat(agent.belief.pose))
+        located = look(T, agent.yaw_rad)
+        localized.append(located.answer.status.names_a_place)
+        agent.add_localization(located)
+        pose = agent.pose
+        believed.append(None if pose is None else _flat(pose))
         move = agent.decide()
         if move is None:
             arrived = True

@@ -104,22 +104,39 @@ class Folder:
         Raises:
             DataError: The odometry cannot be read.
         """
-        odometry = None if self.manifest.odometry is None else Odometry.read(self.root / self.manifest.odometry)
         groups: dict[str, list[FrameEntry]] = {}
         for entry in self.manifest.frames:
-            if entry.role == "query":
-                key = f"frame {entry.id}" if entry.sequence is None else f"sequence {entry.sequence}"
-                groups.setdefault(key, []).append(entry)
+            if entry.role == "query" and entry.sequence is None:
+                groups[f"frame {entry.id}"] = [entry]
+            elif entry.role == "query" and entry.sequence is not None:
+                groups[f"sequence {entry.sequence}"] = self.sequences[entry.sequence]
         queries = []
         for entries in groups.values():
-            entries.sort(key=lambda entry: entry.t_s or 0.0)
-            *earlier, last = (
-                QueryFrame(entry.id, partial(self.load, entry), contents.get(entry.id, "")) for entry in entries
-            )
+            *earlier, last = self.view_frames(entries, contents)
             times = [entry.t_s for entry in entries if entry.t_s is not None]
-            T_last_view = odometry.motions(times) if odometry is not None and earlier else None
+            T_last_view = self.odometry.motions(times) if self.odometry is not None and earlier else None
             queries.append(replace(last, earlier=tuple(earlier), T_last_view=T_last_view))
         return queries
+
+    def view_frames(self, entries: Sequence[FrameEntry], contents: Mapping[str, str]) -> list[QueryFrame]:
+        """Return query frames of the manifest, each alone. `contents` is as in `query_frames`."""
+        return [QueryFrame(entry.id, partial(self.load, entry), contents.get(entry.id, "")) for entry in entries]
+
+    @cached_property
+    def sequences(self) -> dict[str, list[FrameEntry]]:
+        """The views of each sequence by its name, in the order of time."""
+        sequences: dict[str, list[FrameEntry]] = {}
+        for entry in self.manifest.frames:
+            if entry.role == "query" and entry.sequence is not None:
+                sequences.setdefault(entry.sequence, []).append(entry)
+        for entries in sequences.values():
+            entries.sort(key=lambda entry: entry.t_s or 0.0)
+        return sequences
+
+    @cached_property
+    def odometry(self) -> Odometry | None:
+        """The motion of the camera; None where the manifest names none. Raises DataError where it cannot be read."""
+        return None if self.manifest.odometry is None else Odometry.read(self.root / self.manifest.odometry)
 
     def load(self, frame: FrameEntry) -> Panorama:
         """Read the panorama of a frame.

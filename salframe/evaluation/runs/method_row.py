@@ -68,6 +68,11 @@ class MethodRow(ABC):
         return content
 
     @property
+    def settings(self) -> Mapping[str, str]:
+        """The settings that distinguish the row from other rows of the same method; empty by default."""
+        return {}
+
+    @property
     @abstractmethod
     def measured(self) -> bool:
         """Whether the method was measured, so that the row has numbers."""

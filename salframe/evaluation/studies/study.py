@@ -305,7 +305,10 @@ def run_study(study: Study, request: Request, *, progress: Progress | None = Non
         )
         rows += arm_rows
         requested_labels = arm.runs[0][2].requested_as
-        settings += [{**arm.settings, **of_method.get(requested_labels.get(row.method, ""), {})} for row in arm_rows]
+        settings += [
+            {**arm.settings, **row.settings, **of_method.get(requested_labels.get(row.method, ""), {})}
+            for row in arm_rows
+        ]
     notes = dict.fromkeys(note for result in results for note in result.notes)
     report = results[0].report if count == 1 else None
     runs = tuple(result.run for result in results)

@@ -13,6 +13,7 @@ from salframe.evaluation.tasks.matching.task import MatchingTask
 from salframe.evaluation.tasks.navigation.task import NavigationTask
 from salframe.evaluation.tasks.scale.task import ScaleTask
 from salframe.evaluation.tasks.sensor.task import SensorTask
+from salframe.evaluation.tasks.tracking.task import TrackingTask
 from salframe.framework.errors import ConfigError, UnknownName, unknown
 
 ALL: tuple[type[AnyTask], ...] = (
@@ -21,6 +22,7 @@ ALL: tuple[type[AnyTask], ...] = (
     DetectionTask,
     SensorTask,
     NavigationTask,
+    TrackingTask,
     ScaleTask,
     LatencyTask,
 )

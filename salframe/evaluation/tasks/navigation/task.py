@@ -80,7 +80,7 @@ class NavigationTask(PagedTask[Episode, NavigationSurvey, EpisodeRow, Navigation
     published: Published | None = None
 
     name = "navigation"
-    version = "2"
+    version = "3"
     prefix = "navigate-"
     counts = "episodes"
     key_fields = ("episode",)

@@ -1,0 +1,1 @@
+"""The task `tracking`: does a tracker know where a moving camera is?"""

@@ -1,0 +1,24 @@
+"""The walks through the buildings of a data set."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from salframe.evaluation.runs.records import Survey
+from salframe.evaluation.tasks.tracking.walks import Walk
+from salframe.navigation.world import World
+from salframe.panoramas.dataset import Dataset
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TrackingSurvey(Survey[Walk]):
+    """Walks through the buildings of a data set.
+
+    Attributes:
+        worlds: The worlds by id.
+        other: A data set of another building, in whose map the views are out of map; None where there is none.
+    """
+
+    worlds: Mapping[str, World]
+    other: Dataset | None

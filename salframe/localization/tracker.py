@@ -1,0 +1,109 @@
+"""The role `tracker`: a belief on the pose of a moving camera, from answers to single queries and odometry."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from salframe.framework.arrays import check_array
+from salframe.framework.component import Role
+from salframe.framework.errors import InvalidAnswer
+from salframe.localization.answers import RIGID_TOLERANCE, Localization
+from salframe.panoramas.geometry import is_rigid
+
+
+class TrackStatus(StrEnum):
+    """Whether a tracker knows the pose of the camera, or why not."""
+
+    TRACKING = "tracking"
+    LOST = "lost"
+    OUT_OF_MAP = "out-of-map"
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedPose:
+    """The belief of a tracker. A program uses place and pose if the status is TRACKING.
+
+    Attributes:
+        status: Whether the tracker knows the pose.
+        place: Name of the place; None before the first answer with a pose. With the status LOST or OUT_OF_MAP, place
+            and pose are the best guess.
+        T_world_pano: (4, 4) float64 pose of the camera, a rigid motion; None where `place` is None.
+        covariance: (3, 3) float64 covariance of (x_m, y_m, yaw_rad), in the axes of the world; None where it is unknown
+            or there is no pose.
+        support: Evidence for the pose, not negative; larger is better. Its unit depends on the tracker.
+
+    Raises:
+        InvalidAnswer: The status is not a TrackStatus; TRACKING has no place or pose; place and pose are not both given
+            or both None; the pose is no rigid motion; the covariance has another shape, or is not finite, symmetric and
+            positive semidefinite; or the support is negative or NaN.
+    """
+
+    status: TrackStatus
+    place: str | None = None
+    T_world_pano: np.ndarray | None = None
+    covariance: np.ndarray | None = None
+    support: float = 0.0
+
+    def __post_init__(self) -> None:
+        try:
+            object.__setattr__(self, "status", TrackStatus(self.status))
+        except ValueError:
+            statuses = ", ".join(TrackStatus)
+            raise InvalidAnswer(f"a tracked pose has the status {self.status!r}, expected one of {statuses}") from None
+        if (self.place is None) != (self.T_world_pano is None):
+            received = "no pose" if self.T_world_pano is None else "a pose"
+            raise InvalidAnswer(f"a tracked pose has the place {self.place!r} and {received}, expected both or neither")
+        if self.T_world_pano is None and self.status is TrackStatus.TRACKING:
+            raise InvalidAnswer(f"a tracked pose has the status {self.status} and no pose, expected a place and a pose")
+        if self.T_world_pano is not None and not is_rigid(self.T_world_pano, RIGID_TOLERANCE):
+            received = " ".join(str(np.asarray(self.T_world_pano).tolist()).split())[:200]
+            raise InvalidAnswer(f"a tracked pose has the pose {received}, expected a rigid motion (4, 4) or None")
+        if self.covariance is not None:
+            covariance = check_array(self, "covariance", np.float64, 3, 3, error=InvalidAnswer)
+            if not (np.isfinite(covariance).all() and np.allclose(covariance, covariance.T)) or (
+                np.linalg.eigvalsh(covariance)[0] < -1e-9
+            ):
+                raise InvalidAnswer(
+                    f"a tracked pose has the covariance {covariance.tolist()}, expected a symmetric, positive "
+                    "semidefinite matrix"
+                )
+        if not self.support >= 0:
+            raise InvalidAnswer(f"a tracked pose has the support {self.support}, expected a number that is at least 0")
+
+
+class Tracker(Role):
+    """Tracks the pose of a moving camera, from answers of a localizer and odometry.
+
+    Call `move` with the motion up to a query, then `observe` with the answer to this query. Where an answer arrives
+    late, call `move` with the later motion after `observe`. A tracker holds the belief of one camera. `open_tracker`
+    creates one for a map.
+    """
+
+    role = "tracker"
+    find_place: Callable[[np.ndarray], str] | None = None
+    """Returns the place at a position (3,), set by `open_tracker`; None: the place is that of an answer."""
+
+    @abstractmethod
+    def move(self, odometry: np.ndarray | None) -> None:
+        """Update the belief by a motion.
+
+        Args:
+            odometry: (4, 4) rigid motion: the pose after the motion in the frame of the pose before. None where the
+                motion is unknown, for example where odometry was dropped.
+
+        Raises:
+            DataError: The motion is not rigid.
+        """
+
+    @abstractmethod
+    def observe(self, answer: Localization) -> None:
+        """Update the belief by the answer to a query at the present pose. A failed answer is an observation too."""
+
+    @abstractmethod
+    def belief(self) -> TrackedPose:
+        """Return the belief on the present pose. Does not change the tracker."""

@@ -1,0 +1,274 @@
+"""Track a moving camera in a map: localize its latest views together, and update a tracker with the answers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from salframe.framework.component import ComponentConfig
+from salframe.framework.components.defaults import default_of
+from salframe.framework.components.presets import configure_default
+from salframe.framework.components.registry import registry
+from salframe.framework.errors import FRAME_ERRORS, ConfigError, DataError, UnknownName, unknown
+from salframe.framework.files.writing import write_json, write_text
+from salframe.localization.answers import Localization
+from salframe.localization.described_query import DescribedView, describe_view
+from salframe.localization.map import LocalizationMap
+from salframe.localization.place_lookup import PlaceLookup
+from salframe.localization.query_input import query_frame
+from salframe.localization.tracker import TrackedPose, Tracker, TrackStatus
+from salframe.panoramas.folder_reader import Folder
+from salframe.panoramas.frames import QueryFrame
+from salframe.panoramas.geometry import invert_pose
+from salframe.panoramas.panorama import Panorama
+
+NUM_VIEWS = 8
+"""Default number of the latest views that are localized together. Chosen on `house-42`, seeds 100 and 101."""
+
+
+def open_tracker(map: LocalizationMap, tracker: ComponentConfig | str | None = None) -> Tracker:
+    """Return a new tracker of a camera in a map.
+
+    Args:
+        map: The map.
+        tracker: Name or configuration of the tracker; None: the default tracker.
+
+    Raises:
+        UnknownName: There is no tracker of this name.
+    """
+    if tracker is None or isinstance(tracker, str):
+        tracker = configure_default(Tracker.role, tracker or default_of(Tracker.role))
+    opened: Tracker = registry().build(Tracker.role, tracker)
+    opened.find_place = PlaceLookup(map.floors, map.frames).at
+    return opened
+
+
+class ViewWindow:
+    """The latest views of a camera, which are localized together."""
+
+    def __init__(self, map: LocalizationMap, num_views: int) -> None:
+        """Create an empty window.
+
+        Args:
+            map: The map.
+            num_views: Maximum number of views, at least 1.
+        """
+        if num_views < 1:
+            raise ConfigError(f"received {num_views} views, expected at least 1")
+        self._map, self._num_views = map, num_views
+        self._views: list[tuple[DescribedView, np.ndarray]] = []
+
+    def move(self, odometry: np.ndarray | None) -> None:
+        """Update the window by a motion, as in `Tracker.move`. After an unknown motion, it is empty."""
+        if odometry is None:
+            self._views = []
+            return
+        back = invert_pose(odometry)
+        self._views = [(view, back @ T_present_view) for view, T_present_view in self._views]
+
+    def localize(self, view: DescribedView) -> Localization:
+        """Add a view, and return the answer to the views of the window.
+
+        Raises:
+            InvalidAnswer: As `LocalizationMap.answer_query`.
+            DataError: As `LocalizationMap.answer_query`.
+        """
+        self._views = [*self._views, (view, np.eye(4))][-self._num_views :]
+        views, motions = zip(*self._views, strict=True)
+        return self._map.answer_query(self._map.describe_query(views, np.stack(motions)))
+
+
+@dataclass(frozen=True, eq=False)
+class TrackStep:
+    """A step of a tracked camera.
+
+    Attributes:
+        pose: The belief after the step.
+        answer: The answer to the latest views; None where the view could not be used.
+        error: Why the view could not be used.
+    """
+
+    pose: TrackedPose
+    answer: Localization | None = None
+    error: str | None = None
+
+
+class TrackedCamera:
+    """A moving camera that is tracked in a map."""
+
+    def __init__(
+        self, map: LocalizationMap, tracker: ComponentConfig | str | None = None, *, num_views: int = NUM_VIEWS
+    ) -> None:
+        """Create a camera whose pose is unknown.
+
+        Args:
+            map: The map.
+            tracker: As in `open_tracker`.
+            num_views: Number of the latest views that are localized together.
+
+        Raises:
+            ConfigError: There are no views.
+            UnknownName: As `open_tracker`.
+        """
+        self._map, self._tracker = map, open_tracker(map, tracker)
+        self._window = ViewWindow(map, num_views)
+
+    def step(self, view: Panorama | QueryFrame, odometry: np.ndarray | None = None) -> TrackStep:
+        """Move the camera, localize its view, and return the belief on its pose.
+
+        A view that cannot be used changes nothing but the motion.
+
+        Args:
+            view: The panorama at the present pose.
+            odometry: (4, 4) motion since the last step: the present pose in the frame of the last pose. None where it
+                is unknown, and in the first step.
+
+        Raises:
+            DataError: The motion is not rigid.
+        """
+        self._tracker.move(odometry)
+        self._window.move(odometry)
+        try:
+            described = describe_view(self._map.localizer, query_frame(self._map.localizer, view))
+        except FRAME_ERRORS as error:
+            return TrackStep(self._tracker.belief(), error=str(error))
+        answer = self._window.localize(described)
+        self._tracker.observe(answer)
+        return TrackStep(self._tracker.belief(), answer)
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """The track of a camera.
+
+    Attributes:
+        name: Name of the sequence.
+        t_s: (N,) float64 times in seconds.
+        frames: Ids of the N frames.
+        steps: The N steps.
+    """
+
+    name: str
+    t_s: np.ndarray
+    frames: tuple[str, ...]
+    steps: tuple[TrackStep, ...]
+
+    @property
+    def is_tracking(self) -> np.ndarray:
+        """Whether the status of each step is `tracking`, (N,) bool."""
+        return np.array([step.pose.status is TrackStatus.TRACKING for step in self.steps], bool)
+
+    def to_tum(self) -> str:
+        """Return the trajectory in the format of the TUM RGB-D benchmark: lines `t_s x y z qx qy qz qw`, in metres.
+
+        It has the steps with the status `tracking`. A comment at the start has the number of steps that are left out.
+        """
+        from scipy.spatial.transform import Rotation
+
+        lines = [f"# {self.name}: timestamp tx ty tz qx qy qz qw; {(~self.is_tracking).sum()} steps are not tracked"]
+        for t_s, step in zip(self.t_s, self.steps, strict=True):
+            if step.pose.status is TrackStatus.TRACKING and step.pose.T_world_pano is not None:
+                pose = step.pose.T_world_pano
+                numbers = [*pose[:3, 3], *Rotation.from_matrix(pose[:3, :3]).as_quat()]
+                lines.append(" ".join([f"{t_s:.6f}", *(f"{number:.6f}" for number in numbers)]))
+        return "\n".join(lines) + "\n"
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the track as JSON, with all steps."""
+        rows = zip(self.t_s.tolist(), self.frames, self.steps, strict=True)
+        return {"sequence": self.name, "steps": [_step_json(t_s, frame, step) for t_s, frame, step in rows]}
+
+    def write(self, folder: str | Path) -> None:
+        """Write `trajectory.tum` and `track.json` into a folder, which is created where it is missing."""
+        write_text(Path(folder) / "trajectory.tum", self.to_tum())
+        write_json(Path(folder) / "track.json", self.to_json())
+
+
+def track(
+    map: LocalizationMap,
+    folder: str | Path,
+    sequence: str | None = None,
+    *,
+    tracker: ComponentConfig | str | None = None,
+    num_views: int = NUM_VIEWS,
+    progress: Callable[[int, int], None] | None = None,
+) -> Track:
+    """Track the camera of a sequence of a folder of panoramas.
+
+    The folder has the format of docs/reference/folder-format.md. Its `odometry` gives the motion. Truth in the folder
+    is not read. A frame that cannot be used costs only its own step.
+
+    Args:
+        map: The map.
+        folder: The folder.
+        sequence: Name of the sequence; None: the only one.
+        tracker: As in `open_tracker`.
+        num_views: As in `TrackedCamera`.
+        progress: Called as progress(done, total) with numbers of frames.
+
+    Raises:
+        ConfigError: The folder has several sequences, and none was named; or there are no views.
+        DataError: The folder cannot be read, or has no sequence.
+        UnknownName: The folder has no such sequence, or there is no such tracker.
+    """
+    opened = Folder(Path(folder))
+    name, entries = _choose_sequence(opened, sequence)
+    camera = TrackedCamera(map, tracker, num_views=num_views)
+    frames = opened.view_frames(entries, {})
+    t_s = [entry.t_s or 0.0 for entry in entries]
+    poses = [None if opened.odometry is None else opened.odometry.pose(time) for time in t_s]
+    steps, last = [], None
+    for number, (frame, pose) in enumerate(zip(frames, poses, strict=True)):
+        if progress:
+            progress(number, len(frames))
+        motion = None if last is None or pose is None else invert_pose(last) @ pose
+        steps.append(camera.step(frame, motion))
+        last = pose
+    if progress:
+        progress(len(frames), len(frames))
+    return Track(name, np.array(t_s), tuple(frame.id for frame in frames), tuple(steps))
+
+
+def _choose_sequence(folder: Folder, name: str | None) -> tuple[str, Sequence[Any]]:
+    """Return the name and the entries of a sequence. Raises as `track`."""
+    sequences = folder.sequences
+    if not sequences:
+        raise DataError(
+            f"{folder.root} has no sequence, expected query frames with the keys `sequence` and `t_s` in its manifest"
+        )
+    if name is None and len(sequences) > 1:
+        names = ", ".join(list(sequences)[:5]) + (", ..." if len(sequences) > 5 else "")
+        raise ConfigError(f"{folder.root} has {len(sequences)} sequences, expected the name of one of them: {names}")
+    name = next(iter(sequences)) if name is None else name
+    if name not in sequences:
+        raise UnknownName(unknown("sequence", name, list(sequences)))
+    return name, sequences[name]
+
+
+def _step_json(t_s: float, frame: str, step: TrackStep) -> dict[str, Any]:
+    """Return a step as JSON: the belief, and the first place of the answer with its probability."""
+    pose, answer = step.pose, step.answer
+    first = answer.places[0] if answer is not None and answer.places else None
+    return {
+        "t_s": t_s,
+        "frame": frame,
+        "status": pose.status,
+        "place": pose.place,
+        "T_world_pano": None if pose.T_world_pano is None else pose.T_world_pano.tolist(),
+        "covariance": None if pose.covariance is None else pose.covariance.tolist(),
+        "support": pose.support,
+        "answer": None
+        if answer is None
+        else {
+            "status": answer.status,
+            "accepted": answer.accepted,
+            "place": first and first.place,
+            "probability": first and first.probability,
+            "out_of_map_probability": answer.out_of_map_probability,
+        },
+        "error": step.error,
+    }
