@@ -34,6 +34,7 @@ from salframe.localization.map_files import MapParts, find_not_finite, read_map,
 from salframe.localization.preparing import Tell, python_warning, silent
 from salframe.localization.query_input import query_frame
 from salframe.localization.references import describe_references
+from salframe.panoramas.camera_height import LevelSurfaces
 from salframe.panoramas.data_checks import query_notes
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.floors import FloorMasks
@@ -260,25 +261,17 @@ class LocalizationMap:
         self, frames: Sequence[QueryFrame], T_last_view: np.ndarray | None, warn: Callable[[str], object]
     ) -> Localization:
         """Localize the views of one query, joined where possible. Raises as `localize`."""
-        return self.answer_query(self._describe_frames(frames, T_last_view, warn))
+        views = [self._describe_frame(frame, warn) for frame in frames]
+        return self.answer_query(self.describe_query(views, T_last_view, warn=warn))
 
-    def _describe_frames(
-        self, frames: Sequence[QueryFrame], T_last_view: np.ndarray | None, warn: Callable[[str], object]
-    ) -> DescribedQuery:
-        for frame in frames:
-            for note in query_notes(frame.load(), self._camera_z_m):
-                warn(note)
-        views = [describe_view(self.localizer, frame) for frame in frames]
-        return self.describe_query(views, T_last_view, warn=warn)
+    def _describe_frame(self, frame: QueryFrame, warn: Callable[[str], object]) -> DescribedView:
+        for note in query_notes(frame.load(), self._camera_z_m):
+            warn(note)
+        return describe_view(self.localizer, frame)
 
-    def describe_panorama(
-        self, panorama: Panorama, *, warn: Callable[[str], object] = python_warning
-    ) -> DescribedQuery:
-        """Return a query of one panorama. `answer_query` then returns what `localize` returns.
-
-        Raises as `localize`.
-        """
-        return self._describe_frames([query_frame(self.localizer, panorama)], None, warn)
+    def describe_panorama(self, panorama: Panorama, *, warn: Callable[[str], object] = python_warning) -> DescribedView:
+        """Return a described view of a panorama, for `describe_query`. Raises as `localize`."""
+        return self._describe_frame(query_frame(self.localizer, panorama), warn)
 
     def describe_query(
         self,
@@ -290,8 +283,8 @@ class LocalizationMap:
         """Return a query of described views. Arguments and errors are those of the function `describe_query`."""
         return describe_query(self.localizer, views, T_last_view, self._camera_z_m, warn)
 
-    def describe_detections(self, detections: Detections) -> DescribedQuery:
-        """Return a query of the detections of one panorama, such as those of a detector outside of salframe.
+    def describe_detections(self, detections: Detections) -> DescribedView:
+        """Return a described view of the detections of a panorama, such as those of a detector outside of salframe.
 
         Args:
             detections: The detections, in the panorama frame. Its z axis points up.
@@ -304,7 +297,10 @@ class LocalizationMap:
                 f"received detections, which {self.localizer.name} does not use; expected a panorama, or a map of a "
                 "method that detects objects, such as proposed"
             )
-        return DescribedQuery([self.localizer.describe_detections(detections, Panorama("the detections"))])
+        panorama = Panorama("the detections")
+        description = self.localizer.describe_detections(detections, panorama)
+        unknown = LevelSurfaces(np.nan, np.nan)  # so that the query is not turned
+        return DescribedView(panorama.id, description, unknown, 0.0, lambda: (description, 0.0))
 
     def answer_query(self, query: DescribedQuery, fusion: Fusion = Fusion.JOINED) -> Localization:
         """Localize a described query.

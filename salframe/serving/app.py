@@ -26,7 +26,7 @@ from salframe.serving import openapi
 from salframe.serving.access import PUBLIC_FOLDER, Access, AccessRules
 from salframe.serving.bodies import BodyLimits
 from salframe.serving.limits import Limits
-from salframe.serving.localizing import localize_query
+from salframe.serving.localizing import ServedView, describe_answer, describe_view, localize_view
 from salframe.serving.metrics import METRICS_TYPE, ServiceMetrics
 from salframe.serving.problems import add_problem_handlers
 from salframe.serving.routing import plan_route
@@ -43,9 +43,8 @@ from salframe.serving.schemas import (
     SessionBody,
 )
 from salframe.serving.served_map import MapHolder, ServedMap
-from salframe.serving.sessions import SessionStore, SessionTracker
+from salframe.serving.sessions import SessionStore
 from salframe.serving.streams import stream_belief
-from salframe.serving.tracking import VotingTracker
 from salframe.serving.uploads import (
     MULTIPART,
     ObservationFields,
@@ -63,7 +62,6 @@ PAGE = Path(__file__).with_name("page")
 REFRESH_S = 1.0
 """Interval at which the service looks for changes of the map and for idle sessions."""
 _Result = TypeVar("_Result")
-_Located = tuple[Localization, dict[str, Any]]
 WithObjects = Annotated[bool, Query(description="list the objects of the query and those that they were matched with")]
 WithPicture = Annotated[bool, Query(description="return the image as the server placed it")]
 
@@ -74,8 +72,7 @@ class Service:
     def __init__(self, maps: MapHolder, limits: Limits, rules: AccessRules) -> None:
         self.maps, self.limits, self.rules = maps, limits, rules
         self.pool = WorkPool(limits)
-        new_tracker: Callable[[], SessionTracker] = VotingTracker
-        self.sessions = SessionStore(limits, new_tracker)
+        self.sessions = SessionStore(limits)
         self.metrics = ServiceMetrics(
             lambda: self.pool.num_pending, lambda: len(self.sessions), lambda: self.maps.num_reloads
         )
@@ -97,16 +94,33 @@ class Service:
                 raise
             return call(newer)
 
-    async def localize(self, read: Callable[[], ServedQuery], objects: bool, picture: bool) -> _Located:
-        """Return the answer to a query, and its JSON. The query is read in the pool too."""
+    async def localize(
+        self,
+        read: Callable[[], ServedQuery],
+        objects: bool,
+        picture: bool,
+        answer_view: Callable[[ServedMap, ServedView], Localization] | None = None,
+    ) -> dict[str, Any]:
+        """Return the answer to a query as JSON.
 
-        def localize(served: ServedMap) -> _Located:
-            return localize_query(served, read(), with_objects=objects, with_picture=picture)
+        Args:
+            read: Reads the query, in the pool too.
+            objects: As `with_objects` in `describe_answer`.
+            picture: As `with_picture` in `describe_answer`.
+            answer_view: Answers the described query; None: it is localized alone.
+        """
 
-        answer, content = await self.run(localize)
+        def localize(served: ServedMap) -> dict[str, Any]:
+            start = time.perf_counter()
+            view = describe_view(served.localization, read())
+            answer = localize_view(served.localization, view) if answer_view is None else answer_view(served, view)
+            seconds = time.perf_counter() - start
+            return describe_answer(served, view, answer, seconds, with_objects=objects, with_picture=picture)
+
+        content = await self.run(localize)
         self.metrics.localize_s.observe(content["seconds"])
         self.metrics.answers.labels(content["status"]).inc()
-        return answer, content
+        return content
 
     async def watch(self) -> None:
         """Open the map again whenever it changes, and end idle sessions."""
@@ -150,7 +164,7 @@ def create_app(maps: MapHolder, limits: Limits, rules: AccessRules) -> ASGIApp:
     _add_sessions(app, service)
     _add_map(app, service)
     app.mount(PUBLIC_FOLDER.rstrip("/"), StaticFiles(directory=PAGE))
-    openapi.add_schemas(app)
+    openapi.add_schemas(app, maps.current)
     layered: ASGIApp = Access(BodyLimits(app, limits), rules)
     if rules.origins:
         layered = CORSMiddleware(
@@ -172,9 +186,9 @@ def _add_queries(app: FastAPI, service: Service) -> None:
         if content_type(request) == MULTIPART:
             fields, form = await read_form(request, UploadFields)
             async with _closing(form):
-                return (await service.localize(partial(open_upload, fields, form, limits), objects, picture))[1]
+                return await service.localize(partial(open_upload, fields, form, limits), objects, picture)
         body = await read_json_body(request, DetectionsQuery, limits)
-        return (await service.localize(partial(to_detections, body.detections, limits), objects, picture))[1]
+        return await service.localize(partial(to_detections, body.detections, limits), objects, picture)
 
     @app.post("/route", response_model=RouteBody, openapi_extra=openapi.ROUTE)
     async def route(request: Request) -> Any:
@@ -189,7 +203,7 @@ def _add_sessions(app: FastAPI, service: Service) -> None:
     @app.post("/sessions", response_model=SessionBody, status_code=201)
     async def create_session() -> Any:
         """Create a session, which follows one robot."""
-        return SessionBody(id=sessions.create().id, idle_s=limits.idle_s)
+        return SessionBody(id=sessions.create(service.maps.current).id, idle_s=limits.idle_s)
 
     @app.post("/sessions/{session_id}/observations", response_model=ObservationBody, openapi_extra=openapi.OBSERVATION)
     async def observe(
@@ -209,9 +223,10 @@ def _add_sessions(app: FastAPI, service: Service) -> None:
             t_s, odometry = body.t_s, body.odometry
         async with _closing(form), session.lock:
             session.check_time(t_s)
-            answer, content = await service.localize(read, objects, picture)
-            belief = session.apply(t_s, None if odometry is None else _matrix(odometry), answer)
-        return {"answer": content, "belief": belief}
+            answer = partial(session.observe, t_s=t_s, odometry=None if odometry is None else _matrix(odometry))
+            content = await service.localize(read, objects, picture, answer)
+            session.notify()
+            return {"answer": content, "belief": session.belief_json()}
 
     @app.get("/sessions/{session_id}", response_model=BeliefBody)
     async def belief(session_id: str) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-import time
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.packing import GRAPH_ARRAYS, graph_from_arrays
 from salframe.localization.answer_json import answer_json
 from salframe.localization.answers import Localization, NodeMatches
+from salframe.localization.described_query import DescribedView
 from salframe.localization.level_frames import split_level
 from salframe.localization.localizer import Description
 from salframe.localization.map import LocalizationMap
@@ -27,48 +28,79 @@ _JPEG_QUALITY = 80
 _CORNERS = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, 8).T
 
 
-def localize_query(
-    served: ServedMap, query: ServedQuery, *, with_objects: bool = False, with_picture: bool = False
-) -> tuple[Localization, dict[str, Any]]:
-    """Localize a query.
+@dataclass(frozen=True, eq=False)
+class ServedView:
+    """A described view of a query.
 
-    Args:
-        served: The map.
+    Attributes:
         query: The query.
-        with_objects: Whether the JSON lists the objects of the query and those that they were matched with.
-        with_picture: Whether the JSON holds the image as the server placed it.
+        view: The described view, without its panorama.
+        notes: Notes on the images and warnings, one line each.
+    """
 
-    Returns:
-        The answer, whose pose is that of the robot's base where the camera has a position on it, and its JSON.
+    query: ServedQuery
+    view: DescribedView
+    notes: tuple[str, ...]
+
+
+def describe_view(localization: LocalizationMap, query: ServedQuery) -> ServedView:
+    """Describe a query.
 
     Raises:
         InputMissing: The localizer needs other parts.
         DataError: An image is malformed.
     """
-    start = time.perf_counter()
-    warnings: list[str] = []
+    notes = list(query.notes)
     if query.panorama is not None:
-        described = served.localization.describe_panorama(query.panorama, warn=lambda note: warnings.append(str(note)))
+        view = localization.describe_panorama(query.panorama, warn=lambda note: notes.append(str(note)))
     else:
-        described = served.localization.describe_detections(query.detections or Detections.empty())
-    answer = served.localization.answer_query(described)
-    content = answer_json(answer.moved(query.position_m))
-    content["notes"] = [*query.notes, *warnings, *content["notes"]]
-    content["map_version"] = served.version
-    if with_objects:
-        description = (described.turned or described.descriptions)[0]
-        content |= _objects(served.localization, query, description, answer)
-    if with_picture and query.rgb is not None:
-        content["picture"] = _picture(query.rgb)
-    content["seconds"] = time.perf_counter() - start
-    return answer.moved(query.position_m), content
+        view = localization.describe_detections(query.detections or Detections.empty())
+    turned = localization.describe_query([view], warn=lambda note: notes.append(str(note))).turned
+    description = turned[0] if turned else view.description
+    # A view that is not upside down alone is never turned, so that its panorama is not needed any more.
+    view = replace(view, describe_turned=lambda: (description, 0.0))
+    return ServedView(replace(query, panorama=None), view, tuple(dict.fromkeys(notes)))
 
 
-def _objects(
-    localization: LocalizationMap, query: ServedQuery, description: Description, answer: Localization
+def localize_view(localization: LocalizationMap, described: ServedView) -> Localization:
+    """Return the answer to one view. Its pose is that of the base where the camera has a position on a robot."""
+    answer = localization.answer_query(localization.describe_query([described.view]))
+    return answer.moved(described.query.position_m)
+
+
+def describe_answer(
+    served: ServedMap,
+    described: ServedView,
+    answer: Localization,
+    seconds: float,
+    *,
+    with_objects: bool = False,
+    with_picture: bool = False,
 ) -> dict[str, Any]:
-    """Return the objects of a query whose description is a saliency graph, and the edges between them."""
-    level, rotation = split_level(description)
+    """Return an answer as JSON.
+
+    Args:
+        served: The map.
+        described: The view.
+        answer: The answer.
+        seconds: Time of the computation.
+        with_objects: Whether to list the objects of the view and those that they were matched with.
+        with_picture: Whether to return the image as the server placed it.
+    """
+    content = answer_json(answer)
+    content["notes"] = [*described.notes, *content["notes"]]
+    content |= {"map_version": served.version, "seconds": seconds}
+    if with_objects:
+        content |= _objects(served.localization, described, answer)
+    if with_picture and described.query.rgb is not None:
+        content["picture"] = _picture(described.query.rgb)
+    return content
+
+
+def _objects(localization: LocalizationMap, described: ServedView, answer: Localization) -> dict[str, Any]:
+    """Return the objects of a view whose description is a saliency graph, and the edges between them."""
+    query = described.query
+    level, rotation = split_level(described.view.describe_turned()[0])
     if not level.keys() >= GRAPH_ARRAYS:
         return {"objects": [], "edges": []}
     graph = graph_from_arrays(level)

@@ -30,7 +30,7 @@ def map_json(name: str, localization: LocalizationMap, topology: TopologicalMap 
 
     - `floor`: outline of the free floor of a storey, with its height `z_m`.
     - `region`: outline of a place on a floor, with `place` and `z_m`.
-    - `place`: position of the first scene frame of a place, with `place` and the number of its scene `frames`.
+    - `place`: position of the first scene frame of a place, with `place`.
     - `object`: footprint of an object seen from that frame, with `label`, `place` and the height `z_m` of its centre.
     - `node` and `edge`: those of the topology.
 
@@ -43,10 +43,9 @@ def map_json(name: str, localization: LocalizationMap, topology: TopologicalMap 
     if topology is not None:
         for floor in topology.floors:
             features += _floor_features(floor)
-    first, count = _places(localization)
+    first = find_places(localization)
     for place, frame in first.items():
-        position = frame.T_world_pano[:3, 3].tolist()
-        features.append(geojson_feature("Point", position, layer="place", place=place, frames=count[place]))
+        features.append(geojson_feature("Point", frame.T_world_pano[:3, 3].tolist(), layer="place", place=place))
     for place, frame in list(first.items())[:MAX_FRAMES_WITH_OBJECTS]:
         features += _object_features(localization, frame, place)
     if topology is not None:
@@ -67,15 +66,13 @@ def map_json(name: str, localization: LocalizationMap, topology: TopologicalMap 
     return json.dumps(collection, allow_nan=False, separators=(",", ":")).encode()
 
 
-def _places(localization: LocalizationMap) -> tuple[dict[str, ReferenceFrame], dict[str, int]]:
-    """Return the first scene frame of each place, and the number of its scene frames."""
+def find_places(localization: LocalizationMap) -> dict[str, ReferenceFrame]:
+    """Return the first scene frame of each place by its name."""
     first: dict[str, ReferenceFrame] = {}
-    count: dict[str, int] = {}
     for frame in localization.frames:
         if frame.kind is FrameKind.SCENE:
             first.setdefault(frame.place, frame)
-            count[frame.place] = count.get(frame.place, 0) + 1
-    return first, count
+    return first
 
 
 def _object_features(localization: LocalizationMap, frame: ReferenceFrame, place: str) -> Iterator[dict[str, Any]]:

@@ -69,8 +69,7 @@ class ServedMap:
     def _warm(self) -> None:
         """Load what the first query needs: the detector with an image, and the matching with a reference frame."""
         try:
-            query = self.localization.describe_panorama(_gray_panorama(), warn=silent)
-            self.localization.answer_query(query)
+            self.localization.localize(_gray_panorama(), warn=silent)
             if len(self.localization.frames):
                 self.localization.answer(self.localization.reference(self.localization.frames[0].id)[1])
         except SalframeError as error:

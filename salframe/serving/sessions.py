@@ -4,71 +4,52 @@ from __future__ import annotations
 
 import asyncio
 import secrets
+import threading
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field
 from http import HTTPStatus
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from salframe.localization.answer_json import answer_json, covariance_json, pose_json
 from salframe.localization.answers import Localization
+from salframe.localization.tracker import Tracker
+from salframe.localization.tracking import NUM_VIEWS, ViewWindow, open_tracker
+from salframe.panoramas.geometry import translation
 from salframe.serving.limits import Limits
+from salframe.serving.localizing import ServedView
 from salframe.serving.problems import Problem
+from salframe.serving.served_map import ServedMap
 
 
-class SessionTracker(Protocol):
-    """What a session needs of a tracker."""
-
-    def move(self, odometry: np.ndarray) -> None:
-        """Apply a motion (4, 4): the pose of the robot after the motion in its frame before the motion."""
-
-    def observe(self, answer: Localization) -> None:
-        """Apply the answer to a view at the present pose."""
-
-    def belief(self) -> SessionBelief:
-        """Return what is known of the present pose."""
-
-
-@dataclass(frozen=True, eq=False)
-class SessionBelief:
-    """What is known of the pose of a robot.
-
-    Attributes:
-        status: tracking, lost, or out-of-map.
-        place: Name of the place, None where it is unknown.
-        T_world_base: (4, 4) pose of the robot, None where it is unknown.
-        covariance: Covariance of the pose as in Localization, None where it is unknown.
-    """
-
-    status: str
-    place: str | None = None
-    T_world_base: np.ndarray | None = None
-    covariance: np.ndarray | None = None
-
-
-@dataclass(eq=False)
 class Session:
-    """One robot. Its observations are applied one after the other.
+    """One robot, whose observations are applied one after the other.
 
     Attributes:
         id: Secret that names the session.
-        tracker: The tracker.
+        tracker: The tracker of the robot's base.
         t_s: Time of the last observation, None before the first.
         num_observations: Number of observations.
         places: Candidate places of the last answer, as in the JSON of an answer.
+        used_s: Time of the last use by the clock of `time.monotonic`.
         lock: Held while an observation is applied.
+        listeners: Queues that receive each new belief, and None at the end of the session.
     """
 
-    id: str
-    tracker: SessionTracker
-    t_s: float | None = None
-    num_observations: int = 0
-    places: list[dict[str, Any]] = field(default_factory=list)
-    used_s: float = field(default_factory=time.monotonic)
-    lock: asyncio.Lock = field(default_factory=asyncio.Lock)
-    listeners: set[asyncio.Queue[dict[str, Any] | None]] = field(default_factory=set)
+    def __init__(self, id: str, served: ServedMap) -> None:
+        self.id = id
+        self.t_s: float | None = None
+        self.num_observations = 0
+        self.places: list[dict[str, Any]] = []
+        self.used_s = time.monotonic()
+        self.lock = asyncio.Lock()
+        self.listeners: set[asyncio.Queue[dict[str, Any] | None]] = set()
+        self._mutex = threading.Lock()
+        self._position_m = np.zeros(3)
+        self._served: ServedMap | None = None
+        self.tracker: Tracker
+        self._window: ViewWindow
+        self._use_map(served)
 
     def check_time(self, t_s: float) -> None:
         """Raise Problem 409 unless a time is later than that of the last observation."""
@@ -78,22 +59,62 @@ class Session:
                 f"the observation has t_s {t_s!r}, expected a time after the previous observation, {self.t_s!r}",
             )
 
-    def apply(self, t_s: float, odometry: np.ndarray | None, answer: Localization) -> dict[str, Any]:
-        """Apply an observation, send the belief to the listeners, and return it as JSON."""
-        self.check_time(t_s)
-        if odometry is not None:
+    def observe(
+        self, served: ServedMap, described: ServedView, t_s: float, odometry: np.ndarray | None
+    ) -> Localization:
+        """Update the tracker by a motion and a view.
+
+        The latest views are localized together, as in `salframe track`.
+
+        Args:
+            served: The map. If it has changed, the earlier views are forgotten.
+            described: The view.
+            t_s: Time of the view in seconds.
+            odometry: (4, 4) motion of the base since the last observation; None: unknown.
+
+        Returns:
+            The answer to the latest views. Its pose is that of the base.
+
+        Raises:
+            Problem: The time is not later than that of the last observation.
+            DataError: The map was changed while it was open. The session is as it was.
+        """
+        with self._mutex:  # a request that ran out of time may still be at work
+            self.check_time(t_s)
+            if self._served is not served:
+                self._use_map(served)
+            answer = self._localize(served, described, odometry)
             self.tracker.move(odometry)
-        self.tracker.observe(answer)
-        self.t_s, self.num_observations = t_s, self.num_observations + 1
-        self.places = answer_json(answer)["places"]
-        belief = self.belief_json()
-        self._notify(belief)
-        return belief
+            self.tracker.observe(answer)
+            self._position_m = described.query.position_m
+            self.t_s, self.num_observations = t_s, self.num_observations + 1
+            self.places = answer_json(answer)["places"]
+        return answer
+
+    def _localize(self, served: ServedMap, described: ServedView, odometry: np.ndarray | None) -> Localization:
+        """Return the answer to the latest views. After an error, the earlier views are forgotten."""
+        position_m, between = described.query.position_m, None
+        if odometry is not None:  # the motion of the camera, whose axes are those of the base
+            between = translation(-self._position_m) @ odometry @ translation(position_m)
+        try:
+            self._window.move(between)
+            return self._window.localize(described.view).moved(position_m)
+        except BaseException:
+            self._window = ViewWindow(served.localization, NUM_VIEWS)
+            raise
+
+    def _use_map(self, served: ServedMap) -> None:
+        fresh = open_tracker(served.localization)
+        if self._served is None:
+            self.tracker = fresh
+        else:
+            self.tracker.find_place = fresh.find_place
+        self._served, self._window = served, ViewWindow(served.localization, NUM_VIEWS)
 
     def belief_json(self) -> dict[str, Any]:
         """Return the belief as JSON."""
         belief = self.tracker.belief()
-        pose = belief.T_world_base
+        pose = belief.T_world_pano
         return {
             "status": belief.status,
             "place": belief.place,
@@ -104,6 +125,10 @@ class Session:
             "observations": self.num_observations,
             "places": self.places,
         }
+
+    def notify(self) -> None:
+        """Send the belief to the listeners."""
+        self._notify(self.belief_json())
 
     def close(self) -> None:
         """End the streams of the session."""
@@ -120,15 +145,15 @@ class Session:
 class SessionStore:
     """The sessions of the service, a limited number of them. A session without observations ends after some time."""
 
-    def __init__(self, limits: Limits, new_tracker: Callable[[], SessionTracker]) -> None:
-        self._limits, self._new_tracker = limits, new_tracker
+    def __init__(self, limits: Limits) -> None:
+        self._limits = limits
         self._sessions: dict[str, Session] = {}
 
     def __len__(self) -> int:
         return len(self._sessions)
 
-    def create(self) -> Session:
-        """Return a new session. Raises Problem 503 where there are too many."""
+    def create(self, served: ServedMap) -> Session:
+        """Return a new session in a map. Raises Problem 503 where there are too many."""
         self.expire()
         if len(self._sessions) >= self._limits.max_sessions:
             oldest_s = min(session.used_s for session in self._sessions.values())
@@ -138,7 +163,7 @@ class SessionStore:
                 "sessions that are not used",
                 retry_after_s=max(1, int(oldest_s + self._limits.idle_s - time.monotonic()) + 1),
             )
-        session = Session(secrets.token_urlsafe(16), self._new_tracker())
+        session = Session(secrets.token_urlsafe(16), served)
         self._sessions[session.id] = session
         return session
 

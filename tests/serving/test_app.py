@@ -10,7 +10,10 @@ import numpy as np
 import pytest
 from shapely import Point, Polygon
 
-from salframe.panoramas.geometry import pose_yaw
+from salframe.localization.tracking import TrackedCamera
+from salframe.panoramas.geometry import pose_2d, pose_yaw
+from salframe.panoramas.shot import read_panorama
+from salframe.testing.rooms import look, stand
 from serving.rooms_service import HALL, ROOMS, TRUTHS, detections, floor, png, upload
 
 
@@ -184,3 +187,31 @@ def test_examples_of_the_description_run(service):
     operation = schema["paths"]["/sessions/{session_id}/observations"]["post"]
     example = operation["requestBody"]["content"]["application/json"]["example"]
     assert service.client.post(f"/sessions/{session}/observations", json=example).status_code == 200
+
+
+def test_a_session_is_tracked_like_a_camera(service, tmp_path):
+    """The trajectory is that of `TrackedCamera`, for a walk with odometry that drifts."""
+    room, camera = ROOMS[2], TrackedCamera(service.maps.current.localization)
+    session = service.client.post("/sessions").json()["id"]
+    last = None
+    for number in range(6):
+        pose = stand(room, 0.35 + 0.06 * number, 0.4 + 0.03 * number, 0.4 * number)
+        panorama = look(room, f"view {number}", pose)
+        files = {"image": png(panorama.rgb), "range": png(np.round(panorama.range_m * 1000).astype(np.uint16))}
+        for name, content in files.items():
+            (tmp_path / f"{name}.png").write_bytes(content)
+        data, odometry = {"t_s": number}, None
+        if last is not None:
+            motion = np.linalg.inv(last) @ pose
+            sent = {"x_m": motion[0, 3] * 1.02, "y_m": motion[1, 3], "yaw_deg": np.degrees(pose_yaw(motion)) + 0.5}
+            data["odometry"] = json.dumps(sent)
+            odometry = pose_2d(sent["x_m"], sent["y_m"], np.radians(sent["yaw_deg"]))
+        last = pose
+        step = camera.step(read_panorama(tmp_path / "image.png", tmp_path / "range.png"), odometry)
+        uploads = {name: (f"{name}.png", content, "image/png") for name, content in files.items()}
+        response = service.client.post(f"/sessions/{session}/observations", files=uploads, data=data)
+        belief = response.raise_for_status().json()["belief"]
+        assert belief["status"] == step.pose.status == "tracking"
+        assert belief["place"] == room.name
+        assert np.abs(np.array(belief["T_world_base"]) - step.pose.T_world_pano).max() < 1e-6
+        assert np.hypot(*(np.array(belief["T_world_base"])[:2, 3] - pose[:2, 3])) < 0.15

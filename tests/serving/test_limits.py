@@ -231,13 +231,13 @@ def test_sessions_are_limited_and_end_when_idle(small):
 def test_a_full_queue_answers_503(rooms_map, monkeypatch):
     from salframe.serving import app
 
-    real = app.localize_query
+    real = app.localize_view
 
     def slow(*arguments, **named):
         time.sleep(0.4)
         return real(*arguments, **named)
 
-    monkeypatch.setattr(app, "localize_query", slow)
+    monkeypatch.setattr(app, "localize_view", slow)
     body = json.dumps({"detections": detections(ROOMS[0])}).encode()
     with serving(rooms_map, max_queue=2) as running, concurrent.futures.ThreadPoolExecutor(12) as threads:
 
@@ -261,15 +261,15 @@ def test_a_full_queue_answers_503(rooms_map, monkeypatch):
 def test_a_request_that_takes_too_long_answers_503(rooms_map, monkeypatch):
     from salframe.serving import app
 
-    real = app.localize_query
-    monkeypatch.setattr(app, "localize_query", lambda *a, **k: (time.sleep(1.5), real(*a, **k))[1])
+    real = app.localize_view
+    monkeypatch.setattr(app, "localize_view", lambda *a, **k: (time.sleep(1.5), real(*a, **k))[1])
     with serving(rooms_map, work_s=0.3) as running:
         start = time.monotonic()
         slow = running.client.post("/localize", json={"detections": []})
         assert time.monotonic() - start < 1.2
         assert slow.status_code == 503
         assert "longer than 0.3 s" in check_problem(slow)
-        monkeypatch.setattr(app, "localize_query", real)
+        monkeypatch.setattr(app, "localize_view", real)
         time.sleep(1.5)
         check_right(running)
 
@@ -282,7 +282,7 @@ def test_an_unexpected_error_shows_nothing_of_the_host(rooms_map, monkeypatch, c
 
     with serving(rooms_map) as running:
         with monkeypatch.context() as patch:
-            patch.setattr(app, "localize_query", broken)
+            patch.setattr(app, "localize_view", broken)
             failed = running.client.post("/localize", json={"detections": []})
         assert failed.status_code == 500
         assert "secret" not in failed.text
