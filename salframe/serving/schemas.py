@@ -4,23 +4,35 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, Field, model_validator
-
-from salframe.framework.validation import Settings
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 MAX_NAME = 200
 """Maximum length of a name or label."""
-_Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
+MAX_COORDINATE_M = 1e6
+"""Maximum magnitude of a coordinate in a request."""
+_Metres = Annotated[float, Field(ge=-MAX_COORDINATE_M, le=MAX_COORDINATE_M)]
+_Size = Annotated[float, Field(ge=0, le=MAX_COORDINATE_M)]
+_Vector = Annotated[list[_Metres], Field(min_length=3, max_length=3)]
+_Seconds = Annotated[float, Field(ge=-1e12, le=1e12)]
 _Angle = Annotated[float, Field(ge=-360, le=360)]
 
 
-class DetectedObject(Settings):
+class RequestBody(BaseModel):
+    """Base of the bodies of requests, which have no unknown keys and finite numbers of limited size.
+
+    Unlike those of `Settings`, all limits are fields of pydantic, which checks them in compiled code.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class DetectedObject(RequestBody):
     """An object in the frame of the panorama: x ahead, y left, z up. It has a position, or a direction only."""
 
     label: str = Field(min_length=1, max_length=MAX_NAME)
     score: float = Field(1.0, ge=0, le=1)
     centroid_m: _Vector | None = Field(None, description="centre of the box in metres")
-    size_m: Annotated[list[Annotated[float, Field(ge=0)]], Field(min_length=3, max_length=3)] | None = Field(
+    size_m: Annotated[list[_Size], Field(min_length=3, max_length=3)] | None = Field(
         None, description="length, width and height of the upright box in metres"
     )
     yaw_deg: _Angle = Field(0.0, description="azimuth of the length of the box")
@@ -41,7 +53,7 @@ class DetectedObject(Settings):
         return self
 
 
-class Motion(Settings):
+class Motion(RequestBody):
     """The motion of the robot since the previous observation, in the frame of its base before the motion."""
 
     x_m: float = Field(ge=-1000, le=1000, description="forward")
@@ -50,7 +62,7 @@ class Motion(Settings):
     yaw_deg: float = Field(0.0, ge=-3600, le=3600, description="counter-clockwise")
 
 
-class DetectionsQuery(Settings):
+class DetectionsQuery(RequestBody):
     """The JSON body of a query: detections of one panorama."""
 
     detections: list[DetectedObject]
@@ -59,7 +71,7 @@ class DetectionsQuery(Settings):
 class DetectionsObservation(DetectionsQuery):
     """The JSON body of an observation: detections of one panorama, with time and odometry."""
 
-    t_s: float = Field(description="time of the view in seconds, later than that of the previous observation")
+    t_s: _Seconds = Field(description="time of the view in seconds, later than that of the previous observation")
     odometry: Motion | None = Field(None, description="motion since the previous observation; null: unknown")
 
 
@@ -133,16 +145,16 @@ class Answer(BaseModel):
     picture: str | None = Field(None, description="the image as the server placed it, a data URL; with ?picture=true")
 
 
-class StartPose(Settings):
+class StartPose(RequestBody):
     """A pose on a floor of the map."""
 
-    x_m: float
-    y_m: float
-    z_m: float = Field(0.0, description="height of the camera or of the floor")
-    yaw_deg: float | None = Field(None, description="heading; null: unknown")
+    x_m: _Metres
+    y_m: _Metres
+    z_m: _Metres = Field(0.0, description="height of the camera or of the floor")
+    yaw_deg: _Angle | None = Field(None, description="heading; null: unknown")
 
 
-class RouteStart(Settings):
+class RouteStart(RequestBody):
     """Where a route starts: exactly one of these. Without a pose, an answer starts at its best reference frame."""
 
     pose: StartPose | None = None
@@ -156,7 +168,7 @@ class RouteStart(Settings):
         return self
 
 
-class RouteGoal(Settings):
+class RouteGoal(RequestBody):
     """Where a route ends: exactly one of these."""
 
     place: str | None = Field(None, max_length=MAX_NAME, description="name of a place or node")
@@ -169,7 +181,7 @@ class RouteGoal(Settings):
         return self
 
 
-class RouteQuery(Settings):
+class RouteQuery(RequestBody):
     """The JSON body of a route query."""
 
     start: RouteStart
