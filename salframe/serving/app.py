@@ -7,6 +7,7 @@ import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from functools import partial
+from http import HTTPStatus
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -28,7 +29,7 @@ from salframe.serving.bodies import BodyLimits
 from salframe.serving.limits import Limits
 from salframe.serving.localizing import ServedView, describe_answer, describe_view, localize_view
 from salframe.serving.metrics import METRICS_TYPE, ServiceMetrics
-from salframe.serving.problems import add_problem_handlers
+from salframe.serving.problems import Problem, add_problem_handlers, problem_response
 from salframe.serving.routing import plan_route
 from salframe.serving.schemas import (
     Answer,
@@ -43,7 +44,7 @@ from salframe.serving.schemas import (
     SessionBody,
 )
 from salframe.serving.served_map import MapHolder, ServedMap
-from salframe.serving.sessions import SessionStore
+from salframe.serving.sessions import Session, SessionStore
 from salframe.serving.streams import stream_belief
 from salframe.serving.uploads import (
     MULTIPART,
@@ -62,6 +63,7 @@ PAGE = Path(__file__).with_name("page")
 REFRESH_S = 1.0
 """Interval at which the service looks for changes of the map and for idle sessions."""
 _Result = TypeVar("_Result")
+_Fields = TypeVar("_Fields", bound=UploadFields)
 WithObjects = Annotated[bool, Query(description="list the objects of the query and those that they were matched with")]
 WithPicture = Annotated[bool, Query(description="return the image as the server placed it")]
 
@@ -71,7 +73,7 @@ class Service:
 
     def __init__(self, maps: MapHolder, limits: Limits, rules: AccessRules) -> None:
         self.maps, self.limits, self.rules = maps, limits, rules
-        self.pool = WorkPool(limits)
+        self.pool, self._num_uploads = WorkPool(limits), 0
         self.sessions = SessionStore(limits)
         self.metrics = ServiceMetrics(
             lambda: self.pool.num_pending, lambda: len(self.sessions), lambda: self.maps.num_reloads
@@ -89,10 +91,28 @@ class Service:
         try:
             return call(served)
         except DataError:
-            newer = self.maps.refresh()
-            if newer is served:
+            if not self.maps.has_changed(served) or (newer := self.maps.refresh()) is served:
                 raise
             return call(newer)
+
+    @asynccontextmanager
+    async def upload(self, request: Request, model: type[_Fields]) -> AsyncIterator[tuple[_Fields, FormData]]:
+        """Receive a multipart body, and remove its files at the end. Raises Problem 503 where there are too many."""
+        if self._num_uploads >= self.limits.max_uploads:
+            raise Problem(
+                HTTPStatus.SERVICE_UNAVAILABLE,
+                f"the server receives {self._num_uploads} images already, expected at most that many: try again later",
+                retry_after_s=1,
+            )
+        self._num_uploads += 1
+        try:
+            fields, form = await read_form(request, model)
+            try:
+                yield fields, form
+            finally:
+                await form.close()
+        finally:
+            self._num_uploads -= 1
 
     async def localize(
         self,
@@ -184,8 +204,7 @@ def _add_queries(app: FastAPI, service: Service) -> None:
         """Localize a panorama, a photograph, or detections."""
         service.pool.check_room()
         if content_type(request) == MULTIPART:
-            fields, form = await read_form(request, UploadFields)
-            async with _closing(form):
+            async with service.upload(request, UploadFields) as (fields, form):
                 return await service.localize(partial(open_upload, fields, form, limits), objects, picture)
         body = await read_json_body(request, DetectionsQuery, limits)
         return await service.localize(partial(to_detections, body.detections, limits), objects, picture)
@@ -212,18 +231,23 @@ def _add_sessions(app: FastAPI, service: Service) -> None:
         """Add a view and the motion since the previous one. An error leaves the session as it was."""
         session = sessions.get(session_id)
         service.pool.check_room()
-        form: FormData | None = None
         if content_type(request) == MULTIPART:
-            fields, form = await read_form(request, ObservationFields)
-            read = partial(open_upload, fields, form, limits)
-            t_s, odometry = fields.t_s, fields.odometry
-        else:
-            body = await read_json_body(request, DetectionsObservation, limits)
-            read = partial(to_detections, body.detections, limits)
-            t_s, odometry = body.t_s, body.odometry
-        async with _closing(form), session.lock:
-            session.check_time(t_s)
-            answer = partial(session.observe, t_s=t_s, odometry=None if odometry is None else _matrix(odometry))
+            async with service.upload(request, ObservationFields) as (fields, form):
+                return await apply(session, partial(open_upload, fields, form, limits), fields, objects, picture)
+        body = await read_json_body(request, DetectionsObservation, limits)
+        return await apply(session, partial(to_detections, body.detections, limits), body, objects, picture)
+
+    async def apply(
+        session: Session,
+        read: Callable[[], ServedQuery],
+        sent: ObservationFields | DetectionsObservation,
+        objects: bool,
+        picture: bool,
+    ) -> dict[str, Any]:
+        odometry = None if sent.odometry is None else _matrix(sent.odometry)
+        async with session.lock:
+            session.check_time(sent.t_s)
+            answer = partial(session.observe, t_s=sent.t_s, odometry=odometry)
             content = await service.localize(read, objects, picture, answer)
             session.notify()
             return {"answer": content, "belief": session.belief_json()}
@@ -274,7 +298,10 @@ def _add_map(app: FastAPI, service: Service) -> None:
 
 
 class Measured:
-    """Middleware that counts requests and measures their time."""
+    """Middleware that counts requests, measures their time, and ends the exceptions of the app.
+
+    The handlers of the app have answered them. The server would close the connection, and with it the next request.
+    """
 
     def __init__(self, app: ASGIApp, metrics: ServiceMetrics) -> None:
         self._app, self._metrics = app, metrics
@@ -283,30 +310,23 @@ class Measured:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        start, status = time.perf_counter(), 500
+        start, status, is_answered = time.perf_counter(), 500, False
 
         async def send_noted(message: Message) -> None:
-            nonlocal status
+            nonlocal status, is_answered
             if message["type"] == "http.response.start":
-                status = message["status"]
+                status, is_answered = message["status"], True
             await send(message)
 
         try:
             await self._app(scope, receive, send_noted)
+        except Exception as error:
+            if not is_answered:
+                await problem_response(error)(scope, receive, send_noted)
         finally:
             path = getattr(scope.get("route"), "path", "other")  # the template, of which there are few
             self._metrics.requests.labels(path, _method(scope["method"]), str(status)).inc()
             self._metrics.request_s.labels(path).observe(time.perf_counter() - start)
-
-
-@asynccontextmanager
-async def _closing(form: FormData | None) -> AsyncIterator[None]:
-    """Close the files of a form at the end."""
-    try:
-        yield
-    finally:
-        if form is not None:
-            await form.close()
 
 
 def _matrix(motion: Motion) -> np.ndarray:

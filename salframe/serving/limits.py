@@ -16,6 +16,7 @@ class Limits(Settings):
         default_factory=lambda: os.cpu_count() or 1, ge=1, le=256, description="number of queries localized at a time"
     )
     max_queue: int = Field(32, ge=0, description="maximum number of requests that wait for a worker")
+    max_uploads: int = Field(64, ge=1, description="maximum number of images that are received or localized at a time")
     max_connections: int = Field(512, ge=1, description="maximum number of open connections")
     max_body_bytes: int = Field(1 << 26, ge=1, description="maximum size of a request body")
     max_json_bytes: int = Field(1 << 20, ge=1, description="maximum size of a JSON body")

@@ -12,7 +12,7 @@ from typing import Any
 from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse
 
 from salframe.framework.errors import (
@@ -84,6 +84,8 @@ def problem_of(error: BaseException) -> Problem:
     if isinstance(error, MemoryError):
         detail = "the server is out of memory for this request: send a smaller image, or try again later"
         return Problem(HTTPStatus.SERVICE_UNAVAILABLE, detail, retry_after_s=10)
+    if isinstance(error, ClientDisconnect):
+        return Problem(HTTPStatus.BAD_REQUEST, "the client closed the connection before the end of the body")
     _log.error("%s", "".join(traceback.format_exception(error)).rstrip())
     if isinstance(error, SalframeError):
         return Problem(HTTPStatus.INTERNAL_SERVER_ERROR, str(error))

@@ -107,6 +107,13 @@ class MapHolder:
 
     failure: str | None
 
+    def has_changed(self, served: ServedMap) -> bool:
+        """Return whether the files of a version of the map were replaced."""
+        try:
+            return _stamp(self._folder) != served.stamp
+        except DataError:
+            return True
+
     def refresh(self) -> ServedMap:
         """Return the current version of the map. Open the files first if they have changed.
 
