@@ -3,6 +3,7 @@ from .drawing.floor_picture import draw_topology as draw_topology
 from .drawing.import_preview import ImportPreview as ImportPreview
 from .drawing.import_preview import preview_import as preview_import
 from .drawing.show_objects import show_objects as show_objects
+from .drawing.trail_picture import draw_trail as draw_trail
 from .evaluation.finished_runs import Report as Report
 from .evaluation.finished_runs import evaluate as evaluate
 from .evaluation.finished_runs import write_report as write_report
@@ -70,6 +71,14 @@ from .localization.positioner import PoseEstimate as PoseEstimate
 from .localization.positioner import PoseStatus as PoseStatus
 from .localization.positioner import Positioner as Positioner
 from .localization.ranking import rank_places as rank_places
+from .localization.tracker import TrackedPose as TrackedPose
+from .localization.tracker import Tracker as Tracker
+from .localization.tracker import TrackStatus as TrackStatus
+from .localization.tracking import Track as Track
+from .localization.tracking import TrackedCamera as TrackedCamera
+from .localization.tracking import TrackStep as TrackStep
+from .localization.tracking import open_tracker as open_tracker
+from .localization.tracking import track as track
 from .panoramas.camera import Camera as Camera
 from .panoramas.camera_file import read_camera as read_camera
 from .panoramas.dataset import Dataset as Dataset

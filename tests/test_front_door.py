@@ -35,7 +35,8 @@ DOOR = [
     "measure_sensor", "navigate", "open_map", "rank_places", "read_camera", "read_panorama",
     "read_photograph", "open_topology", "show_objects",
     "Limits", "run_experiment", "slot", "slots", "Variant", "Report", "write_report", "add_to_map", "merge_maps",
-    "remove_from_map", "EvidenceColumn", "EvidenceModel", "PlaceFrames", "PlaceHypotheses",
+    "remove_from_map", "Track", "TrackedCamera", "TrackedPose", "Tracker", "TrackStatus", "TrackStep", "draw_trail",
+    "open_tracker", "track", "EvidenceColumn", "EvidenceModel", "PlaceFrames", "PlaceHypotheses",
 ]
 # fmt: on
 """Adding a name is a promise; removing one breaks whoever uses it."""

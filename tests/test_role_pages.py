@@ -13,7 +13,7 @@ from salframe.framework.components.registry import registry
 
 PAGES = Path(__file__).parent.parent / "docs" / "how-to" / "roles"
 ROLES = sorted(page.stem for page in PAGES.glob("*.md") if page.stem != "index")
-OURS = "annotations engines graphs house keypoints detectors image".split()  # noqa: SIM905
+OURS = "annotations engines graphs house keypoints detectors image trackers".split()  # noqa: SIM905
 
 
 def test_every_role_has_a_page_and_is_listed():

@@ -51,6 +51,7 @@ def test_what_it_brings_is_listed_with_its_package(python, folder):
         ("evidence", "range-spectrum"),
         ("planner", "networkx"),
         ("localizer", "range-profile"),
+        ("tracker", "confirmed-answers"),
     }
     assert all(entry["available"] for entry in found["components"] if entry["package"] == PACKAGE)
     presets = {(entry["folder"], entry["name"]) for entry in found["presets"] if entry["package"] == PACKAGE}

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from salframe.drawing.floor_colours import floor_colours
 from salframe.framework.files.writing import atomic_path, check_picture_output
 from salframe.panoramas.floors import FloorMasks, find_floor
 from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap
@@ -20,18 +21,8 @@ if TYPE_CHECKING:
 _SMOOTH = 2  # factor by which the drawing is enlarged before it is reduced for smooth lines
 _LONG_SIDE, _MIN_SCALE, _MAX_SCALE = 3200, 30.0, 110.0  # pixels, and pixels per metre
 _MARGIN, _HEADER, _FOOTER = 40, 72, 90
-_INK, _PAPER, _WALL = (40, 44, 52), (255, 255, 255), (92, 96, 104)
+_INK, _PAPER = (40, 44, 52), (255, 255, 255)
 _SCENE, _TRANSITION, _SIGHT, _BENT = (31, 78, 160), (214, 84, 34), (70, 98, 150), (176, 98, 8)
-_REGIONS = (
-    (222, 235, 247),
-    (229, 241, 222),
-    (253, 238, 217),
-    (240, 229, 243),
-    (252, 228, 226),
-    (224, 242, 241),
-    (249, 245, 215),
-    (232, 232, 240),
-)
 
 
 def draw_topology(topology: TopologicalMap, path: str | Path) -> None:
@@ -98,17 +89,9 @@ class _Panel:
     def _draw_floor(self, floor: FloorMasks, low: np.ndarray, high: np.ndarray) -> None:
         """Draw walls in a dark colour, the floor in the colour of its region, and obstacles a shade darker."""
         from PIL import Image
-        from scipy import ndimage
 
-        inside = floor.free | (floor.region > 0)
-        reach = max(1, round(0.12 / floor.resolution_m))
-        wall = ndimage.binary_dilation(inside, np.ones((2 * reach + 1,) * 2, bool)) & ~inside
-        colour = np.array(_REGIONS)[floor.region % len(_REGIONS)] * np.where(floor.obstacle, 0.84, 1.0)[..., None]
-        picture = np.select([inside[..., None], wall[..., None]], [colour, np.array(_WALL)], np.array(_PAPER)).astype(
-            np.uint8
-        )
         row, column = _rows_columns(floor, low, high)
-        image = Image.fromarray(picture[row, column])
+        image = Image.fromarray(floor_colours(floor)[row, column])
         factor = max(1, round(floor.resolution_m * self._scale))
         size = (
             round(image.width * floor.resolution_m * self._scale),

@@ -23,7 +23,7 @@ from salframe.localization.query_input import query_frame
 from salframe.localization.tracker import TrackedPose, Tracker, TrackStatus
 from salframe.panoramas.folder_reader import Folder
 from salframe.panoramas.frames import QueryFrame
-from salframe.panoramas.geometry import invert_pose
+from salframe.panoramas.geometry import invert_pose, pose_yaw
 from salframe.panoramas.panorama import Panorama
 
 NUM_VIEWS = 8
@@ -181,6 +181,19 @@ class Track:
         """Return the track as JSON, with all steps."""
         rows = zip(self.t_s.tolist(), self.frames, self.steps, strict=True)
         return {"sequence": self.name, "steps": [_step_json(t_s, frame, step) for t_s, frame, step in rows]}
+
+    def __str__(self) -> str:
+        """A line for each step: time, status, place and pose, or why the frame could not be used."""
+        lines = []
+        for t_s, frame, step in zip(self.t_s, self.frames, self.steps, strict=True):
+            pose = step.pose.T_world_pano
+            where = ""
+            if pose is not None:
+                x, y = pose[:2, 3]
+                where = f"  {step.pose.place}  x {x:.2f} m, y {y:.2f} m, yaw {np.degrees(pose_yaw(pose)):.1f} deg"
+            error = f"  ({frame} cannot be used: {step.error})" if step.error else ""
+            lines.append(f"{t_s:g} s  {step.pose.status}{where}{error}")
+        return "\n".join(lines)
 
     def write(self, folder: str | Path) -> None:
         """Write `trajectory.tum` and `track.json` into a folder, which is created where it is missing."""

@@ -250,12 +250,12 @@ def _add_sessions(app: FastAPI, service: Service) -> None:
             answer = partial(session.observe, t_s=sent.t_s, odometry=odometry)
             content = await service.localize(read, objects, picture, answer)
             session.notify()
-            return {"answer": content, "belief": session.belief_json()}
+            return {"answer": content, "belief": session.belief}
 
     @app.get("/sessions/{session_id}", response_model=BeliefBody)
     async def belief(session_id: str) -> Any:
         """Return the belief of a session."""
-        return sessions.get(session_id).belief_json()
+        return sessions.get(session_id).belief
 
     @app.delete("/sessions/{session_id}", status_code=204)
     async def end_session(session_id: str) -> Response:

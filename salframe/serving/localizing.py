@@ -122,7 +122,7 @@ def _objects(localization: LocalizationMap, described: ServedView, answer: Local
                 "saliency": float(graph.saliency[i]),
                 "azimuth_deg": float(np.degrees(np.arctan2(y, x))),
                 "elevation_deg": float(np.degrees(np.arctan2(z, np.hypot(x, y)))),
-                "centroid_m": graph.centroid_m[i].tolist() if has_range else None,
+                "centroid_m": detections.centroid_m[i].tolist() if has_range else None,
                 "size_m": graph.size_m[i].tolist() if has_range else None,
                 "yaw_deg": float(np.degrees(graph.yaw_rad[i])) if has_range else None,
                 "outline": [(line / size).round(5).tolist() for line in lines[i]],

@@ -30,7 +30,7 @@ class Session:
         tracker: The tracker of the robot's base.
         t_s: Time of the last observation, None before the first.
         num_observations: Number of observations.
-        places: Candidate places of the last answer, as in the JSON of an answer.
+        belief: The belief after the last observation, as JSON.
         used_s: Time of the last use by the clock of `time.monotonic`.
         lock: Held while an observation is applied.
         listeners: Queues that receive each new belief, and None at the end of the session.
@@ -40,7 +40,6 @@ class Session:
         self.id = id
         self.t_s: float | None = None
         self.num_observations = 0
-        self.places: list[dict[str, Any]] = []
         self.used_s = time.monotonic()
         self.lock = asyncio.Lock()
         self.listeners: set[asyncio.Queue[dict[str, Any] | None]] = set()
@@ -50,6 +49,7 @@ class Session:
         self.tracker: Tracker
         self._window: ViewWindow
         self._use_map(served)
+        self.belief = self._describe_belief(None)
 
     def check_time(self, t_s: float) -> None:
         """Raise Problem 409 unless a time is later than that of the last observation."""
@@ -88,7 +88,7 @@ class Session:
             self.tracker.observe(answer)
             self._position_m = described.query.position_m
             self.t_s, self.num_observations = t_s, self.num_observations + 1
-            self.places = answer_json(answer)["places"]
+            self.belief = self._describe_belief(answer)
         return answer
 
     def _localize(self, served: ServedMap, described: ServedView, odometry: np.ndarray | None) -> Localization:
@@ -111,8 +111,8 @@ class Session:
             self.tracker.find_place = fresh.find_place
         self._served, self._window = served, ViewWindow(served.localization, NUM_VIEWS)
 
-    def belief_json(self) -> dict[str, Any]:
-        """Return the belief as JSON."""
+    def _describe_belief(self, answer: Localization | None) -> dict[str, Any]:
+        """Return the belief after an answer as JSON."""
         belief = self.tracker.belief()
         pose = belief.T_world_pano
         return {
@@ -123,12 +123,12 @@ class Session:
             "covariance": covariance_json(belief.covariance),
             "t_s": self.t_s,
             "observations": self.num_observations,
-            "places": self.places,
+            "places": [] if answer is None else answer_json(answer)["places"],
         }
 
     def notify(self) -> None:
         """Send the belief to the listeners."""
-        self._notify(self.belief_json())
+        self._notify(self.belief)
 
     def close(self) -> None:
         """End the streams of the session."""

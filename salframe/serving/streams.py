@@ -60,7 +60,7 @@ async def _send_beliefs(socket: WebSocket, session: Session) -> None:
     session.listeners.add(latest)
     closed = asyncio.create_task(_wait_until_closed(socket))
     try:
-        await socket.send_json(session.belief_json())
+        await socket.send_json(session.belief)
         while True:
             next_belief = asyncio.create_task(latest.get())
             done, _ = await asyncio.wait({next_belief, closed}, return_when=asyncio.FIRST_COMPLETED)

@@ -28,6 +28,7 @@ from salframe.testing.rules import Conformance, Rule, RuleResult, Rules, RuleSta
 from salframe.testing.scene_indexes import SceneIndexRules
 from salframe.testing.scorers import ScorerRules
 from salframe.testing.stages import MatcherRules, PositionerRules, SaliencyRules
+from salframe.testing.trackers import TrackerRules
 
 __all__ = [
     "Conformance",
@@ -54,6 +55,7 @@ _RULES: dict[str, type[Rules[Any]]] = {
     "planner": PlannerRules,
     "scorer": ScorerRules,
     "localizer": LocalizerRules,
+    "tracker": TrackerRules,
     "engine": EngineRules,
 }
 """Rules of the roles of salframe itself. A plugin's role names its rules in `conformance`; these roles cannot, because

@@ -81,7 +81,7 @@ def furnished(plugins):
 @pytest.fixture
 def apartment(plugins):
     """The components of navigation/apartment_plugin, the engines and the planners."""
-    plugins("apartment_plugin", "salframe_engines", "salframe_planners", folders=("navigation",))
+    plugins("apartment_plugin", "salframe_engines", "salframe_planners", "salframe_trackers", folders=("navigation",))
 
 
 @pytest.fixture

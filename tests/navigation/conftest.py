@@ -16,9 +16,9 @@ sys.path.insert(0, str(HERE))
 
 @pytest.fixture(autouse=True)
 def apartment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    """The components of apartment_plugin, the engines and the planners alone, an empty cache, and tmp_path as the
-    working directory."""
-    monkeypatch.setenv("SALFRAME_PLUGINS", "apartment_plugin,salframe_engines,salframe_planners")
+    """The components of apartment_plugin, the engines, the planners and the trackers alone, an empty cache, and
+    tmp_path as the working directory."""
+    monkeypatch.setenv("SALFRAME_PLUGINS", "apartment_plugin,salframe_engines,salframe_planners,salframe_trackers")
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path / "cache"))
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(HERE), os.environ.get("PYTHONPATH", "")]))
     monkeypatch.chdir(tmp_path)

@@ -14,4 +14,4 @@ from salframe.panoramas.geometry import pose_2d
 )
 def test_told_its_place_an_agent_stands_at_the_nearest_node_in_sight(world, x_m, y_m, node_m):
     located = see_place(world, pose_2d(x_m, y_m, 2.0, 1.5), 0.3)
-    np.testing.assert_allclose(located.pose, pose_2d(*node_m, 0.3, 1.5), atol=0.03)
+    np.testing.assert_allclose(located.answer.T_world_query, pose_2d(*node_m, 0.3, 1.5), atol=0.03)

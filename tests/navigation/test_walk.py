@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from salframe_planners.planners import Dijkstra
 
+from salframe.localization.answers import Localization, LocalizationStatus, RankedPlace
 from salframe.navigation.agent import Located
 from salframe.navigation.episodes import Episode, Site
 from salframe.navigation.guide import Guide
@@ -25,14 +26,21 @@ def episode(site, x, y, goal="b", number=0) -> Episode:
     return Episode(number, "floor", tuple(start.ravel().tolist()), goal, site.guide.way(start[:3, 3], goal).length_m)
 
 
+NOWHERE = Located(Localization((), None, LocalizationStatus.NO_OBJECTS))
+
+
+def located(T) -> Located:
+    return Located(Localization((RankedPlace("frame", "room", 1.0),), T, LocalizationStatus.OK))
+
+
 def truly(T, yaw_rad):
-    return Located(T, 1.0)
+    return located(T)
 
 
 def located_once():
     """Localizes the agent at its true pose once, and never again."""
     answers = [True]
-    return lambda T, yaw_rad: Located(T, 1.0) if answers and answers.pop() else None
+    return lambda T, yaw_rad: located(T) if answers and answers.pop() else NOWHERE
 
 
 def test_without_noise_the_way_walked_is_the_shortest(site):
@@ -49,7 +57,7 @@ def test_spl_is_the_shortest_over_the_walked_way(site):
 
     def detour(T, yaw_rad):
         shift = longer.pop(0) if longer else np.zeros(2)
-        return Located(pose_2d(*(T[:2, 3] + shift), 2.0 if T[0, 3] == 1.5 else yaw_rad, 1.5), 1.0)
+        return located(pose_2d(*(T[:2, 3] + shift), 2.0 if T[0, 3] == 1.5 else yaw_rad, 1.5))
 
     row = walk(site, detour, episode(site, 1.5, 2.0), NavigationConfig(**STILL), 0)
     steps = np.diff([pose[:2] for pose in row["path"]], axis=0)
@@ -61,7 +69,7 @@ def test_spl_is_the_shortest_over_the_walked_way(site):
 def test_to_say_so_elsewhere_is_no_success(site):
     row = walk(
         site,
-        lambda T, yaw_rad: Located(pose_2d(7.0, 2.0, yaw_rad, 1.5), 1.0),
+        lambda T, yaw_rad: located(pose_2d(7.0, 2.0, yaw_rad, 1.5)),
         episode(site, 5.0, 2.0),
         NavigationConfig(**STILL),
         0,
@@ -78,7 +86,7 @@ def test_looser_rules_take_a_greater_distance(site, x_m, reached):
     """The agent reports its arrival at 0.6 m and at 1.1 m from the goal."""
     row = walk(
         site,
-        lambda T, yaw_rad: Located(pose_2d(7.0, 2.0, yaw_rad, 1.5), 1.0),
+        lambda T, yaw_rad: located(pose_2d(7.0, 2.0, yaw_rad, 1.5)),
         episode(site, x_m, 2.0),
         NavigationConfig(**STILL),
         0,
@@ -88,7 +96,7 @@ def test_looser_rules_take_a_greater_distance(site, x_m, reached):
 
 def test_to_pass_the_goal_without_saying_so_is_the_oracles(site):
     def behind(T, yaw_rad):
-        return Located(pose_2d(T[0, 3] - 1.5, T[1, 3], yaw_rad, 1.5), 1.0)
+        return located(pose_2d(T[0, 3] - 1.5, T[1, 3], yaw_rad, 1.5))
 
     row = walk(site, behind, episode(site, 5.0, 2.0), NavigationConfig(**STILL, budget=6), 0)
     assert (row["success"], row["oracle"], row["status"]) == (False, True, "out of budget")
@@ -98,14 +106,14 @@ def test_a_wrong_localization_sends_the_agent_the_wrong_way(site):
     """An agent localized in room b, east of the goal, walks west, into the wall of room a."""
 
     def astray(T, yaw_rad):
-        return Located(pose_2d(7.7, 2.0, yaw_rad, 1.5), 1.0)
+        return located(pose_2d(7.7, 2.0, yaw_rad, 1.5))
 
     row = walk(site, astray, episode(site, 1.0, 2.0), NavigationConfig(**STILL, budget=2), 0)
     assert row["path"][1][0] == pytest.approx(1.0 - 0.7, abs=1e-3)
 
 
 def test_never_localized_it_keeps_trying_until_the_budget_ends(site):
-    row = walk(site, lambda T, yaw_rad: None, episode(site, 1.0, 2.0), NavigationConfig(budget=5), 0)
+    row = walk(site, lambda T, yaw_rad: NOWHERE, episode(site, 1.0, 2.0), NavigationConfig(budget=5), 0)
     assert (row["status"], row["panoramas"], row["not_localized"], row["believed"]) == (
         "out of budget",
         5,

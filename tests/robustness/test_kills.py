@@ -56,7 +56,7 @@ JOBS = {
     "navigate": Job(
         ("navigate", "--methods", "seer", "--data", "apartment", "--episodes", "4", *INLINE),
         look=RUNS,
-        plugins="apartment_plugin,salframe_engines,salframe_planners",
+        plugins="apartment_plugin,salframe_engines,salframe_planners,salframe_trackers",
     ),
     "report": Job(("report", "done/*", "-o", "page.html"), "page.html"),
     "fit": Job(("fit", "reader", *ROOMS, "-o", "fitted.yaml"), "fitted.yaml"),

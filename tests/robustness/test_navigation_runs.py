@@ -37,7 +37,7 @@ def sound(tmp_path_factory) -> Iterator[Path]:
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(TESTS / "navigation")
         patch.setenv("PYTHONPATH", os.pathsep.join(folders))
-        patch.setenv("SALFRAME_PLUGINS", "apartment_plugin,salframe_engines,salframe_planners")
+        patch.setenv("SALFRAME_PLUGINS", "apartment_plugin,salframe_engines,salframe_planners,salframe_trackers")
         patch.setenv("SALFRAME_CACHE", str(root / "cache"))
         patch.chdir(root)
         registry.cache_clear()

@@ -14,6 +14,7 @@ from broken_localizers import BROKEN_LOCALIZERS
 from broken_planners import Dijkstra, OneWay, Retracing, Swimming
 from broken_range_models import BROKEN_RANGE_MODELS, Ranging
 from broken_stages import BROKEN_STAGES
+from broken_trackers import Confident, Drifting, Following, Gullible, Requiring, Standing, Stubborn
 from conformance import breaks, conforms
 from salframe_annotations.detector import AnnotationDetector
 from salframe_graphs.localizer import SaliencyGraphLocalizer
@@ -344,3 +345,22 @@ def test_what_builds_on_a_broken_rule_is_skipped():
     undeclared = breaks("Deafer .*summary|docstring", type("Deafer", (Deaf,), {"__doc__": None}))
     assert [result.rule for result in undeclared.failed] == ["declaration"]
     assert {result.message for result in undeclared.skipped} == {"depends on 'declaration', which failed"}
+
+
+def test_a_tracker_that_breaks_no_rule_conforms():
+    assert conforms(Following)
+
+
+@pytest.mark.parametrize(
+    ("tracker", "message"),
+    [
+        (Standing, "belief after a motion: received a pose 1.04 m"),
+        (Gullible, "belief after a wrong answer: received a pose"),
+        (Stubborn, "correct answers at another place: received a pose"),
+        (Confident, "60 failed answers: received tracking, expected lost or out-of-map"),
+        (Drifting, "belief, twice: received two different beliefs"),
+        (Requiring, "move: received ValueError"),
+    ],
+)
+def test_a_broken_tracker_is_told_in_one_line(tracker, message):
+    breaks(message, tracker)

@@ -182,6 +182,7 @@ def test_where_agents_walk_and_topologies_are_made_the_same_is_said(plugins):
         "salframe_objects",
         "salframe_engines",
         "salframe_planners",
+        "salframe_trackers",
         folders=(".", "navigation"),
     )
     reason = (

@@ -55,6 +55,9 @@ def _measure(rows: Sequence[tuple[int, WalkRow]], belief: str, seed: int) -> dic
         else None,
         "heading_deg": median(headings),
         "recovered": estimate_proportion(np.array([one is not None and _recovers(one) for one in beliefs]), clusters),
+        "right_later": estimate_proportion(
+            np.array([one is not None and one.kidnapped[-1].right for one in beliefs]), clusters
+        ),
         "tracking": estimate_proportion(np.array([one is not None and one.tracking for one in last]), clusters),
         "nees": float(np.mean(nees)) if nees else None,
         **(_measure_elsewhere(support, elsewhere, clusters, seed) if len(elsewhere) == len(walks) else {}),

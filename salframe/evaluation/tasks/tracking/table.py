@@ -31,6 +31,7 @@ class TrackingRow(MethodRow):
         heading_deg: Median heading error after the last view.
         recovered: Share of the walks in which the place is correct after at least one of the views that follow a move
             without odometry.
+        right_later: Share of the walks in which the place is correct after the last of these views.
         roc_area: Area under the ROC curve of the support after the last view, of walks in this building against walks
             in the map of another building.
         tracking: Share of the walks whose status is `tracking` after the last view.
@@ -47,6 +48,7 @@ class TrackingRow(MethodRow):
     position_m: Estimate | None = None
     heading_deg: float | None = None
     recovered: Estimate | None = None
+    right_later: Estimate | None = None
     roc_area: Estimate | None = None
     tracking: Estimate | None = None
     tracking_elsewhere: Estimate | None = None
@@ -91,6 +93,7 @@ COLUMNS: dict[str, Column[TrackingRow]] = {
     ),
     "heading": number_column("heading error\ndegrees", lambda row: row.heading_deg, 1),
     "recovered": rate_column("recovered within\n8 views % (95 % CI)", lambda row: row.recovered),
+    "right_later": rate_column("correct 8 views later\n% (95 % CI)", lambda row: row.right_later),
     "roc_area": Column(
         "other building\nROC area (95 % CI)",
         lambda row: _metres(row.roc_area),

@@ -36,7 +36,7 @@ from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.opening import open_dataset
 
 
-class _SavedTask(Settings):
+class _SavedTracking(Settings):
     """The parameters of the task in a run folder. The runner adds other keys."""
 
     model_config = ConfigDict(extra="ignore")
@@ -96,7 +96,7 @@ class TrackingTask(Task[Walk, TrackingSurvey, WalkRow, TrackingRow]):
 
     @classmethod
     def from_run(cls, run: Run) -> TrackingTask:
-        saved: _SavedTask = validate(_SavedTask, run.task, f"{run.directory / REQUEST}: task")
+        saved: _SavedTracking = validate(_SavedTracking, run.task, f"{run.directory / REQUEST}: task")
         return cls(saved.options, saved.seed)
 
     def survey(self, dataset: Dataset) -> TrackingSurvey:

@@ -1,0 +1,35 @@
+"""The colours of a floor seen from above."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from salframe.drawing.canvas import PAPER, Colour
+from salframe.panoramas.floors import FloorMasks
+
+WALL: Colour = (92, 96, 104)
+REGIONS: tuple[Colour, ...] = (
+    (222, 235, 247),
+    (229, 241, 222),
+    (253, 238, 217),
+    (240, 229, 243),
+    (252, 228, 226),
+    (224, 242, 241),
+    (249, 245, 215),
+    (232, 232, 240),
+)
+"""Colours of regions, by the number of the region."""
+WALL_M = 0.12
+"""Thickness of drawn walls."""
+
+
+def floor_colours(floor: FloorMasks) -> np.ndarray:
+    """Return a colour for each pixel of a floor, (rows, columns, 3) uint8: walls dark, the floor in the colour of its
+    region, and obstacles a shade darker."""
+    from scipy import ndimage
+
+    inside = floor.free | (floor.region > 0)
+    reach = max(1, round(WALL_M / floor.resolution_m))
+    wall = ndimage.binary_dilation(inside, np.ones((2 * reach + 1,) * 2, bool)) & ~inside
+    colour = np.array(REGIONS)[floor.region % len(REGIONS)] * np.where(floor.obstacle, 0.84, 1.0)[..., None]
+    return np.select([inside[..., None], wall[..., None]], [colour, np.array(WALL)], np.array(PAPER)).astype(np.uint8)
