@@ -52,13 +52,13 @@ def serve(
     ]:
         raise RequirementMissing(f"serve needs {', '.join(missing)}, not installed: pip install 'salframe[serve]'")
     from salframe.serving.access import is_loopback
-    from salframe.serving.limits import Limits
+    from salframe.serving.limits import ServiceLimits
     from salframe.serving.run import serve_map
 
     changed: dict[str, Any] = {}
     for text in overrides or ():
         changed = merge(changed, nest(*parse_override(text)))
-    limits = validate(Limits, changed, "--set")
+    limits = validate(ServiceLimits, changed, "--set")
     token = _read_token(token_file) if token_file is not None else None
     is_created = token is None and not is_loopback(host)
     if is_created:

@@ -26,13 +26,13 @@ from salframe.panoramas.geometry import pose_2d
 from salframe.serving import openapi
 from salframe.serving.access import PUBLIC_FOLDER, Access, AccessRules
 from salframe.serving.bodies import BodyLimits
-from salframe.serving.limits import Limits
+from salframe.serving.limits import ServiceLimits
 from salframe.serving.localizing import ServedView, describe_answer, describe_view, localize_view
 from salframe.serving.metrics import METRICS_TYPE, ServiceMetrics
 from salframe.serving.problems import Problem, add_problem_handlers, problem_response
 from salframe.serving.routing import plan_route
 from salframe.serving.schemas import (
-    Answer,
+    AnswerBody,
     BeliefBody,
     DetectionsObservation,
     DetectionsQuery,
@@ -71,7 +71,7 @@ WithPicture = Annotated[bool, Query(description="return the image as the server 
 class Service:
     """The state of the service: the map, the pool, the sessions and the metrics."""
 
-    def __init__(self, maps: MapHolder, limits: Limits, rules: AccessRules) -> None:
+    def __init__(self, maps: MapHolder, limits: ServiceLimits, rules: AccessRules) -> None:
         self.maps, self.limits, self.rules = maps, limits, rules
         self.pool, self._num_uploads = WorkPool(limits), 0
         self.sessions = SessionStore(limits)
@@ -150,7 +150,7 @@ class Service:
             await asyncio.to_thread(self.maps.refresh)
 
 
-def create_app(maps: MapHolder, limits: Limits, rules: AccessRules) -> ASGIApp:
+def create_app(maps: MapHolder, limits: ServiceLimits, rules: AccessRules) -> ASGIApp:
     """Return the app of a service.
 
     Args:
@@ -199,7 +199,7 @@ def create_app(maps: MapHolder, limits: Limits, rules: AccessRules) -> ASGIApp:
 def _add_queries(app: FastAPI, service: Service) -> None:
     limits = service.limits
 
-    @app.post("/localize", response_model=Answer, openapi_extra=openapi.LOCALIZE)
+    @app.post("/localize", response_model=AnswerBody, openapi_extra=openapi.LOCALIZE)
     async def localize(request: Request, objects: WithObjects = False, picture: WithPicture = False) -> Any:
         """Localize a panorama, a photograph, or detections."""
         service.pool.check_room()

@@ -9,14 +9,14 @@ from http import HTTPStatus
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from salframe.serving.limits import Limits
+from salframe.serving.limits import ServiceLimits
 from salframe.serving.problems import Problem, problem_response
 
 
 class BodyLimits:
     """Middleware that refuses bodies that are too large, compressed, or sent too slowly."""
 
-    def __init__(self, app: ASGIApp, limits: Limits) -> None:
+    def __init__(self, app: ASGIApp, limits: ServiceLimits) -> None:
         self._app, self._limits = app, limits
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:

@@ -15,7 +15,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from salframe.framework.errors import ConfigError
 from salframe.serving.access import AccessRules
 from salframe.serving.app import create_app
-from salframe.serving.limits import Limits
+from salframe.serving.limits import ServiceLimits
 from salframe.serving.served_map import MapHolder
 from salframe.serving.streams import MAX_MESSAGE_BYTES
 
@@ -32,7 +32,7 @@ def serve_map(
     *,
     token: str | None = None,
     origins: Sequence[str] = (),
-    limits: Limits | None = None,
+    limits: ServiceLimits | None = None,
     tell_url: Callable[[str], object],
 ) -> None:
     """Serve a map until SIGTERM or an interrupt. Requests in progress are finished first.
@@ -50,7 +50,7 @@ def serve_map(
         DataError: The folder contains no map that can localize.
         ConfigError: The address cannot be used.
     """
-    limits = limits or Limits()
+    limits = limits or ServiceLimits()
     maps = MapHolder(folder)
     with listen(host, port) as listener:
         server = make_server(maps, limits, AccessRules.of_address(host, token, origins))
@@ -61,7 +61,7 @@ def serve_map(
             return
 
 
-def make_server(maps: MapHolder, limits: Limits, rules: AccessRules) -> uvicorn.Server:
+def make_server(maps: MapHolder, limits: ServiceLimits, rules: AccessRules) -> uvicorn.Server:
     """Return a server of a map, which runs with `run(sockets=...)` until its `should_exit` is set."""
     config = uvicorn.Config(
         create_app(maps, limits, rules),

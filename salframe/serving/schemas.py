@@ -126,7 +126,7 @@ class QueryObject(BaseModel):
     matched: MatchedObject | None
 
 
-class Answer(BaseModel):
+class AnswerBody(BaseModel):
     """The answer to a query."""
 
     status: str = Field(description="ok, no-pose, or why the query was not localized")
@@ -230,7 +230,7 @@ class BeliefBody(BaseModel):
 class ObservationBody(BaseModel):
     """The answer to an observation, and the belief of the session after it."""
 
-    answer: Answer
+    answer: AnswerBody
     belief: BeliefBody
 
 

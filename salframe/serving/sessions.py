@@ -16,7 +16,7 @@ from salframe.localization.answers import Localization
 from salframe.localization.tracker import Tracker
 from salframe.localization.tracking import NUM_VIEWS, ViewWindow, open_tracker
 from salframe.panoramas.geometry import translation
-from salframe.serving.limits import Limits
+from salframe.serving.limits import ServiceLimits
 from salframe.serving.localizing import ServedView
 from salframe.serving.problems import Problem
 from salframe.serving.served_map import ServedMap
@@ -145,7 +145,7 @@ class Session:
 class SessionStore:
     """The sessions of the service, a limited number of them. A session without observations ends after some time."""
 
-    def __init__(self, limits: Limits) -> None:
+    def __init__(self, limits: ServiceLimits) -> None:
         self._limits = limits
         self._sessions: dict[str, Session] = {}
 

@@ -9,7 +9,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from salframe.framework.files.bounded import parse_json
 from salframe.serving.access import AccessRules
-from salframe.serving.limits import Limits
+from salframe.serving.limits import ServiceLimits
 from salframe.serving.problems import Problem
 from salframe.serving.sessions import Session, SessionStore
 
@@ -22,7 +22,7 @@ POLICY, TRY_AGAIN, GOING_AWAY = 1008, 1013, 1001
 
 
 async def stream_belief(
-    socket: WebSocket, session_id: str, sessions: SessionStore, rules: AccessRules, limits: Limits
+    socket: WebSocket, session_id: str, sessions: SessionStore, rules: AccessRules, limits: ServiceLimits
 ) -> None:
     """Send the belief of a session as JSON: now, and after each observation.
 

@@ -15,8 +15,8 @@ from pydantic import BaseModel, Field, ValidationError
 from starlette.datastructures import FormData, UploadFile
 from starlette.requests import Request
 
-from salframe.framework.errors import DataError
-from salframe.framework.files.bounded import parse_json, why
+from salframe.framework.errors import DataError, one_line
+from salframe.framework.files.bounded import parse_json
 from salframe.framework.validation import Settings, describe_faults
 from salframe.graphs.detections import Detections
 from salframe.panoramas.camera import Camera
@@ -25,7 +25,7 @@ from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.panorama_files import load_panorama
 from salframe.panoramas.range_encoding import MILLIMETRE, RangeEncoding, RangeKind
 from salframe.panoramas.shot import missing_depth_note, open_photograph
-from salframe.serving.limits import Limits
+from salframe.serving.limits import ServiceLimits
 from salframe.serving.problems import Problem
 from salframe.serving.schemas import DetectedObject, Motion
 
@@ -100,7 +100,7 @@ def content_type(request: Request) -> str:
     return received
 
 
-async def read_json_body(request: Request, model: type[_Model], limits: Limits) -> _Model:
+async def read_json_body(request: Request, model: type[_Model], limits: ServiceLimits) -> _Model:
     """Return the validated JSON body of a request.
 
     Raises:
@@ -133,7 +133,7 @@ async def read_form(request: Request, model: type[_Model]) -> tuple[_Model, Form
         raise
 
 
-def open_upload(fields: UploadFields, form: FormData, limits: Limits) -> ServedQuery:
+def open_upload(fields: UploadFields, form: FormData, limits: ServiceLimits) -> ServedQuery:
     """Read the images of a multipart query with the readers for files.
 
     Raises:
@@ -151,7 +151,7 @@ def open_upload(fields: UploadFields, form: FormData, limits: Limits) -> ServedQ
             raise DataError(str(error).replace(f"{folder}/", "").replace(f"{folder}\\", "")) from None
 
 
-def to_detections(objects: Sequence[DetectedObject], limits: Limits) -> ServedQuery:
+def to_detections(objects: Sequence[DetectedObject], limits: ServiceLimits) -> ServedQuery:
     """Return a query of detections.
 
     Raises:
@@ -202,7 +202,7 @@ def _read_images(fields: UploadFields, image: Path | None, range_image: Path | N
     return ServedQuery(shot.panorama, camera=shot.camera, rgb=shot.rgb, notes=notes)
 
 
-def _store(source: BinaryIO, path: Path, limits: Limits) -> Path:
+def _store(source: BinaryIO, path: Path, limits: ServiceLimits) -> Path:
     """Write an upload to a file, and check its number of pixels by its header."""
     from PIL import Image
 
@@ -241,7 +241,7 @@ def _parse(content: bytes, where: str) -> Any:
     try:
         return parse_json(content)
     except (ValueError, RecursionError) as error:
-        raise Problem(HTTPStatus.BAD_REQUEST, f"{where} is no JSON: {why(ValueError(error))}") from None
+        raise Problem(HTTPStatus.BAD_REQUEST, f"{where} is no JSON: {one_line(error)}") from None
 
 
 def _validate(model: type[_Model], content: Any) -> _Model:

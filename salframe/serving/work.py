@@ -10,7 +10,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from http import HTTPStatus
 from typing import TypeVar
 
-from salframe.serving.limits import Limits
+from salframe.serving.limits import ServiceLimits
 from salframe.serving.problems import Problem
 
 _Result = TypeVar("_Result")
@@ -25,7 +25,7 @@ class WorkPool:
     that it does end.
     """
 
-    def __init__(self, limits: Limits) -> None:
+    def __init__(self, limits: ServiceLimits) -> None:
         self._limits = limits
         self._threads = ThreadPoolExecutor(limits.workers, thread_name_prefix="localize")
         self._num_pending = 0

@@ -22,7 +22,7 @@ from salframe.localization.map_files import write_map
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import ReferenceFrame
 from salframe.serving.access import AccessRules
-from salframe.serving.limits import Limits
+from salframe.serving.limits import ServiceLimits
 from salframe.serving.run import listen, make_server
 from salframe.serving.served_map import MapHolder
 from salframe.testing.rooms import ROOMS, FurnishedRoom, box_detections, map_frames, query_frames, query_truths
@@ -118,7 +118,7 @@ def serving(folder: Path, *, rules: AccessRules | None = None, **limits: object)
     with listen("127.0.0.1", 0) as listener:
         port = listener.getsockname()[1]
         chosen = rules or AccessRules.of_address("127.0.0.1", None, ())
-        server = make_server(maps, Limits(workers=2, **limits), chosen)
+        server = make_server(maps, ServiceLimits(workers=2, **limits), chosen)
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
         thread.start()
         while not server.started:

@@ -1,4 +1,4 @@
-"""Limits, malformed requests and errors: each costs only its own answer."""
+"""ServiceLimits, malformed requests and errors: each costs only its own answer."""
 
 from __future__ import annotations
 
