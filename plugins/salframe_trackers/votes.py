@@ -100,7 +100,8 @@ class VoteTracker(Tracker):
             received = " ".join(str(np.asarray(odometry).tolist()).split())[:200]
             raise DataError(f"the odometry is {received}, expected a rigid motion (4, 4), or None if it is unknown")
         motion = np.asarray(odometry, np.float64)
-        back, upright = invert_pose(motion), pose_2d(*motion[:2, 3], pose_yaw(motion), motion[2, 3])
+        x, y, z = motion[:3, 3]
+        back, upright = invert_pose(motion), pose_2d(x, y, pose_yaw(motion), z)
         self._visited = [back @ pose for pose in self._visited]
         self._votes = [vote and vote.moved(upright, noise) for vote in self._votes]
 

@@ -50,9 +50,7 @@ def _measure(rows: Sequence[tuple[int, WalkRow]], belief: str, seed: int) -> dic
         "right": tuple(float(np.mean(_right(walks, belief, count))) for count in AFTER),
         "right_12": estimate_proportion(_right(walks, belief, AFTER[-1]), clusters),
         "near": estimate_proportion(error_m <= NEAR_M, clusters),
-        "position_m": estimate_statistic(lambda index: float(np.median(error_m[index])), clusters, seed)
-        if np.isfinite(np.median(error_m))
-        else None,
+        "position_m": estimate_statistic(lambda index: _finite_median(error_m[index]), clusters, seed),
         "heading_deg": median(headings),
         "recovered": estimate_proportion(np.array([one is not None and _recovers(one) for one in beliefs]), clusters),
         "right_later": estimate_proportion(
@@ -79,6 +77,12 @@ def _measure_elsewhere(
 def _right(walks: Sequence[WalkRow], belief: str, count: int) -> np.ndarray:
     """Return whether the place is correct after a number of views, (N,) bool."""
     return np.array([row.beliefs is not None and row.beliefs[belief].walk[count - 1].right for row in walks], bool)
+
+
+def _finite_median(errors_m: np.ndarray) -> float | None:
+    """Return the median of errors (N,), where inf is a missing pose; None where half of the poses are missing."""
+    middle = np.sort(errors_m)[[(len(errors_m) - 1) // 2, len(errors_m) // 2]]
+    return float(middle.mean()) if np.isfinite(middle).all() else None
 
 
 def _is_near(line: BeliefLine) -> bool:
