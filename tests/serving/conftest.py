@@ -13,7 +13,7 @@ for _name in ("fastapi", "uvicorn", "httpx", "websockets", "prometheus_client"):
 HERE = Path(__file__).parent
 
 
-@pytest.fixture(scope="session", autouse=True)
+@pytest.fixture(scope="package", autouse=True)
 def plugins():
     """The components that the map of the rooms needs."""
     from serving.rooms_service import PLUGINS
@@ -30,7 +30,7 @@ def plugins():
     registry.cache_clear()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def rooms_map(plugins, tmp_path_factory) -> Path:
     """The map of the rooms, which tests do not change."""
     from serving.rooms_service import build
@@ -38,7 +38,7 @@ def rooms_map(plugins, tmp_path_factory) -> Path:
     return build(tmp_path_factory.mktemp("rooms") / "rooms.map")
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def service(rooms_map):
     """A service on the map of the rooms."""
     from serving.rooms_service import serving
