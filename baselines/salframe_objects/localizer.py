@@ -9,6 +9,7 @@ import numpy as np
 
 from salframe.framework.component import match_only
 from salframe.framework.components.slots import slot
+from salframe.graphs.detections import Detections
 from salframe.graphs.vocabulary import with_object_labels, written_labels
 from salframe.localization.detecting import DetectingLocalizer
 from salframe.localization.localizer import Description, LevelledConfig, posterior_slot, range_slot
@@ -33,8 +34,7 @@ class ObjectSetLocalizer(DetectingLocalizer, WeightedLabels):
         )
         posterior: posterior_slot()  # type: ignore[valid-type]
 
-    def describe(self, panorama: Panorama) -> Description:
-        detections = self._detector.detect(panorama)
+    def describe_detections(self, detections: Detections, panorama: Panorama) -> Description:
         names = np.array(with_object_labels(detections).labels, dtype=np.str_)
         labels, counts = np.unique(names, return_counts=True)
         return {"labels": labels, "counts": counts, **written_labels(detections)}
@@ -65,8 +65,7 @@ class SalientObjectsLocalizer(SalientObjects, WeightedLabels):
     name = "salient-objects"
     version = "2"
 
-    def describe(self, panorama: Panorama) -> Description:
-        detections = self.detect(panorama)
+    def describe_detections(self, detections: Detections, panorama: Panorama) -> Description:
         names = np.array(with_object_labels(detections).labels, dtype=np.str_)
         labels, of_object = np.unique(names, return_inverse=True)
         weight = np.bincount(of_object, self.weigh_objects(detections), len(labels))

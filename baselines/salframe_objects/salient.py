@@ -14,7 +14,6 @@ from salframe.graphs.detections import Detections
 from salframe.graphs.vocabulary import WRITTEN_LABELS
 from salframe.localization.detecting import DetectingLocalizer
 from salframe.localization.localizer import Description, LevelledConfig, posterior_slot, range_slot
-from salframe.panoramas.panorama import Panorama
 
 
 class SalientObjects(DetectingLocalizer):
@@ -38,10 +37,6 @@ class SalientObjects(DetectingLocalizer):
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
         self._saliency = registry().build("saliency", self.config.saliency)
-
-    def detect(self, panorama: Panorama) -> Detections:
-        """Return the objects of a panorama, with the labels of the detector."""
-        return self._detector.detect(panorama)
 
     def weigh_objects(self, detections: Detections) -> np.ndarray:
         """Return the (N,) float64 weight of each object."""

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from salframe.graphs.detections import Detections
 from salframe.graphs.vocabulary import unknown_labels, with_object_labels, written_labels
 from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches
 from salframe.localization.localizer import Description
@@ -34,8 +35,7 @@ class SalientVolumesLocalizer(SalientObjects):
     name = "sovs"
     version = "2"
 
-    def describe(self, panorama: Panorama) -> Description:
-        detections = self.detect(panorama)
+    def describe_detections(self, detections: Detections, panorama: Panorama) -> Description:
         objects = with_object_labels(detections.take(np.flatnonzero(np.isfinite(detections.centroid_m).all(1))))
         labels = np.array(objects.labels, dtype=np.str_)
         weight = self.weigh_objects(objects)

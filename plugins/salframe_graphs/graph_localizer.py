@@ -58,8 +58,7 @@ class GraphLocalizer(DetectingLocalizer):
         detections = with_object_labels(detections)
         return build_graph(detections, self._saliency.score(detections), self.config.graph)
 
-    def describe(self, panorama: Panorama) -> Description:
-        detections = self._detector.detect(panorama)
+    def describe_detections(self, detections: Detections, panorama: Panorama) -> Description:
         return {**graph_to_arrays(self.graph(detections)), **written_labels(detections)}
 
     def join(

@@ -33,6 +33,7 @@ from salframe.cli import (
     report,
     score,
     sensor,
+    serve,
     show_objects,
     track,
     weights,
@@ -153,7 +154,10 @@ PANELS: dict[str, tuple[Any, ...]] = {
         *(compare.compare, compare.ablate, compare.evaluate, report.report, experiment.experiment),
         *(matching.matching, detection.detection, navigate.navigate, score.score),
     ),
-    "Maps and localization": (build.build, localize.localize, track.track, show_objects.show_objects, ("map", map.app)),
+    "Maps and localization": (
+        *(build.build, localize.localize, track.track, serve.serve, show_objects.show_objects),
+        ("map", map.app),
+    ),
     "Data": (("data", data.app), sensor.sensor, fit.fit, ("cache", cache.app)),
     "Plugins and installation": (
         *(inspect.methods, inspect.plugins, inspect.show, ("weights", weights.app)),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -59,6 +59,7 @@ def localize(
     """
     from salframe.cli.output import warn
     from salframe.cli.queries import QueryOptions
+    from salframe.localization.answer_json import answer_json
     from salframe.localization.map import open_map
 
     query = QueryOptions(
@@ -97,34 +98,13 @@ def tell_choices(map: Path) -> None:
             tell(f"{slot} of the map: {inner.kind}")
 
 
-def answer_json(answer: Localization) -> dict[str, Any]:
-    """Return the answer of a localizer as JSON.
-
-    It holds the status, whether the answer is accepted, the places, the out-of-map probability, the pose in metres and
-    degrees, the rows of T_world_query, the heading in degrees, and notes. A heading may be known without a pose.
-    """
-    places = [
-        {"place": place.place, "frame": place.frame, "score": place.score, "probability": place.probability}
-        for place in answer.places
-    ]
-    matrix = None if answer.T_world_query is None else answer.T_world_query.tolist()
-    return {
-        "status": answer.status,
-        "accepted": answer.accepted,
-        "places": places,
-        "out_of_map_probability": answer.out_of_map_probability,
-        "pose": _position(answer),
-        "T_world_query": matrix,
-        "heading_deg": None if answer.heading_rad is None else math.degrees(answer.heading_rad),
-        "notes": list(answer.notes),
-    }
-
-
 def print_answer(answer: Localization) -> None:
     """Print the answer of a localizer: status, the five best places, the pose or only the heading, and notes.
 
     Places are printed with their probability, or with their score if they have none. All shares sum to 100 %.
     """
+    from salframe.localization.answer_json import pose_json
+
     print(f"status: {answer.summary}")
     for place in answer.places[:5]:
         value = f"{place.score:10.4g}" if place.probability is None else f"{place.probability:10.1%}"
@@ -133,21 +113,10 @@ def print_answer(answer: Localization) -> None:
         if others := answer.places[5:]:
             print(f"{sum(place.probability or 0.0 for place in others):10.1%}  other places ({len(others)})")
         print(f"{answer.out_of_map_probability:10.1%}  out-of-map")
-    if position := _position(answer):
+    if answer.T_world_query is not None:
+        position = pose_json(answer.T_world_query)
         print(f"pose: x {position['x_m']:.2f} m, y {position['y_m']:.2f} m, yaw {position['yaw_deg']:.1f} deg")
     elif answer.heading_rad is not None:
         print(f"heading: {math.degrees(answer.heading_rad):.1f} deg")
     for note in answer.notes:
         print(f"note: {note}")
-
-
-def _position(answer: Localization) -> dict[str, float] | None:
-    """Return x and y in metres and yaw in degrees, or None without a pose."""
-    import numpy as np
-
-    from salframe.panoramas.geometry import pose_yaw
-
-    pose = answer.T_world_query
-    return (
-        None if pose is None else {"x_m": pose[0, 3], "y_m": pose[1, 3], "yaw_deg": float(np.degrees(pose_yaw(pose)))}
-    )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -141,13 +141,13 @@ def route(
     """
     import numpy as np
 
-    from salframe.topology.routes import find_route
+    from salframe.topology.routes import find_route, route_json
     from salframe.topology.store import open_topology
 
     plan = find_route(open_topology(map), start, goal, planner)
     heading_rad = None if heading is None else float(np.radians(heading))
     if as_json:
-        print_json(_route_json(plan, heading_rad))
+        print_json(route_json(plan, heading_rad))
     else:
         _print_route(plan, heading_rad)
 
@@ -172,10 +172,12 @@ def query(
     """
     import numpy as np
 
-    from salframe.cli.localize import answer_json, print_answer, tell_choices
+    from salframe.cli.localize import print_answer, tell_choices
     from salframe.cli.output import Bars, warn
+    from salframe.localization.answer_json import answer_json
     from salframe.panoramas.opening import open_frame
     from salframe.topology.building_map import ask_map
+    from salframe.topology.routes import route_json
 
     with Bars() as bars:
         query_frame = open_frame(frame, data, data_dir, overrides or (), bars.update)
@@ -184,7 +186,7 @@ def query(
     if as_json:
         heading_deg = None if answer.heading_rad is None else float(np.degrees(answer.heading_rad))
         node = {"node": answer.node, "distance_m": answer.distance_m, "heading_deg": heading_deg}
-        route = None if answer.route is None else _route_json(answer.route, answer.heading_rad)
+        route = None if answer.route is None else route_json(answer.route, answer.heading_rad)
         print_json({**answer_json(answer.localization), **node, "route": route, "no_route": answer.no_route})
     else:
         print_answer(answer.localization)
@@ -237,21 +239,3 @@ def _print_route(route: Route, heading_rad: float | None) -> None:
     print(f"from {route.nodes[0]} to {route.nodes[-1]}: {route.length_m:.2f} m")
     for number, step in enumerate(directions(route, heading_rad), 1):
         print(f"{number:4d}. {step}")
-
-
-def _route_json(route: Route, heading_rad: float | None) -> dict[str, Any]:
-    import numpy as np
-
-    from salframe.topology.routes import directions
-
-    steps = [
-        {
-            "to": step.to,
-            "length_m": step.length_m,
-            "azimuth_deg": float(np.degrees(step.azimuth_rad)),
-            "turn_deg": None if step.turn_rad is None else float(np.degrees(step.turn_rad)),
-            "say": str(step),
-        }
-        for step in directions(route, heading_rad)
-    ]
-    return {"nodes": list(route.nodes), "length_m": route.length_m, "steps": steps}

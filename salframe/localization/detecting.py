@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
+
 from salframe.framework.component import ComponentConfig
 from salframe.framework.components.registry import registry
-from salframe.localization.localizer import Localizer
+from salframe.graphs.detections import Detections
+from salframe.localization.localizer import Description, Localizer
+from salframe.panoramas.panorama import Panorama
 
 
 class DetectingLocalizer(Localizer):
@@ -13,6 +17,18 @@ class DetectingLocalizer(Localizer):
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
         self._detector = registry().build("detector", self.config.detector)
+
+    @abstractmethod
+    def describe_detections(self, detections: Detections, panorama: Panorama) -> Description:
+        """Return the description of a panorama from its detections.
+
+        Args:
+            detections: The detections, in the panorama frame.
+            panorama: The panorama. It has no parts if only its detections are known.
+        """
+
+    def describe(self, panorama: Panorama) -> Description:
+        return self.describe_detections(self._detector.detect(panorama), panorama)
 
     @property
     def needs(self) -> frozenset[str]:

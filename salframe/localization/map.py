@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -15,16 +15,18 @@ import numpy as np
 from salframe.framework.component import ComponentConfig
 from salframe.framework.components.installation import folder_bytes
 from salframe.framework.components.registry import registry
-from salframe.framework.errors import DataError, InvalidAnswer, SalframeError
+from salframe.framework.errors import DataError, InputMissing, InvalidAnswer, SalframeError, UnknownName, shorten
 from salframe.framework.files.array_files import FileStamp
 from salframe.framework.files.cache import Cache
 from salframe.framework.files.columns import Columns, check_kinds
+from salframe.graphs.detections import Detections
 from salframe.graphs.scene_index import scene_index_notes
 from salframe.graphs.vocabulary import unknown_labels_note
 from salframe.localization.answers import Localization
 from salframe.localization.canonical_order import in_canonical_order
 from salframe.localization.described_query import DescribedQuery, DescribedView, describe_query, describe_view
 from salframe.localization.describing import describe_ahead
+from salframe.localization.detecting import DetectingLocalizer
 from salframe.localization.fusing import FUSED, Fusion, choose_surest, fuse_answers
 from salframe.localization.level_frames import as_it_stood, better_answer, level_motions, split_level, upright_frame
 from salframe.localization.localizer import Description, Localizer
@@ -32,6 +34,7 @@ from salframe.localization.map_files import MapParts, find_not_finite, read_map,
 from salframe.localization.preparing import Tell, python_warning, silent
 from salframe.localization.query_input import query_frame
 from salframe.localization.references import describe_references
+from salframe.panoramas.camera_height import LevelSurfaces
 from salframe.panoramas.data_checks import query_notes
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.floors import FloorMasks
@@ -258,11 +261,17 @@ class LocalizationMap:
         self, frames: Sequence[QueryFrame], T_last_view: np.ndarray | None, warn: Callable[[str], object]
     ) -> Localization:
         """Localize the views of one query, joined where possible. Raises as `localize`."""
-        for frame in frames:
-            for note in query_notes(frame.load(), self._camera_z_m):
-                warn(note)
-        views = [describe_view(self.localizer, frame) for frame in frames]
+        views = [self._describe_frame(frame, warn) for frame in frames]
         return self.answer_query(self.describe_query(views, T_last_view, warn=warn))
+
+    def _describe_frame(self, frame: QueryFrame, warn: Callable[[str], object]) -> DescribedView:
+        for note in query_notes(frame.load(), self._camera_z_m):
+            warn(note)
+        return describe_view(self.localizer, frame)
+
+    def describe_panorama(self, panorama: Panorama, *, warn: Callable[[str], object] = python_warning) -> DescribedView:
+        """Return a described view of a panorama, for `describe_query`. Raises as `localize`."""
+        return self._describe_frame(query_frame(self.localizer, panorama), warn)
 
     def describe_query(
         self,
@@ -273,6 +282,25 @@ class LocalizationMap:
     ) -> DescribedQuery:
         """Return a query of described views. Arguments and errors are those of the function `describe_query`."""
         return describe_query(self.localizer, views, T_last_view, self._camera_z_m, warn)
+
+    def describe_detections(self, detections: Detections) -> DescribedView:
+        """Return a described view of the detections of a panorama, such as those of a detector outside of salframe.
+
+        Args:
+            detections: The detections, in the panorama frame. Its z axis points up.
+
+        Raises:
+            InputMissing: The localizer of the map does not use detections.
+        """
+        if not isinstance(self.localizer, DetectingLocalizer):
+            raise InputMissing(
+                f"received detections, which {self.localizer.name} does not use; expected a panorama, or a map of a "
+                "method that detects objects, such as proposed"
+            )
+        panorama = Panorama("the detections")
+        description = self.localizer.describe_detections(detections, panorama)
+        unknown = LevelSurfaces(np.nan, np.nan)  # so that the query is not turned
+        return DescribedView(panorama.id, description, unknown, 0.0, lambda: (description, 0.0))
 
     def answer_query(self, query: DescribedQuery, fusion: Fusion = Fusion.JOINED) -> Localization:
         """Localize a described query.
@@ -349,6 +377,17 @@ class LocalizationMap:
             return answer
         return posterior.apply(answer, self.localizer.count_objects(description))
 
+    def reference(self, frame_id: str) -> tuple[ReferenceFrame, Description]:
+        """Return a reference frame and its description, unpacked.
+
+        Raises:
+            UnknownName: The map has no such frame.
+        """
+        number = self._frame_numbers.get(frame_id)
+        if number is None:
+            raise UnknownName(f"unknown reference frame {shorten(repr(frame_id))}: the map has no such frame")
+        return self.frames[number], self.localizer.unpack(self._packed[number])
+
     def descriptions(self) -> list[Description]:
         """Return the descriptions of all reference frames, unpacked."""
         return [self.localizer.unpack(packed) for packed in self._packed]
@@ -357,8 +396,13 @@ class LocalizationMap:
         self, packed: Sequence[Description], frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks]
     ) -> None:
         self._packed, self.frames = packed, frames
+        self.__dict__.pop("_frame_numbers", None)  # computed again for the new frames
         self._camera_z_m = np.array([frame.T_world_pano[2, 3] for frame in frames[:MAX_HEIGHTS]])
         self.floors = self.localizer.floors = tuple(floors) if self.localizer.uses_floors else ()
+
+    @cached_property
+    def _frame_numbers(self) -> dict[str, int]:
+        return {frame.id: number for number, frame in enumerate(self.frames)}
 
     def _index(self) -> None:
         self.localizer.index(self.descriptions(), list(self.frames))

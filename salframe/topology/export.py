@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,12 @@ from salframe.framework.files.writing import atomic_path, write_text
 from salframe.localization.export import export_scenes
 from salframe.topology.store import open_topology
 from salframe.topology.topological_map import TopologicalMap
+
+COORDINATES = (
+    "x, y, z in metres in the map's world frame, z up; "
+    "not longitude and latitude, although GeoJSON readers interpret them as WGS 84"
+)
+"""Coordinates of GeoJSON, stated in every file."""
 
 
 def export_map(directory: str | Path, path: str | Path) -> None:
@@ -56,31 +63,33 @@ def _write_graphml(topology: TopologicalMap, path: Path) -> None:
 
 
 def _write_geojson(topology: TopologicalMap, path: Path) -> None:
-    """Write a point for each node and a line for each edge. GeoJSON coordinates are longitude and latitude; these are
-    local metres, which is stated in the file."""
+    write_text(path, json.dumps(topology_geojson(topology), indent=1, allow_nan=False) + "\n")
+
+
+def topology_geojson(topology: TopologicalMap) -> dict[str, Any]:
+    """Return a point for each node and a line for each edge as GeoJSON.
+
+    GeoJSON coordinates are longitude and latitude; these are local metres, which is stated in the collection.
+    """
     height = {node.id: node.xyz_m[2] for node in topology.nodes}
     place = {node.id: node.xyz_m[:2] for node in topology.nodes}
     features = [
-        _feature("Point", node.xyz_m, id=node.id, kind=node.kind, regions=node.regions, frames=node.frames)
+        geojson_feature("Point", node.xyz_m, id=node.id, kind=node.kind, regions=node.regions, frames=node.frames)
         for node in topology.nodes
     ]
     for edge in topology.edges:
         line = [(x, y, height[edge.start]) for x, y in edge.path_m or (place[edge.start], place[edge.end])]
         azimuth_deg = float(np.degrees(edge.azimuth_rad))
         features.append(
-            _feature(
+            geojson_feature(
                 "LineString", line, start=edge.start, end=edge.end, length_m=edge.length_m, azimuth_deg=azimuth_deg
             )
         )
-    note = (
-        "x, y, z in metres in the map's world frame, z up; "
-        "not longitude and latitude, although GeoJSON readers interpret them as WGS 84"
-    )
-    collection = {"type": "FeatureCollection", "properties": {"coordinates": note}, "features": features}
-    write_text(path, json.dumps(collection, indent=1, allow_nan=False) + "\n")
+    return {"type": "FeatureCollection", "properties": {"coordinates": COORDINATES}, "features": features}
 
 
-def _feature(geometry: str, coordinates, **properties) -> dict:
+def geojson_feature(geometry: str, coordinates: Any, **properties: Any) -> dict[str, Any]:
+    """Return a GeoJSON feature of a geometry with coordinates in metres and properties."""
     return {"type": "Feature", "geometry": {"type": geometry, "coordinates": coordinates}, "properties": properties}
 
 

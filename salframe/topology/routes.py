@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from salframe.topology.topological_map import MapNode, NodeKind, TopologicalMap
 from salframe.topology.transitions import close_doorways
 
 HERE = "here"
-"""Id of the node that `with_position` adds."""
+"""Id of the node that `with_position` adds at the position of an agent."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +77,26 @@ def directions(route: Route, heading_rad: float | None = None) -> list[Step]:
     return steps
 
 
+def route_json(route: Route, heading_rad: float | None = None) -> dict[str, Any]:
+    """Return a route and its walking directions as JSON: lengths in metres, angles in degrees, and each step in words.
+
+    Args:
+        route: The route.
+        heading_rad: As in `directions`.
+    """
+    steps = [
+        {
+            "to": step.to,
+            "length_m": step.length_m,
+            "azimuth_deg": float(np.degrees(step.azimuth_rad)),
+            "turn_deg": None if step.turn_rad is None else float(np.degrees(step.turn_rad)),
+            "say": str(step),
+        }
+        for step in directions(route, heading_rad)
+    ]
+    return {"nodes": list(route.nodes), "length_m": route.length_m, "steps": steps}
+
+
 def find_nodes(topology: TopologicalMap, name: str, doors: bool = False) -> list[str]:
     """Return the ids of the nodes that a name stands for: the node with this id, or the nodes of the place.
 
@@ -128,8 +148,8 @@ def find_route(topology: TopologicalMap, start: str, goal: str, planner: str | N
     raise NoRoute(f"no route from {start} to {goal}: no path of edges connects them in the map")
 
 
-def with_position(topology: TopologicalMap, xyz_m: np.ndarray) -> TopologicalMap:
-    """Return the map with an additional node, `here`, below the position of an agent or its camera.
+def with_position(topology: TopologicalMap, xyz_m: np.ndarray, node_id: str = HERE) -> TopologicalMap:
+    """Return the map with an additional node below the position of an agent or its camera.
 
     If the position is inside a wall or obstacle, the node is on the nearest clear floor. Edges connect it to every node
     in its line of sight. If there is none, an edge follows the shortest path over clear floor.
@@ -137,6 +157,7 @@ def with_position(topology: TopologicalMap, xyz_m: np.ndarray) -> TopologicalMap
     Args:
         topology: The map.
         xyz_m: (3,), position in the world frame.
+        node_id: Id of the node.
 
     Raises:
         DataError: The position is on no floor, or no node can be reached from it.
@@ -160,6 +181,6 @@ def with_position(topology: TopologicalMap, xyz_m: np.ndarray) -> TopologicalMap
     if not paths:
         raise DataError(f"no node of the map can be reached from ({xyz_m[0]:.2f}, {xyz_m[1]:.2f}) m over clear floor")
     region = grid.names.get(int(grid.label[cell(pixel)]))
-    here = MapNode(HERE, NodeKind.SCENE, grid.world(pixel), () if region is None else (region,))
-    edges = [make_edge(grid, HERE, others[node].id, corners) for node, corners in paths]
-    return replace(topology, nodes=(*topology.nodes, here), edges=(*topology.edges, *edges))
+    added = MapNode(node_id, NodeKind.SCENE, grid.world(pixel), () if region is None else (region,))
+    edges = [make_edge(grid, node_id, others[node].id, corners) for node, corners in paths]
+    return replace(topology, nodes=(*topology.nodes, added), edges=(*topology.edges, *edges))

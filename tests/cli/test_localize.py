@@ -36,7 +36,7 @@ def test_build_then_localize(fakes, tmp_path):
         "score": 0.0,
         "probability": None,
     }  # the map was built with a localizer that is one off
-    assert found["pose"] == {"x_m": 12.0, "y_m": 0.0, "yaw_deg": 0.0}
+    assert found["pose"] == {"x_m": 12.0, "y_m": 0.0, "z_m": 0.0, "yaw_deg": 0.0}
     printed = run("localize", "map", "query-2-0", "--data", "rooms").out
     assert "room-3" in printed
     assert "pose: x 12.00 m, y 0.00 m, yaw 0.0 deg" in printed

@@ -8,7 +8,7 @@ from salframe_graphs.places.localizer import SaliencyPlacesLocalizer
 from salframe_objects.localizer import ObjectSetLocalizer, SalientObjectsLocalizer
 from salframe_objects.sovs import SalientVolumesLocalizer
 
-from salframe.cli.localize import answer_json
+from salframe.localization.answer_json import answer_json
 from salframe.localization.map import LocalizationMap, open_map
 from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.panorama import Panorama

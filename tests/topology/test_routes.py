@@ -10,7 +10,7 @@ from plans import block, frame, two_rooms
 from salframe.framework.errors import DataError, NoRoute, UnknownName
 from salframe.topology.build import build_topology
 from salframe.topology.planner import Route
-from salframe.topology.routes import directions, find_nodes, find_route, with_position
+from salframe.topology.routes import directions, find_nodes, find_route, route_json, with_position
 from salframe.topology.topological_map import MapEdge
 
 
@@ -139,3 +139,19 @@ def test_a_position_in_a_wall_or_out_of_sight_still_finds_its_way(flat):
     assert len(way.path_m) > 2
     with pytest.raises(DataError, match=r"the position \(99.00, 0.00, 1.50\) m is on no floor of the map"):
         with_position(flat, np.array([99.0, 0.0, 1.5]))
+
+
+def test_a_route_between_two_positions():
+    """From the west room through the doorway to the east room: two added nodes, the shortest path bends once."""
+    flat = build_topology([two_rooms()], [frame("a", -1.8, 0.0), frame("b", 1.8, 0.0, "east")])
+    start, goal = np.array([-1.5, 0.3, 1.5]), np.array([1.5, 0.3, 0.0])
+    joined = with_position(with_position(flat, start), goal, "goal")
+    route = find_route(joined, "here", "goal")
+    assert (route.nodes[0], route.nodes[-1]) == ("here", "goal")
+    content = route_json(route, heading_rad=np.pi / 2)
+    assert content["length_m"] == route.length_m
+    assert 3.0 <= route.length_m < 3.2
+    assert sum(step["length_m"] for step in content["steps"]) == pytest.approx(route.length_m, abs=0.05)
+    first = content["steps"][0]
+    assert first["turn_deg"] == pytest.approx(first["azimuth_deg"] - 90)
+    assert first["say"].startswith("turn right")

@@ -14,6 +14,7 @@ from salframe.framework.component import ComponentConfig
 from salframe.framework.components.identity import identity
 from salframe.framework.components.registry import registry
 from salframe.framework.files.columns import Columns
+from salframe.graphs.detections import Detections
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.packing import graph_from_arrays
 from salframe.graphs.scene_index import SceneIndex
@@ -108,8 +109,8 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         stored = tuple(config for config in self.config.evidence if config.component.arrays)
         return identity(self.config.model_copy(update={"evidence": stored}), describing=True)
 
-    def describe(self, panorama: Panorama) -> Description:
-        description = {**super().describe(panorama)}
+    def describe_detections(self, detections: Detections, panorama: Panorama) -> Description:
+        description = {**super().describe_detections(detections, panorama)}
         if panorama.range_m is not None:
             description |= measure_height(panorama)
         description = {**self._evidence.describe(panorama, description)}

@@ -1,0 +1,90 @@
+"""The command `serve`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from salframe.cli.options import number_parser
+
+MIN_TOKEN = 16
+"""Minimum number of characters of a token."""
+
+
+def serve(
+    map: Annotated[Path, typer.Argument(help="Map folder written by `salframe build`")],
+    host: Annotated[
+        str, typer.Option(help="Address to listen on; other addresses than this machine's own need a token")
+    ] = "127.0.0.1",
+    port: Annotated[
+        int, typer.Option(parser=number_parser("--port", int, 0, 65535), metavar="PORT", help="Port; 0: a free port")
+    ] = 8360,
+    token_file: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="File with the token that requests must send")
+    ] = None,
+    allow_origin: Annotated[
+        list[str] | None, typer.Option(metavar="ORIGIN", help="Allow pages of this site, such as https://example.org")
+    ] = None,
+    overrides: Annotated[
+        list[str] | None, typer.Option("--set", metavar="LIMIT=VALUE", help="Change a limit, such as max_sessions=10")
+    ] = None,
+) -> None:
+    """Serve a map over HTTP.
+
+    Opens the map, then the port, and prints the address: a page for the browser, and an interface for programs, which
+    the page `/api` describes. On another address than this machine's own, requests must send a token; without
+    --token-file, a token is created and printed. SIGTERM finishes the requests in progress.
+    """
+    import secrets
+    from importlib.util import find_spec
+
+    from salframe.cli.output import tell
+    from salframe.framework.config import merge, nest, parse_override
+    from salframe.framework.errors import RequirementMissing
+    from salframe.framework.validation import validate
+
+    if missing := [
+        name
+        for name in ("fastapi", "uvicorn", "python_multipart", "websockets", "prometheus_client")
+        if find_spec(name) is None
+    ]:
+        raise RequirementMissing(f"serve needs {', '.join(missing)}, not installed: pip install 'salframe[serve]'")
+    from salframe.serving.access import is_loopback
+    from salframe.serving.limits import ServiceLimits
+    from salframe.serving.run import serve_map
+
+    changed: dict[str, Any] = {}
+    for text in overrides or ():
+        changed = merge(changed, nest(*parse_override(text)))
+    limits = validate(ServiceLimits, changed, "--set")
+    token = _read_token(token_file) if token_file is not None else None
+    is_created = token is None and not is_loopback(host)
+    if is_created:
+        token = secrets.token_urlsafe(24)
+
+    def tell_url(url: str) -> None:
+        if is_created:
+            tell(f"token: {token}")
+        tell(f"serving {map} at {url}")
+
+    serve_map(map, host, port, token=token, origins=allow_origin or (), limits=limits, tell_url=tell_url)
+
+
+def _read_token(path: Path) -> str:
+    """Return the token of a file.
+
+    Raises:
+        ConfigError: The file cannot be read, or its token is short or cannot be sent in a header.
+    """
+    from salframe.framework.errors import ConfigError
+    from salframe.framework.files.reading import read_text
+
+    token = read_text(path, "a file with a token").strip()
+    if len(token) < MIN_TOKEN or not (token.isascii() and token.isprintable()) or " " in token:
+        raise ConfigError(
+            f"the token in {path} has {len(token)} characters, expected one line with at least {MIN_TOKEN} ASCII "
+            "characters and no spaces: create one with `openssl rand -hex 16`"
+        )
+    return token

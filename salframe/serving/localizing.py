@@ -1,0 +1,178 @@
+"""Localizes a query of a request, and describes its objects in the answer."""
+
+from __future__ import annotations
+
+import base64
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from salframe.drawing.object_picture import find_lines
+from salframe.graphs.detections import Detections
+from salframe.graphs.graph import SaliencyGraph
+from salframe.graphs.packing import GRAPH_ARRAYS, graph_from_arrays
+from salframe.localization.answer_json import answer_json
+from salframe.localization.answers import Localization, NodeMatches
+from salframe.localization.described_query import DescribedView
+from salframe.localization.level_frames import split_level
+from salframe.localization.localizer import Description
+from salframe.localization.map import LocalizationMap
+from salframe.panoramas.geometry import transform_points
+from salframe.serving.served_map import ServedMap
+from salframe.serving.uploads import ServedQuery
+
+MAX_PICTURE_WIDTH = 1280
+"""Maximum width of the picture in an answer."""
+_JPEG_QUALITY = 80
+_CORNERS = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, 8).T
+
+
+@dataclass(frozen=True, eq=False)
+class ServedView:
+    """A described view of a query.
+
+    Attributes:
+        query: The query.
+        view: The described view, without its panorama.
+        notes: Notes on the images and warnings, one line each.
+    """
+
+    query: ServedQuery
+    view: DescribedView
+    notes: tuple[str, ...]
+
+
+def describe_view(localization: LocalizationMap, query: ServedQuery) -> ServedView:
+    """Describe a query.
+
+    Raises:
+        InputMissing: The localizer needs other parts.
+        DataError: An image is malformed.
+    """
+    notes = list(query.notes)
+    if query.panorama is not None:
+        view = localization.describe_panorama(query.panorama, warn=lambda note: notes.append(str(note)))
+    else:
+        view = localization.describe_detections(query.detections or Detections.empty())
+    turned = localization.describe_query([view], warn=lambda note: notes.append(str(note))).turned
+    description = turned[0] if turned else view.description
+    # A view that is not upside down alone is never turned, so that its panorama is not needed any more.
+    view = replace(view, describe_turned=lambda: (description, 0.0))
+    return ServedView(replace(query, panorama=None), view, tuple(dict.fromkeys(notes)))
+
+
+def localize_view(localization: LocalizationMap, described: ServedView) -> Localization:
+    """Return the answer to one view. Its pose is that of the base where the camera has a position on a robot."""
+    answer = localization.answer_query(localization.describe_query([described.view]))
+    return answer.moved(described.query.position_m)
+
+
+def describe_answer(
+    served: ServedMap,
+    described: ServedView,
+    answer: Localization,
+    seconds: float,
+    *,
+    with_objects: bool = False,
+    with_picture: bool = False,
+) -> dict[str, Any]:
+    """Return an answer as JSON.
+
+    Args:
+        served: The map.
+        described: The view.
+        answer: The answer.
+        seconds: Time of the computation.
+        with_objects: Whether to list the objects of the view and those that they were matched with.
+        with_picture: Whether to return the image as the server placed it.
+    """
+    content = answer_json(answer)
+    content["notes"] = [*described.notes, *content["notes"]]
+    content |= {"map_version": served.version, "seconds": seconds}
+    if with_objects:
+        content |= _objects(served.localization, described, answer)
+    if with_picture and described.query.rgb is not None:
+        content["picture"] = _picture(described.query.rgb)
+    return content
+
+
+def _objects(localization: LocalizationMap, described: ServedView, answer: Localization) -> dict[str, Any]:
+    """Return the objects of a view whose description is a saliency graph, and the edges between them."""
+    query = described.query
+    level, rotation = split_level(described.view.describe_turned()[0])
+    if not level.keys() >= GRAPH_ARRAYS:
+        return {"objects": [], "edges": []}
+    graph = graph_from_arrays(level)
+    detections = _in_panorama(graph, np.eye(3) if rotation is None else rotation.T)
+    lines: list[list[np.ndarray]] = [[] for _ in graph.labels]
+    size = np.ones(2)
+    if query.rgb is not None:
+        height, width = query.rgb.shape[:2]
+        lines, size = find_lines(height, detections, query.camera), np.array([width, height])
+    matched = _matched_objects(localization, level, answer)
+    objects = []
+    for i, label in enumerate(graph.labels):
+        x, y, z = detections.bearing[i]
+        has_range = bool(np.isfinite(graph.centroid_m[i]).all())
+        objects.append(
+            {
+                "label": label,
+                "score": float(graph.scores[i]),
+                "saliency": float(graph.saliency[i]),
+                "azimuth_deg": float(np.degrees(np.arctan2(y, x))),
+                "elevation_deg": float(np.degrees(np.arctan2(z, np.hypot(x, y)))),
+                "centroid_m": detections.centroid_m[i].tolist() if has_range else None,
+                "size_m": graph.size_m[i].tolist() if has_range else None,
+                "yaw_deg": float(np.degrees(graph.yaw_rad[i])) if has_range else None,
+                "outline": [(line / size).round(5).tolist() for line in lines[i]],
+                "matched": matched.get(i),
+            }
+        )
+    return {"objects": objects, "edges": graph.edges.tolist()}
+
+
+def _in_panorama(graph: SaliencyGraph, R_pano_level: np.ndarray) -> Detections:
+    """Return the objects of a graph in the frame of a panorama that was levelled, their boxes as corners."""
+    corners_m = []
+    for centroid_m, size_m, yaw_rad in zip(graph.centroid_m, graph.size_m, graph.yaw_rad, strict=True):
+        c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+        box = centroid_m + (_CORNERS * size_m) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+        corners_m.append((box @ R_pano_level.T).astype(np.float32))
+    return Detections(
+        graph.labels,
+        graph.scores,
+        graph.centroid_m @ R_pano_level.T,
+        graph.size_m,
+        graph.yaw_rad,
+        points_m=tuple(corners_m),
+        bearing=graph.bearing @ R_pano_level.T,
+        solid_angle_sr=graph.solid_angle_sr,
+    )
+
+
+def _matched_objects(
+    localization: LocalizationMap, description: Description, answer: Localization
+) -> dict[int, dict[str, Any]]:
+    """Return the matched objects of the best reference frame, by the number of the query's object."""
+    if not answer.places:
+        return {}
+    frame, reference = localization.reference(answer.places[0].frame)
+    matches = localization.localizer.correspond(description, reference)
+    if not isinstance(matches, NodeMatches) or "labels" not in reference:
+        return {}
+    world_m = transform_points(frame.T_world_pano, matches.reference_m)
+    labels = reference["labels"]
+    return {int(q): {"label": str(labels[r]), "xyz_m": world_m[r].tolist()} for q, r in matches.pairs}
+
+
+def _picture(rgb: np.ndarray) -> str:
+    """Return an image (H, W, 3) uint8 as the data URL of a JPEG, reduced to MAX_PICTURE_WIDTH."""
+    import cv2
+
+    height, width = rgb.shape[:2]
+    if width > MAX_PICTURE_WIDTH:
+        size = MAX_PICTURE_WIDTH, max(1, round(height * MAX_PICTURE_WIDTH / width))
+        rgb = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
+    _, content = cv2.imencode(".jpg", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+    return "data:image/jpeg;base64," + base64.b64encode(content.tobytes()).decode()

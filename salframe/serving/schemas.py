@@ -1,0 +1,250 @@
+"""Bodies of requests and answers, as in the OpenAPI description."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+MAX_NAME = 200
+"""Maximum length of a name or label."""
+MAX_COORDINATE_M = 1e6
+"""Maximum magnitude of a coordinate in a request."""
+_Metres = Annotated[float, Field(ge=-MAX_COORDINATE_M, le=MAX_COORDINATE_M)]
+_Size = Annotated[float, Field(ge=0, le=MAX_COORDINATE_M)]
+_Vector = Annotated[list[_Metres], Field(min_length=3, max_length=3)]
+_Seconds = Annotated[float, Field(ge=-1e12, le=1e12)]
+_Angle = Annotated[float, Field(ge=-360, le=360)]
+
+
+class RequestBody(BaseModel):
+    """Base of the bodies of requests, which have no unknown keys and finite numbers of limited size.
+
+    Unlike those of `Settings`, all limits are fields of pydantic, which checks them in compiled code.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class DetectedObject(RequestBody):
+    """An object in the frame of the panorama: x ahead, y left, z up. It has a position, or a direction only."""
+
+    label: str = Field(min_length=1, max_length=MAX_NAME)
+    score: float = Field(1.0, ge=0, le=1)
+    centroid_m: _Vector | None = Field(None, description="centre of the box in metres")
+    size_m: Annotated[list[_Size], Field(min_length=3, max_length=3)] | None = Field(
+        None, description="length, width and height of the upright box in metres"
+    )
+    yaw_deg: _Angle = Field(0.0, description="azimuth of the length of the box")
+    azimuth_deg: _Angle | None = Field(None, description="azimuth of an object without position")
+    elevation_deg: float | None = Field(None, ge=-90, le=90, description="elevation of an object without position")
+    solid_angle_sr: float | None = Field(None, ge=0, le=12.6, description="solid angle that the object covers")
+
+    @model_validator(mode="after")
+    def _check_position(self) -> Self:
+        has_position = self.centroid_m is not None and self.size_m is not None
+        has_direction = self.azimuth_deg is not None and self.elevation_deg is not None
+        if has_position == has_direction:
+            received = "both" if has_position else "neither"
+            raise ValueError(
+                f"received {received} position and direction, expected either centroid_m and size_m, or azimuth_deg "
+                "and elevation_deg"
+            )
+        return self
+
+
+class Motion(RequestBody):
+    """The motion of the robot since the previous observation, in the frame of its base before the motion."""
+
+    x_m: float = Field(ge=-1000, le=1000, description="forward")
+    y_m: float = Field(0.0, ge=-1000, le=1000, description="to the left")
+    z_m: float = Field(0.0, ge=-1000, le=1000, description="upward")
+    yaw_deg: float = Field(0.0, ge=-3600, le=3600, description="counter-clockwise")
+
+
+class DetectionsQuery(RequestBody):
+    """The JSON body of a query: detections of one panorama."""
+
+    detections: list[DetectedObject]
+
+
+class DetectionsObservation(DetectionsQuery):
+    """The JSON body of an observation: detections of one panorama, with time and odometry."""
+
+    t_s: _Seconds = Field(description="time of the view in seconds, later than that of the previous observation")
+    odometry: Motion | None = Field(None, description="motion since the previous observation; null: unknown")
+
+
+class PoseBody(BaseModel):
+    """A pose in the world frame of the map: metres and degrees."""
+
+    x_m: float
+    y_m: float
+    z_m: float
+    yaw_deg: float
+
+
+class CovarianceBody(BaseModel):
+    """The covariance of a pose. Rows and columns of axes that are not in `estimated` are 0."""
+
+    frame: Literal["world"]
+    axes: list[str] = Field(description="axes of rows and columns: metres, and radians about the axes of the world")
+    estimated: list[str]
+    matrix: list[list[float]] = Field(description="6 x 6")
+
+
+class RankedPlaceBody(BaseModel):
+    """A candidate place."""
+
+    place: str
+    frame: str = Field(description="best reference frame of the place")
+    score: float
+    probability: float | None
+
+
+class MatchedObject(BaseModel):
+    """An object of the best reference frame that was matched with an object of the query."""
+
+    label: str
+    xyz_m: list[float] = Field(description="centre in the world frame")
+
+
+class QueryObject(BaseModel):
+    """An object of the query."""
+
+    label: str
+    score: float
+    saliency: float
+    azimuth_deg: float
+    elevation_deg: float
+    centroid_m: list[float] | None = Field(description="centre in the frame of the panorama; null: unknown")
+    size_m: list[float] | None
+    yaw_deg: float | None
+    outline: list[list[list[float]]] = Field(
+        description="closed lines around the object in the picture, x and y from 0 to 1; empty for JSON queries"
+    )
+    matched: MatchedObject | None
+
+
+class AnswerBody(BaseModel):
+    """The answer to a query."""
+
+    status: str = Field(description="ok, no-pose, or why the query was not localized")
+    accepted: bool | None = Field(description="whether a program should use the answer; null: no probabilities")
+    places: list[RankedPlaceBody] = Field(description="best first")
+    out_of_map_probability: float | None
+    pose: PoseBody | None
+    T_world_query: list[list[float]] | None = Field(description="4 x 4")
+    covariance: CovarianceBody | None
+    heading_deg: float | None
+    notes: list[str]
+    map_version: str
+    seconds: float = Field(description="time of the computation")
+    objects: list[QueryObject] | None = Field(None, description="with ?objects=true")
+    edges: list[list[int]] | None = Field(None, description="pairs of objects in context, with ?objects=true")
+    picture: str | None = Field(None, description="the image as the server placed it, a data URL; with ?picture=true")
+
+
+class StartPose(RequestBody):
+    """A pose on a floor of the map."""
+
+    x_m: _Metres
+    y_m: _Metres
+    z_m: _Metres = Field(0.0, description="height of the camera or of the floor")
+    yaw_deg: _Angle | None = Field(None, description="heading; null: unknown")
+
+
+class RouteStart(RequestBody):
+    """Where a route starts: exactly one of these. Without a pose, an answer starts at its best reference frame."""
+
+    pose: StartPose | None = None
+    place: str | None = Field(None, max_length=MAX_NAME, description="name of a place or node")
+    frame: str | None = Field(None, max_length=MAX_NAME, description="reference frame of an answer without pose")
+
+    @model_validator(mode="after")
+    def _check_one(self) -> Self:
+        if sum(value is not None for value in (self.pose, self.place, self.frame)) != 1:
+            raise ValueError("expected exactly one of pose, place and frame")
+        return self
+
+
+class RouteGoal(RequestBody):
+    """Where a route ends: exactly one of these."""
+
+    place: str | None = Field(None, max_length=MAX_NAME, description="name of a place or node")
+    point: StartPose | None = None
+
+    @model_validator(mode="after")
+    def _check_one(self) -> Self:
+        if (self.place is None) == (self.point is None):
+            raise ValueError("expected exactly one of place and point")
+        return self
+
+
+class RouteQuery(RequestBody):
+    """The JSON body of a route query."""
+
+    start: RouteStart
+    goal: RouteGoal
+
+
+class RouteStepBody(BaseModel):
+    """A step of a route: turn, then walk straight ahead."""
+
+    to: str | None
+    length_m: float
+    azimuth_deg: float
+    turn_deg: float | None = Field(description="positive to the left; null: unknown heading")
+    say: str = Field(description="the step in words")
+
+
+class RouteBody(BaseModel):
+    """A route."""
+
+    nodes: list[str]
+    length_m: float
+    steps: list[RouteStepBody]
+    line: list[list[float]] = Field(description="corners (x, y, z) of the route in metres in the world frame")
+
+
+class SessionBody(BaseModel):
+    """A new session."""
+
+    id: str
+    idle_s: float = Field(description="the session ends after this time without observations")
+
+
+class BeliefBody(BaseModel):
+    """What a session knows of the pose of the robot."""
+
+    status: str = Field(description="tracking, lost, or out-of-map")
+    place: str | None
+    pose: PoseBody | None
+    T_world_base: list[list[float]] | None = Field(description="4 x 4")
+    covariance: CovarianceBody | None
+    t_s: float | None = Field(description="time of the last observation")
+    observations: int
+    places: list[RankedPlaceBody] = Field(description="candidate places of the last answer")
+
+
+class ObservationBody(BaseModel):
+    """The answer to an observation, and the belief of the session after it."""
+
+    answer: AnswerBody
+    belief: BeliefBody
+
+
+class HealthBody(BaseModel):
+    """Whether the service runs."""
+
+    status: Literal["ok", "stale"] = Field(description="stale: the changed map could not be opened")
+    version: str = Field(description="version of salframe")
+
+
+class ProblemBody(BaseModel):
+    """An error as in RFC 9457."""
+
+    type: str
+    title: str
+    status: int
+    detail: str

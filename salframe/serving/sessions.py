@@ -1,0 +1,200 @@
+"""Sessions: what the service knows of the pose of a moving robot, from its views and its odometry."""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+import threading
+import time
+from http import HTTPStatus
+from typing import Any
+
+import numpy as np
+
+from salframe.localization.answer_json import answer_json, covariance_json, pose_json
+from salframe.localization.answers import Localization
+from salframe.localization.tracker import Tracker
+from salframe.localization.tracking import NUM_VIEWS, ViewWindow, open_tracker
+from salframe.panoramas.geometry import translation
+from salframe.serving.limits import ServiceLimits
+from salframe.serving.localizing import ServedView
+from salframe.serving.problems import Problem
+from salframe.serving.served_map import ServedMap
+
+
+class Session:
+    """One robot, whose observations are applied one after the other.
+
+    Attributes:
+        id: Secret that names the session.
+        tracker: The tracker of the robot's base.
+        t_s: Time of the last observation, None before the first.
+        num_observations: Number of observations.
+        belief: The belief after the last observation, as JSON.
+        used_s: Time of the last use by the clock of `time.monotonic`.
+        lock: Held while an observation is applied.
+        listeners: Queues that receive each new belief, and None at the end of the session.
+    """
+
+    def __init__(self, id: str, served: ServedMap) -> None:
+        self.id = id
+        self.t_s: float | None = None
+        self.num_observations = 0
+        self.used_s = time.monotonic()
+        self.lock = asyncio.Lock()
+        self.listeners: set[asyncio.Queue[dict[str, Any] | None]] = set()
+        self._mutex = threading.Lock()
+        self._position_m = np.zeros(3)
+        self._served: ServedMap | None = None
+        self.tracker: Tracker
+        self._window: ViewWindow
+        self._use_map(served)
+        self.belief = self._describe_belief(None)
+
+    def check_time(self, t_s: float) -> None:
+        """Raise Problem 409 unless a time is later than that of the last observation."""
+        if self.t_s is not None and t_s <= self.t_s:
+            raise Problem(
+                HTTPStatus.CONFLICT,
+                f"the observation has t_s {t_s!r}, expected a time after the previous observation, {self.t_s!r}",
+            )
+
+    def observe(
+        self, served: ServedMap, described: ServedView, t_s: float, odometry: np.ndarray | None
+    ) -> Localization:
+        """Update the tracker by a motion and a view.
+
+        The latest views are localized together, as in `salframe track`.
+
+        Args:
+            served: The map. If it has changed, the earlier views are forgotten.
+            described: The view.
+            t_s: Time of the view in seconds.
+            odometry: (4, 4) motion of the base since the last observation; None: unknown.
+
+        Returns:
+            The answer to the latest views. Its pose is that of the base.
+
+        Raises:
+            Problem: The time is not later than that of the last observation.
+            DataError: The map was changed while it was open. The session is as it was.
+        """
+        with self._mutex:  # a request that ran out of time may still be at work
+            self.check_time(t_s)
+            if self._served is not served:
+                self._use_map(served)
+            answer = self._localize(served, described, odometry)
+            self.tracker.move(odometry)
+            self.tracker.observe(answer)
+            self._position_m = described.query.position_m
+            self.t_s, self.num_observations = t_s, self.num_observations + 1
+            self.belief = self._describe_belief(answer)
+        return answer
+
+    def _localize(self, served: ServedMap, described: ServedView, odometry: np.ndarray | None) -> Localization:
+        """Return the answer to the latest views. After an error, the earlier views are forgotten."""
+        position_m, between = described.query.position_m, None
+        if odometry is not None:  # the motion of the camera, whose axes are those of the base
+            between = translation(-self._position_m) @ odometry @ translation(position_m)
+        try:
+            self._window.move(between)
+            return self._window.localize(described.view).moved(position_m)
+        except BaseException:
+            self._window = ViewWindow(served.localization, NUM_VIEWS)
+            raise
+
+    def _use_map(self, served: ServedMap) -> None:
+        fresh = open_tracker(served.localization)
+        if self._served is None:
+            self.tracker = fresh
+        else:
+            self.tracker.find_place = fresh.find_place
+        self._served, self._window = served, ViewWindow(served.localization, NUM_VIEWS)
+
+    def _describe_belief(self, answer: Localization | None) -> dict[str, Any]:
+        """Return the belief after an answer as JSON."""
+        belief = self.tracker.belief()
+        pose = belief.T_world_pano
+        return {
+            "status": belief.status,
+            "place": belief.place,
+            "pose": None if pose is None else pose_json(pose),
+            "T_world_base": None if pose is None else pose.tolist(),
+            "covariance": covariance_json(belief.covariance),
+            "t_s": self.t_s,
+            "observations": self.num_observations,
+            "places": [] if answer is None else answer_json(answer)["places"],
+        }
+
+    def notify(self) -> None:
+        """Send the belief to the listeners."""
+        self._notify(self.belief)
+
+    def close(self) -> None:
+        """End the streams of the session."""
+        self._notify(None)
+
+    def _notify(self, belief: dict[str, Any] | None) -> None:
+        """Put a belief in the queues of the listeners, each of which holds the latest one only."""
+        for listener in self.listeners:
+            if listener.full():
+                listener.get_nowait()
+            listener.put_nowait(belief)
+
+
+class SessionStore:
+    """The sessions of the service, a limited number of them. A session without observations ends after some time."""
+
+    def __init__(self, limits: ServiceLimits) -> None:
+        self._limits = limits
+        self._sessions: dict[str, Session] = {}
+
+    def __len__(self) -> int:
+        return len(self._sessions)
+
+    def create(self, served: ServedMap) -> Session:
+        """Return a new session in a map. Raises Problem 503 where there are too many."""
+        self.expire()
+        if len(self._sessions) >= self._limits.max_sessions:
+            oldest_s = min(session.used_s for session in self._sessions.values())
+            raise Problem(
+                HTTPStatus.SERVICE_UNAVAILABLE,
+                f"the server has {len(self._sessions)} sessions, expected at most {self._limits.max_sessions}: end "
+                "sessions that are not used",
+                retry_after_s=max(1, int(oldest_s + self._limits.idle_s - time.monotonic()) + 1),
+            )
+        session = Session(secrets.token_urlsafe(16), served)
+        self._sessions[session.id] = session
+        return session
+
+    def get(self, id: str) -> Session:
+        """Return a session and note its use. Raises Problem 404 where there is none."""
+        self.expire()
+        session = self._sessions.get(id)
+        if session is None:
+            raise Problem(
+                HTTPStatus.NOT_FOUND,
+                f"there is no such session: it ended, or was not used for {self._limits.idle_s:g} s; create another "
+                "with POST /sessions",
+            )
+        session.used_s = time.monotonic()
+        return session
+
+    def end(self, id: str) -> None:
+        """End a session. Raises Problem 404 where there is none."""
+        self.get(id).close()
+        del self._sessions[id]
+
+    def expire(self) -> None:
+        """End the sessions that were not used for some time."""
+        last_s = time.monotonic() - self._limits.idle_s
+        for id, session in list(self._sessions.items()):
+            if session.used_s < last_s and not session.lock.locked():
+                session.close()
+                del self._sessions[id]
+
+    def close(self) -> None:
+        """End all sessions."""
+        for session in self._sessions.values():
+            session.close()
+        self._sessions.clear()
