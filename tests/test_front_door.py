@@ -36,6 +36,9 @@ DOOR = [
     "read_photograph", "open_topology", "show_objects",
     "Limits", "run_experiment", "slot", "slots", "Variant", "Report", "write_report", "add_to_map", "merge_maps",
     "remove_from_map", "EvidenceColumn", "EvidenceModel", "PlaceFrames", "PlaceHypotheses",
+    "list_labels", "ListedLabel",
+    "ImageFiles", "ImportPreview", "ImportResult", "Importer", "PanoramaRecord", "PlaceSource", "Recording",
+    "import_data", "preview_import",
 ]
 # fmt: on
 """Adding a name is a promise; removing one breaks whoever uses it."""

@@ -21,7 +21,7 @@ class ObjectSetLocalizer(DetectingLocalizer, WeightedLabels):
     """Jaccard index of the label sets of query and map; gives a place and no pose."""
 
     name = "objects"
-    version = "2"
+    version = "3"
 
     class Config(LevelledConfig):
         range: range_slot()  # type: ignore[valid-type]
@@ -63,7 +63,7 @@ class SalientObjectsLocalizer(SalientObjects, WeightedLabels):
     """
 
     name = "salient-objects"
-    version = "2"
+    version = "3"
 
     def describe(self, panorama: Panorama) -> Description:
         detections = self.detect(panorama)

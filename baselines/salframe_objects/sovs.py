@@ -32,7 +32,7 @@ class SalientVolumesLocalizer(SalientObjects):
     """
 
     name = "sovs"
-    version = "2"
+    version = "3"
 
     def describe(self, panorama: Panorama) -> Description:
         detections = self.detect(panorama)

@@ -22,7 +22,7 @@ MAX_DEPTH = 100
 """Maximum number of frames from a frame to the root of the tree; more are a loop."""
 
 
-class PoseRow(NamedTuple):
+class MessagePose(NamedTuple):
     """A pose of a message: its header stamp, the time of its recording, and x, y, z, then the quaternion x, y, z, w."""
 
     stamp_ns: int
@@ -53,7 +53,7 @@ class PoseTrack:
     delay_s: float = 0.0
 
     @classmethod
-    def of_rows(cls, parent: str, child: str, rows: Sequence[PoseRow], *, is_static: bool = False) -> PoseTrack:
+    def of_rows(cls, parent: str, child: str, rows: Sequence[MessagePose], *, is_static: bool = False) -> PoseTrack:
         """Create a track.
 
         Args:
@@ -167,7 +167,7 @@ class TransformTree:
 
 def read_transforms(bag: Bag) -> TransformTree:
     """Read /tf and /tf_static of a bag, of any namespace. Raises DataError where a transform is invalid."""
-    rows: dict[str, list[PoseRow]] = {}
+    rows: dict[str, list[MessagePose]] = {}
     parents: dict[str, str] = {}
     static: set[str] = set()
     for topic, message in bag.messages(bag.topics(TF_TYPES)):
@@ -178,7 +178,7 @@ def read_transforms(bag: Bag) -> TransformTree:
                 static.add(child)
             stamp = transform.header.stamp
             numbers = _numbers(transform.transform.translation, transform.transform.rotation)
-            row = PoseRow(stamp.sec * 10**9 + stamp.nanosec, message.log_ns, numbers)
+            row = MessagePose(stamp.sec * 10**9 + stamp.nanosec, message.log_ns, numbers)
             rows.setdefault(child, []).append(row)
     return TransformTree(
         {child: PoseTrack.of_rows(parents[child], child, rows[child], is_static=child in static) for child in rows}
@@ -192,7 +192,7 @@ def read_odometry(bag: Bag, topic: str) -> PoseTrack:
         odometry = message.content
         names.add((frame_name(odometry.header.frame_id), frame_name(odometry.child_frame_id)))
         numbers = _numbers(odometry.pose.pose.position, odometry.pose.pose.orientation)
-        rows.append(PoseRow(message.stamp_ns, message.log_ns, numbers))
+        rows.append(MessagePose(message.stamp_ns, message.log_ns, numbers))
     if len(names) != 1:
         received = f"{len(names)} pairs of frames" if names else "no message"
         raise DataError(f"the topic {topic} of {bag.path} has {received}, expected poses of one frame in one frame")

@@ -63,7 +63,7 @@ class ColmapImporter(Importer):
             "of COLMAP; null: import no depth",
         )
         depth_unit_m: float = Field(MILLIMETRE, gt=0, description="metres per step of a PNG depth image")
-        depth_kind: Literal["z", "ray", "cube"] | None = Field(
+        depth_kind: Literal["ray", "z", "cube"] | None = Field(
             None,
             description="what a PNG depth image stores. z: depth along the optical axis; ray: along the ray; cube: "
             "along the axis of the cube face that shows a pixel; null: ray for equirectangular pictures, else z",

@@ -76,7 +76,7 @@ class RosBagImporter(Importer):
             0.02, gt=0, le=1, description="maximum difference of the stamps of messages that belong together (s)"
         )
         depth_unit_m: float = Field(MILLIMETRE, gt=0, description="metres per step of depth of 16 bits")
-        depth_kind: Literal["z", "ray", "cube"] | None = Field(
+        depth_kind: Literal["ray", "z", "cube"] | None = Field(
             None,
             description="what depth measures. z: along the optical axis; ray: along the ray; cube: along the axis of "
             "the cube face that shows a pixel; null: z for pinhole images, ray for equirectangular ones",

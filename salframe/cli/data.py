@@ -1,4 +1,4 @@
-"""The commands `data list`, `data info`, `data render` and `data import`."""
+"""The commands `data list`, `data info`, `data labels`, `data render` and `data import`."""
 
 from __future__ import annotations
 
@@ -82,6 +82,47 @@ def info(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, as
     else:
         for key, value in facts.items():
             print(f"{key.replace('_', ' ')}: {', '.join(value) if isinstance(value, list) else value}")
+
+
+@app.command()
+def labels(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, as_json: Json = False) -> None:
+    """List the labels of the annotated objects of a dataset, their names and their numbers.
+
+    The names are those that maps and queries compare. A label that the vocabulary does not have is listed with the
+    names that resemble it.
+    """
+    from dataclasses import asdict
+
+    from salframe.cli.output import Bars
+    from salframe.cli.tables import print_table
+    from salframe.graphs.label_list import LabelStatus, list_labels
+    from salframe.panoramas.opening import find_dataset
+
+    with Bars() as bars:
+        rows = list_labels(find_dataset(data, data_dir, overrides or (), bars.update), bars.update)
+    if as_json:
+        print_json([asdict(row) for row in rows])
+        return
+    notes = {
+        LabelStatus.KNOWN: "",
+        LabelStatus.UNKNOWN: "not in the vocabulary",
+        LabelStatus.NOT_OBJECT: "no class of objects",
+    }
+    print_table(
+        ("label", "name", "kind of", "objects", ""),
+        [
+            [
+                row.label,
+                row.name,
+                row.common if row.common != row.name else "",
+                str(row.objects),
+                notes[row.status] + (f"; similar: {', '.join(row.near)}" if row.near else ""),
+            ]
+            for row in rows
+        ],
+    )
+    counts = [f"{sum(row.status is status for row in rows)} {note}" for status, note in notes.items() if note]
+    print(f"{len(rows)} labels: {', '.join(counts)}")
 
 
 @app.command()

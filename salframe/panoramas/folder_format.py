@@ -125,6 +125,7 @@ class Manifest(RangeKeys):
     frames: tuple[FrameEntry, ...]
     truth: str | None = None
     objects: str | None = None
+    labels: str | None = None
     floors: tuple[FloorEntry, ...] = ()
     rendered: bool = False
     odometry: str | None = None
@@ -150,6 +151,8 @@ class Manifest(RangeKeys):
             raise ValueError(
                 "frames have instance images, expected also `objects`: the table with the labels of their objects"
             )
+        if self.labels is not None and self.objects is None:
+            raise ValueError("labels names a table that translates the labels of `objects`, expected also `objects`")
         return self
 
 

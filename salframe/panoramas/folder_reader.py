@@ -29,6 +29,7 @@ from salframe.panoramas.folder_format import (
     pose_matrix,
 )
 from salframe.panoramas.frames import FrameKind, QueryFrame, ReferenceFrame, Truth
+from salframe.panoramas.label_table import LabelTable
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.panorama_files import load_panorama
 from salframe.panoramas.pose_conventions import convert_pose
@@ -59,8 +60,14 @@ class Folder:
 
     @cached_property
     def labels(self) -> dict[int, str]:
-        """Label of each instance id, from the table of objects."""
-        return {} if self.manifest.objects is None else read_labels(self.root / self.manifest.objects)
+        """Label of each instance id, from the table of objects, translated by the table of labels."""
+        if self.manifest.objects is None:
+            return {}
+        labels = read_labels(self.root / self.manifest.objects)
+        if self.manifest.labels is None:
+            return labels
+        table = LabelTable.read(self.root / self.manifest.labels)
+        return {id: table.name(label) for id, label in labels.items()}
 
     @cached_property
     def _truth(self) -> dict[str, TruthEntry]:
@@ -191,7 +198,7 @@ class Folder:
         """SHA-256 of the manifest and of every file that it names."""
         names = [
             MANIFEST,
-            *(name for name in (self.manifest.truth, self.manifest.objects, self.manifest.odometry) if name),
+            *filter(None, (self.manifest.truth, self.manifest.objects, self.manifest.labels, self.manifest.odometry)),
         ]
         names += [name for floor in self.manifest.floors for name in (floor.free, floor.region, floor.obstacle)]
         names += [name for frame in self.manifest.frames for key in IMAGE_KEYS if (name := getattr(frame, key))]

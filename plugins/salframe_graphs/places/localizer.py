@@ -88,7 +88,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
     """
 
     name = "saliency-places"
-    version = "8"
+    version = "9"
     uses_floors = True
 
     class Config(PlacesConfig):
