@@ -162,6 +162,9 @@ def import_(
     every: Annotated[
         str | None, typer.Option(metavar="Nm|Ns", help="Minimum distance or time between panoramas, as 0.5m or 2s")
     ] = None,
+    floors: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="YAML file with floor masks, for places and routes")
+    ] = None,
     overrides: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a setting of the importer")
     ] = None,
@@ -189,6 +192,7 @@ def import_(
             place_from=place_from,
             queries=queries,
             every=every,
+            floors=floors,
             progress=bars.update,
         )
     if as_json:

@@ -202,6 +202,16 @@ def write_floor(root: Path, name: str, masks: FloorMasks) -> FloorEntry:
     return entry
 
 
+def read_floor(root: Path, entry: FloorEntry, z_m: float) -> FloorMasks:
+    """Read the masks of a floor at a height in metres. Raises DataError where they cannot be read or differ in size."""
+    free, obstacle = (images.read_mask(root / name) for name in (entry.free, entry.obstacle))
+    region = images.read_ids(root / entry.region)
+    if not free.shape == obstacle.shape == region.shape:
+        shapes = ", ".join(f"{image.shape[1]} x {image.shape[0]}" for image in (free, region, obstacle))
+        raise DataError(f"{root}: the masks free, region and obstacle of a floor are {shapes}, expected equal sizes")
+    return FloorMasks(free, region, obstacle, entry.resolution_m, entry.origin_m, entry.regions, z_m)
+
+
 def image_names(stem: str, parts: Iterable[str]) -> dict[str, Any]:
     """Return the file names of a panorama by key of the manifest: STEM.jpg, STEM.range.png and so on.
 
