@@ -140,6 +140,25 @@ def test_the_tutorial_on_your_own_panoramas_works(tmp_path, monkeypatch, capsys)
 
 
 @pytest.mark.slow
+def test_the_tutorial_on_a_phone_works(tmp_path, monkeypatch, capsys):
+    """Its commands on the pictures of the sample without range, against the pose of the renderer."""
+    monkeypatch.chdir(tmp_path)
+    page = "tutorials/phone.md"
+    copy, script = blocks(page, "python")
+    exec(copy, {})
+    _, imported, build, localize = commands(page)
+    assert run(*imported).code == run(*build).code == 0
+    place, *_, yaw_deg = QUERY_POSES["query-0014"]
+    answer = run(*localize, "--json").json
+    assert answer["places"][0]["place"] == place
+    assert answer["pose"]["yaw_deg"] == pytest.approx(yaw_deg, abs=3)
+    assert [line.split()[1] for line in run(*localize).out.splitlines()[1:3]] == [place, "kitchen-01"]
+    capsys.readouterr()
+    exec(script.replace('"home"', '"second"').replace("home.map", "second.map"), {})
+    assert capsys.readouterr().out.startswith(place)
+
+
+@pytest.mark.slow
 def test_the_sample_recording_can_be_made_again(cache, tmp_path, monkeypatch):
     """The script renders the files of the sample, and the queries have the poses of the tutorial."""
     monkeypatch.setenv("SALFRAME_CACHE", str(cache))
