@@ -99,7 +99,7 @@ def find_cameras(
 def _images(bag: Bag, topic: str, info_topic: str | None, projection: Projection) -> BagImages:
     """Return a topic of images with its camera."""
     message = bag.first(topic).content
-    width, height = image_size(message)
+    width, height = image_size(message, topic)
     frame = frame_name(message.header.frame_id)
     if not frame:
         raise DataError(f"the topic {topic} of {bag.path} has no frame_id, expected the name of the camera's frame")

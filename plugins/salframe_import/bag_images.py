@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from salframe.framework.errors import DataError
+from salframe.framework.files.image_files import decode_image
 
 _CHANNELS = {
     "mono8": (np.uint8, 1, "COLOR_GRAY2RGB"),
@@ -38,11 +39,11 @@ def is_depth(message: Any) -> bool:
     return _encoding(message) in _DEPTH
 
 
-def image_size(message: Any) -> tuple[int, int]:
-    """Return width and height of an image message. Raises DataError."""
+def image_size(message: Any, topic: str) -> tuple[int, int]:
+    """Return width and height of an image message of a topic. Raises DataError."""
     if not _is_compressed(message):
         return message.width, message.height
-    image = _decompress(message)
+    image = _decompress(message, topic)
     return image.shape[1], image.shape[0]
 
 
@@ -123,19 +124,15 @@ def _pixels(message: Any, dtype: Any, channels: int, topic: str) -> np.ndarray:
     return values.reshape(shape)
 
 
-def _decompress(message: Any, topic: str = "") -> np.ndarray:
+def _decompress(message: Any, topic: str) -> np.ndarray:
     """Return the pixels of a CompressedImage message as OpenCV decodes them."""
     import cv2
 
     data = np.asarray(message.data, np.uint8)
     if "compressedDepth" in message.format:
         data = data[_COMPRESSED_DEPTH_HEADER:]
-    image = cv2.imdecode(data, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR) if len(data) else None
-    if image is None:
-        raise DataError(
-            f"the topic {topic} has an image of format {message.format!r} that cannot be decoded, expected JPEG or PNG"
-        )
-    return image
+    mode = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR
+    return decode_image(data.tobytes(), mode, f"an image of the topic {topic}, format {message.format!r},").pixels
 
 
 def _unquantized(message: Any, steps: np.ndarray) -> np.ndarray:

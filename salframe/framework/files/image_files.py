@@ -69,35 +69,41 @@ def read_image(path: Path, mode: int) -> np.ndarray:
 
 
 def read_image_file(path: Path, mode: int) -> ImageFile:
-    """Read the pixels, the size and the XMP of a JPEG or PNG.
+    """Read the pixels, the size and the XMP of a JPEG or PNG, as `decode_image` does."""
+    with reading(path, "a readable image"):
+        content = read_bytes(path)
+    return decode_image(content, mode, str(path))
+
+
+def decode_image(content: bytes, mode: int, name: str) -> ImageFile:
+    """Decode the content of a JPEG or PNG.
 
     An image with more than MAX_DECODED_PIXELS pixels is reduced to half its width and height: colour and grey values
     are averaged; with the mode cv2.IMREAD_UNCHANGED, which is for ranges and ids, every second pixel is taken.
 
     Args:
-        path: The file.
+        content: The bytes of the file.
         mode: Reading mode of OpenCV. cv2.IMREAD_COLOR gives BGR.
+        name: Name of the image in errors.
 
     Raises:
-        DataError: The file is missing, damaged, truncated or too large.
+        DataError: The image is damaged, truncated or too large.
     """
     import cv2
 
-    with reading(path, "a readable image"):
-        content = read_bytes(path)
     try:
         width, height, xmp = _check_complete(content)
     except Exception:  # Pillow raises many types of exceptions
-        raise _unreadable(path, content) from None
+        raise _unreadable(name, content) from None
     if width * height > MAX_PIXELS:
         raise DataError(
-            f"{path} is {width} x {height}, expected at most {MAX_PIXELS} pixels: reduce the size of the image"
+            f"{name} is {width} x {height}, expected at most {MAX_PIXELS} pixels: reduce the size of the image"
         )
     is_large = width * height > MAX_DECODED_PIXELS
     halved = {cv2.IMREAD_COLOR: cv2.IMREAD_REDUCED_COLOR_2, cv2.IMREAD_GRAYSCALE: cv2.IMREAD_REDUCED_GRAYSCALE_2}
     pixels = cv2.imdecode(np.frombuffer(content, np.uint8), halved.get(mode, mode) if is_large else mode)
     if pixels is None:
-        raise _unreadable(path, content)
+        raise _unreadable(name, content)
     if (pixels.shape[0] > pixels.shape[1]) != (height > width):  # the EXIF orientation swaps width and height
         width, height = height, width
     if is_large:  # decoders round up, which would change the aspect ratio
@@ -106,8 +112,8 @@ def read_image_file(path: Path, mode: int) -> ImageFile:
     return ImageFile(pixels, width, height, xmp)
 
 
-def _unreadable(path: Path, content: bytes) -> DataError:
-    return DataError(f"{path} is not a readable image ({len(content)} bytes), expected a complete JPEG or PNG")
+def _unreadable(name: str, content: bytes) -> DataError:
+    return DataError(f"{name} is not a readable image ({len(content)} bytes), expected a complete JPEG or PNG")
 
 
 def _check_complete(content: bytes) -> tuple[int, int, tuple[bytes, ...]]:

@@ -85,7 +85,7 @@ class Nameless(SaliencyModel):
             declared(Config=config(tool=(object, object()))),
             "Changed.Config has a default that cannot be written as JSON",
         ),
-        (Path, "is not a component: it must subclass one of Dataset, RangeModel, Detector, SaliencyModel"),
+        (Path, "is not a component: it must subclass one of Dataset, Importer, RangeModel, Detector, SaliencyModel"),
         (Declared(), "is not a component"),
         (SaliencyModel.score, "is not a component"),
     ],

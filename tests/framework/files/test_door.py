@@ -45,6 +45,7 @@ ELSEWHERE = {
     "plugins/salframe_graphs/retrieval/compiled_lists.py": {"open"},  # a method of that name
     "plugins/salframe_graphs/retrieval/postings.py": {"open", "fromfile", "open_memmap"},  # what it has just written
     "plugins/salframe_house/assets.py": {"ZipFile", "load_scene"},  # furniture, which trimesh reads
+    "plugins/salframe_import/bag.py": {"open"},  # rosbags takes paths alone
     "plugins/salframe_mesh/dataset.py": {"DictReader"},  # of text that came through the door
     "plugins/salframe_mesh/mesh_file.py": {"read_triangle_mesh", "read_triangle_model"},  # Open3D takes a path alone
     "baselines/salframe_image/efficientnet.py": {"load"},  # held to a sha256; torch runs no code from it
