@@ -36,7 +36,7 @@ DOOR = [
     "read_photograph", "open_topology", "show_objects",
     "Limits", "run_experiment", "slot", "slots", "Variant", "Report", "write_report", "add_to_map", "merge_maps",
     "remove_from_map", "EvidenceColumn", "EvidenceModel", "PlaceFrames", "PlaceHypotheses",
-    "list_labels", "ListedLabel",
+    "list_labels", "LabelList", "ListedLabel",
     "ImageFiles", "ImportPreview", "ImportResult", "Importer", "PanoramaRecord", "PlaceSource", "Recording",
     "import_data", "preview_import",
 ]

@@ -141,7 +141,7 @@ def read_class_names(path: Path) -> tuple[str, ...]:
         ConfigError: The file cannot be read, or has no such list.
     """
     names = read_yaml(path).get("names")
-    if isinstance(names, dict) and sorted(names, key=str) == sorted(range(len(names)), key=str):
+    if isinstance(names, dict) and set(names) == set(range(len(names))):
         names = [names[number] for number in range(len(names))]
     if not (isinstance(names, list) and names and all(isinstance(name, str) for name in names)):
         raise ConfigError(

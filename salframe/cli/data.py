@@ -89,28 +89,26 @@ def labels(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, 
     """List the labels of the annotated objects of a dataset, their names and their numbers.
 
     The names are those that maps and queries compare. A label that the vocabulary does not have is listed with the
-    names that resemble it.
+    names that resemble it. The exit status is 1 if a panorama cannot be read.
     """
     from dataclasses import asdict
 
-    from salframe.cli.output import Bars
+    from salframe.cli.output import Bars, tell
     from salframe.cli.tables import print_table
     from salframe.graphs.label_list import LabelStatus, list_labels
     from salframe.panoramas.opening import find_dataset
 
     with Bars() as bars:
-        rows = list_labels(find_dataset(data, data_dir, overrides or (), bars.update), bars.update)
-    if as_json:
-        print_json([asdict(row) for row in rows])
-        return
+        result = list_labels(find_dataset(data, data_dir, overrides or (), bars.update), bars.update)
     notes = {
         LabelStatus.KNOWN: "",
         LabelStatus.UNKNOWN: "not in the vocabulary",
         LabelStatus.NOT_OBJECT: "no class of objects",
     }
-    print_table(
-        ("label", "name", "kind of", "objects", ""),
-        [
+    if as_json:
+        print_json(asdict(result))
+    else:
+        rows = [
             [
                 row.label,
                 row.name,
@@ -118,11 +116,17 @@ def labels(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, 
                 str(row.objects),
                 notes[row.status] + (f"; similar: {', '.join(row.near)}" if row.near else ""),
             ]
-            for row in rows
-        ],
-    )
-    counts = [f"{sum(row.status is status for row in rows)} {note}" for status, note in notes.items() if note]
-    print(f"{len(rows)} labels: {', '.join(counts)}")
+            for row in result.labels
+        ]
+        print_table(("label", "name", "kind of", "objects", ""), rows)
+        counts = [
+            f"{sum(row.status is status for row in result.labels)} {note}" for status, note in notes.items() if note
+        ]
+        print(f"{len(rows)} labels: {', '.join(counts)}")
+    for id, error in result.failures.items():
+        tell(f"error: {id}: {error}")
+    if result.failures:
+        raise typer.Exit(1)
 
 
 @app.command()

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Hashable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
-from salframe.framework.errors import DataError
+from salframe.framework.errors import DataError, describe_error
 from salframe.graphs.vocabulary import common_label, is_object, near_names, object_label
 from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 from salframe.panoramas.opening import Progress
 from salframe.panoramas.panorama import Panorama, visible_instances
 
@@ -51,42 +52,56 @@ class ListedLabel:
         return cls(label, name, common_label(label), objects, status, near_names(label) if known is None else ())
 
 
-def list_labels(dataset: Dataset, progress: Progress | None = None) -> list[ListedLabel]:
-    """Return the labels of the annotated objects in all panoramas of a dataset, the most frequent first.
+@dataclass(frozen=True)
+class LabelList:
+    """The labels of the annotated objects of a dataset.
+
+    Attributes:
+        labels: The labels, the most frequent first.
+        failures: A one-line error for each panorama that could not be read, by id.
+    """
+
+    labels: tuple[ListedLabel, ...]
+    failures: Mapping[str, str]
+
+
+def list_labels(dataset: Dataset, progress: Progress | None = None) -> LabelList:
+    """Return the labels of the annotated objects in all panoramas of a dataset. Panoramas that cannot be read are left
+    out.
 
     Args:
         dataset: A prepared dataset.
         progress: Called with the number of panoramas that were read.
 
     Raises:
-        DataError: No panorama has annotations, or a panorama cannot be read.
+        DataError: No panorama has annotations.
     """
-    frames = {}
+    frames: dict[str, ReferenceFrame | QueryFrame] = {}
     for fold in dataset.folds():
-        for query in fold.queries:
-            frames.update((frame.id, frame.load) for frame in (*query.earlier, query))
-        frames.update((frame.id, frame.load) for frame in fold.references)
+        frames.update((view.id, view) for query in fold.queries for view in (*query.earlier, query))
+        frames.update((frame.id, frame) for frame in fold.references)
     keys: dict[str, set[Hashable]] = defaultdict(set)
-    annotated = 0
-    for done, load in enumerate(frames.values(), 1):
-        annotated += _collect(load, keys)
+    failures: dict[str, str] = {}
+    num_annotated = 0
+    for done, (id, frame) in enumerate(frames.items(), 1):
+        try:
+            panorama = frame.load()
+        except DataError as error:
+            failures[id] = describe_error(error)
+        else:
+            num_annotated += panorama.annotations is not None
+            for label, key in _objects(panorama):
+                keys[label].add(key)
         if progress is not None:
             progress(dataset.name, done, len(frames))
-    if not annotated:
+    if not num_annotated:
+        first = f" (first error: {next(iter(failures.values()))})" if failures else ""
         raise DataError(
             f"the {len(frames)} panoramas of {dataset.name} have no annotations, expected instance images or lists of "
-            "objects; without them, objects have the labels of a detector"
+            f"objects; without them, objects have the labels of a detector{first}"
         )
     listed = [ListedLabel.of(label, len(objects)) for label, objects in keys.items()]
-    return sorted(listed, key=lambda row: (-row.objects, row.label))
-
-
-def _collect(load: Callable[[], Panorama], keys: dict[str, set[Hashable]]) -> bool:
-    """Add the keys of the visible objects of a panorama to those of their labels. Return whether it has annotations."""
-    panorama = load()
-    for label, key in _objects(panorama):
-        keys[label].add(key)
-    return panorama.annotations is not None
+    return LabelList(tuple(sorted(listed, key=lambda row: (-row.objects, row.label))), failures)
 
 
 def _objects(panorama: Panorama) -> Iterator[tuple[str, Hashable]]:

@@ -40,17 +40,17 @@ def test_objects_are_counted_by_their_ids(folder):
         ids, counts = np.unique(np.array(Image.open(path)), return_counts=True)
         for id in ids[(counts >= 50) & (ids > 0)].tolist():
             expected[label[id]].add(id)
-    listed = salframe.list_labels(salframe.find_dataset(str(folder)))
+    listed = salframe.list_labels(salframe.find_dataset(str(folder))).labels
     assert {row.label: row.objects for row in listed} == {name: len(ids) for name, ids in expected.items()}
     assert {row.label for row in listed} <= {box.label for room in ROOMS for box in room.boxes}
     assert [row.objects for row in listed] == sorted((row.objects for row in listed), reverse=True)
 
 
 def test_the_command_names_what_is_unknown(folder):
-    before = {row.label for row in salframe.list_labels(salframe.find_dataset(str(folder)))}
+    before = {row.label for row in salframe.list_labels(salframe.find_dataset(str(folder))).labels}
     first, second, third = sorted(before)[:3]
     rename(folder, {first: "refrigirator", second: "Wall", third: "dining_tables"})
-    rows = {row["label"]: row for row in run("data", "labels", folder, "--json").json}
+    rows = {row["label"]: row for row in run("data", "labels", folder, "--json").json["labels"]}
     assert rows["refrigirator"]["status"] == "unknown"
     assert rows["refrigirator"]["near"][0] == "refrigerator"
     assert rows["Wall"]["status"] == "not an object"
@@ -61,6 +61,15 @@ def test_the_command_names_what_is_unknown(folder):
     printed = run("data", "labels", folder).out
     assert "not in the vocabulary; similar: refrigerator" in printed
     assert f"{len(before)} labels: 1 not in the vocabulary, 1 no class of objects" in printed
+
+
+def test_a_damaged_panorama_is_left_out(folder):
+    path = next((folder / "frames").glob("*.instances.png"))
+    path.write_bytes(b"no image")
+    result = run("data", "labels", folder, "--json")
+    assert result.code == 1
+    assert list(result.json["failures"]) == [path.name.removesuffix(".instances.png")]
+    assert result.json["labels"]
 
 
 def test_a_dataset_without_annotations_is_refused(folder):
