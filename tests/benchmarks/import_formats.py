@@ -7,8 +7,8 @@ tests/importers, without salframe. About a third of them are queries in rooms of
 floor masks of the home, `data info`, `build` (with the detector `panoseg`), `localize` (one query) and `map route` are
 called. Printed are what they print and, in a row of JSON and a table of Markdown, the time of the import for 100
 panoramas, the errors of poses and ranges of the imported folder, the share of queries with the correct place, the
-position and heading errors of the queries in the map of the imported folder, and the length of the route. Positions and
-ranges are compared with the renderer.
+position and heading errors of the accepted answers in the map of the imported folder, and the length of the route.
+Positions and ranges are compared with the renderer.
 """
 
 from __future__ import annotations
@@ -195,8 +195,8 @@ def compare(folder: Path, map_folder: Path, by_id: dict[str, Stand]) -> dict:
     right, errors_m, errors_deg = [], [], []
     for query in fold.queries:
         answer, stand = localizer.localize(query.load()), by_id[query.id]
-        right.append(bool(answer.places) and answer.places[0].place == stand.place)
-        if answer.T_world_query is not None:
+        right.append(answer.accepted and answer.places[0].place == stand.place)
+        if answer.accepted and answer.T_world_query is not None:
             error_m, error_rad = pose_errors(answer.T_world_query, stand.T_world_pano)
             errors_m.append(error_m)
             errors_deg.append(np.degrees(error_rad))
