@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args, get_origin
 
 import typer
 from salframe_panoseg.detector import PANOSEG
@@ -83,9 +83,17 @@ def _option(parameter: Any) -> tuple[str, str, str]:
     default = "" if parameter.default is None or parameter.default is False else f"`{parameter.default}`"
     return (
         ", ".join(f"`{name}`" for name in _spelling(parameter)),
-        _plain(parameter.help),
+        _plain(parameter.help) + _values(parameter),
         "required" if parameter.required else default,
     )
+
+
+def _values(parameter: Any) -> str:
+    """The values of an option that has a list of them, as a sentence."""
+    annotation = parameter.type_descriptor.annotation
+    parts = [annotation, *get_args(annotation)]
+    values = [f"`{value}`" for part in parts if get_origin(part) is Literal for value in get_args(part)]
+    return f". Values: {', '.join(values)}" if values else ""
 
 
 def _spelling(parameter: Any) -> list[str]:
@@ -101,9 +109,10 @@ def write_components() -> str:
     page = [
         "# Components",
         "Generated from the registry by docs/generate_reference.py. `salframe show NAME` prints the same with the "
-        "values of a preset, and `salframe plugins` says what is missing to run a component here. A setting is changed "
-        "with `--set`: see [Ablate](../how-to/ablate.md). A setting whose type is a role holds another component, "
-        "whose settings follow a dot.",
+        "values of a preset. `salframe plugins` states what is missing to run a component on your machine. Change a "
+        "setting with `--set KEY=VALUE`: see [Ablate](../how-to/ablate.md). If the type of a setting is a role, its "
+        "value is the name of another component. The settings of this component follow after a dot, as in "
+        "`matcher.rarity`.",
     ]
     for role, base in registry().roles.items():
         components = [component for component, package in registry() if component.role == role and package == PACKAGE]

@@ -2,12 +2,15 @@
 
 `salframe experiment NAME --results docs/results` writes the JSON files. Drawn are the blocks between
 `<!-- experiment: NAME -->` and `<!-- drawn -->`, the table of a block `<!-- table: EXPERIMENT TABLE [COLUMNS] -->`, the
-list of `<!-- experiments -->`, and the time of all tables in `<!-- hours -->`. All else is written by hand.
+list of `<!-- experiments -->`, the definitions of terms in `<!-- terms -->`, and the time of all tables in
+`<!-- hours -->`. All else is written by hand. result_terms.yaml defines the terms. The page of an experiment lists the
+terms that its tables use and its text does not define.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import yaml
@@ -23,12 +26,19 @@ from salframe.evaluation.studies.experiment import (
 from salframe.evaluation.studies.stored import StoredTable, read_results, stored_tables
 from salframe.evaluation.tables.formats import to_markdown
 from salframe.evaluation.tables.reported import reported_table
+from salframe.evaluation.tables.table import METHOD, Table
 
 SUMMARY = Path(__file__).with_name("results.md")
 RESULTS = Path(__file__).with_name("results")
+TERMS: dict[str, dict[str, str]] = yaml.safe_load(
+    Path(__file__).with_name("result_terms.yaml").read_text(encoding="utf-8")
+)
+GROUPS = {"columns": "column", "rows": "name of a row", "inputs": "input", "data": "data of a table"}
+"""Heading of the definitions of each group of terms."""
 HOURS = re.compile(r"(<!-- hours -->).*?(<!-- /hours -->)")
 TABLE = re.compile(r"(<!-- table: ([\w-]+) ([\w-]+) (\[.*?\]) -->\n).*?(<!-- /table -->\n)", re.DOTALL)
 LIST = re.compile(r"(<!-- experiments -->\n).*?(<!-- /experiments -->\n)", re.DOTALL)
+DEFINITIONS = re.compile(r"(<!-- terms -->\n).*?(<!-- /terms -->\n)", re.DOTALL)
 BLOCK = re.compile(r"(<!-- experiment: ([\w-]+) -->\n).*?(<!-- drawn -->\n)", re.DOTALL)
 
 
@@ -37,31 +47,106 @@ def pages() -> list[Path]:
     return [SUMMARY, *(RESULTS / f"{name}.md" for name in experiment_names())]
 
 
-def draw(name: str) -> str:
-    """Return the tables of an experiment: command, measured tables, figures reported by papers."""
+def draw(name: str, text: str) -> str:
+    """Return the content of an experiment's page: command, definitions, measured tables, figures reported by papers.
+
+    Args:
+        name: Name of the experiment.
+        text: What is written by hand on its page. Terms that it defines in tables are not defined again.
+    """
     experiment, results = read_experiment(name), read_results(RESULTS / f"{name}.json")
-    parts = [f"```\nsalframe experiment {name}{_options(experiment)}\n```"]
-    for table, study in experiment.tables.items():
-        whole, quick = results.whole.get(table), results.quick.get(table)
-        short = in_quick(study, table) if whole is None else None
+    parts: list[str] = []
+    tables: list[Table] = []
+    for key, study in experiment.tables.items():
+        whole, quick = results.whole.get(key), results.quick.get(key)
+        short = in_quick(study, key) if whole is None else None
         if whole is not None:
-            parts += _table(study, whole, "")
+            parts += _table(study, whole, "", tables)
         elif quick is not None and short is not None:
-            parts += _table(short, quick, ", with `--quick`: fewer seeds, queries and methods")
+            parts += _table(short, quick, ", with `--quick`: fewer seeds, queries and methods", tables)
         else:
             parts.append(f"**{study.title}**: not measured yet.")
     reported = reported_in(experiment)
     if reported:
-        parts.append(f"**Reported by a paper, not measured here** ({reported[0][0]}). {experiment.differs}")
+        named = any("proposed" in row for _, part in reported for row in part.rows)
+        note = " In this part, *proposed* is the method of the paper." if named else ""
+        parts.append(f"**Reported by a paper, not measured here** ({reported[0][0]}). {experiment.differs}{note}")
     for _, part in reported:
         parts += [f"*{part.title}*", to_markdown(reported_table(part)).rstrip()]
-    return "\n\n".join(parts) + "\n"
+    titles = " ".join(study.title for study in experiment.tables.values())
+    terms = draw_terms({group: used - defined_in(text) for group, used in used_terms(tables, titles).items()})
+    command = f"```\nsalframe experiment {name}{_options(experiment)}\n```"
+    return "\n\n".join([command, *([terms] if terms else []), *parts]) + "\n"
+
+
+def used_terms(tables: Sequence[Table], titles: str = "") -> dict[str, set[str]]:
+    """Return the terms of tables, by group: headings, names of rows, inputs, and words for data in the titles."""
+    used: dict[str, set[str]] = {group: set() for group in GROUPS}
+    for table in tables:
+        headings = [" ".join(heading.split()) for heading in table.headings]
+        plain = {heading.replace(" (95 % CI)", "") for heading in headings}
+        used["columns"] |= plain - {METHOD, "input"}
+        used["columns"] |= {"95 % CI" for heading in headings if "95 % CI" in heading}
+        for row in table.rows:
+            cells = dict(zip(headings, row, strict=True))
+            used["rows"] |= set(re.sub(r"\[.*", "", cells[METHOD]).split(", "))
+            used["inputs"] |= {_input(part) for part in re.split(r", | \+ ", cells.get("input", "-"))} - {"-"}
+    used["data"] |= {word for word in TERMS["data"] if word in titles.lower()}
+    return used
+
+
+def _input(part: str) -> str:
+    """Return the term of a part of an input, without numbers."""
+    views = re.fullmatch(r"\d+ (views \w+)", part)
+    return views[1] if views else "missed, mislabelled, range_share" if part.startswith("missed ") else part
+
+
+def defined_in(text: str) -> set[str]:
+    """Return the terms in the first column of the tables of a page."""
+    cells = re.findall(r"^\| (.*?) \|", text, re.MULTILINE)
+    return {part.replace("`", "") for cell in cells for part in (*cell.split(", "), cell)}
+
+
+def undefined(text: str) -> set[str]:
+    """Return the headings, names of rows and inputs of a page's drawn tables that the page does not define."""
+    by_hand = BLOCK.sub("", DEFINITIONS.sub("", text))
+    used: set[str] = set()
+    for _, name, _ in BLOCK.findall(text):
+        experiment, results = read_experiment(name), read_results(RESULTS / f"{name}.json")
+        for key, stored in results.whole.items():
+            study = experiment.tables[key]
+            used |= set().union(*used_terms(stored_tables(study, stored, study.columns)).values())
+    return used - set().union(*TERMS.values()) - defined_in(by_hand)
+
+
+def draw_terms(used: Mapping[str, Collection[str]]) -> str:
+    """Return tables with the definitions of the used terms, a table per group, in the order of TERMS."""
+    tables = []
+    for group, heading in GROUPS.items():
+        lines = [f"| {name} | {meaning} |" for name, meaning in TERMS[group].items() if name in used[group]]
+        tables += ["\n".join([f"| {heading} | meaning |", "|---|---|", *lines])] if lines else []
+    return "\n\n".join(tables)
+
+
+def draw_summary_terms(text: str) -> str:
+    """Return the definitions of the terms of the summary's tables."""
+    tables = [
+        table
+        for _, name, key, columns, _ in TABLE.findall(text)
+        for table in _chosen(name, key, yaml.safe_load(columns))
+    ]
+    used = used_terms(tables, text)
+    return draw_terms(used).replace("](../", "](") + "\n"
 
 
 def draw_table(name: str, table: str, columns: list[str]) -> str:
     """Return one table of an experiment with the chosen columns."""
+    return "\n".join(to_markdown(one).rstrip() for one in _chosen(name, table, columns)) + "\n"
+
+
+def _chosen(name: str, table: str, columns: list[str]) -> list[Table]:
     study, stored = read_experiment(name).tables[table], read_results(RESULTS / f"{name}.json").whole[table]
-    return "\n".join(to_markdown(one).rstrip() for one in stored_tables(study, stored, columns)) + "\n"
+    return stored_tables(study, stored, columns)
 
 
 def draw_list() -> str:
@@ -78,10 +163,12 @@ def _options(experiment: Experiment) -> str:
     return " --data-dir DIR    # DIR: the files of the real buildings" if folders else ""
 
 
-def _table(study: TableStudy, stored: StoredTable, how: str) -> list[str]:
+def _table(study: TableStudy, stored: StoredTable, how: str, tables: list[Table]) -> list[str]:
+    """Return the title and the tables of a study as text, and append the tables to `tables`."""
     time = "" if stored.seconds is None else f", {duration(stored.seconds)}"
     parts = [f"**{study.title}** ({stored.date}, {stored.machine}{time}{how})"]
     for table in stored_tables(study, stored, study.columns):
+        tables.append(table)
         parts += [f"*{table.title}*"] if table.title else []
         parts.append(to_markdown(table).rstrip())
     return parts
@@ -106,7 +193,9 @@ def redraw(text: str) -> str:
     text = TABLE.sub(
         lambda match: f"{match[1]}\n{draw_table(match[2], match[3], yaml.safe_load(match[4]))}\n{match[5]}", text
     )
-    return BLOCK.sub(lambda match: f"{match[1]}\n{draw(match[2])}\n{match[3]}", text)
+    text = DEFINITIONS.sub(lambda match: f"{match[1]}\n{draw_summary_terms(text)}\n{match[2]}", text)
+    by_hand = BLOCK.sub("", text)
+    return BLOCK.sub(lambda match: f"{match[1]}\n{draw(match[2], by_hand)}\n{match[3]}", text)
 
 
 if __name__ == "__main__":

@@ -98,6 +98,12 @@ def anchors(page: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", heading).strip().lower().replace(" ", "-") for heading in headings}
 
 
+@pytest.mark.parametrize("page", [*PAGES, REPOSITORY / "README.md"], ids=lambda page: str(page.relative_to(REPOSITORY)))
+def test_the_yaml_of_pages_can_be_read(page):
+    for block in re.findall(r"^( *)```yaml\n(.*?)^ *```", page.read_text(), re.DOTALL | re.MULTILINE):
+        assert yaml.safe_load(block[1])
+
+
 def test_every_page_is_in_the_navigation():
     listed = re.findall(r"[\w/-]+\.md", (REPOSITORY / "mkdocs.yml").read_text())
     assert sorted(listed) == sorted(page.relative_to(DOCS).as_posix() for page in PAGES)

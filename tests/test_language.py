@@ -32,6 +32,8 @@ PHRASES = {
     "false positives": r"\bmade up\b|\bmakes up\b",
     "identity": r"\bknown by\b|\bknown as\b",
     "workers": r"\bhow many work\b",
+    "unknown range": r"\bmeans? no reading\b",
+    "heights": r"\bover the (visible )?floor\b",
     "evidence": r"\bwhat speaks for\b",
 }
 ALLOWED_PHRASES = {

@@ -51,6 +51,13 @@ def test_the_pages_are_drawn_from_the_stored_results(page):
     assert sorted(drawn["pages"]()) == sorted(PAGES)
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_a_page_defines_the_terms_of_its_tables(page):
+    """docs/result_terms.yaml, or a table on the page"""
+    drawn = runpy.run_path(str(REPOSITORY / "docs" / "generate_results.py"))
+    assert drawn["undefined"](page.read_text()) == set()
+
+
 def test_what_is_kept_is_of_experiments_that_there_are():
     for file in (REPOSITORY / "docs" / "results").glob("*.json"):
         experiment, results = read_experiment(file.stem), read_results(file)

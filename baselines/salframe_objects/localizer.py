@@ -28,7 +28,7 @@ class ObjectSetLocalizer(DetectingLocalizer, WeightedLabels):
         detector: slot("detector", "auto")  # type: ignore[valid-type]
         labels: Literal["set", "multiset"] = match_only(
             "set",
-            description="how the labels of two panoramas are compared. set: without their counts; multiset: with "
+            description="comparison of the labels of two panoramas. set: without their counts; multiset: with "
             "their counts",
         )
         posterior: posterior_slot()  # type: ignore[valid-type]

@@ -154,7 +154,7 @@ def spoil(objects: list[Annotated], vocabulary: Sequence[str], noise: Noise, see
 
 
 def _nearest_of_label(target: Annotated, objects: list[Annotated]) -> Annotated | None:
-    """Return the nearest other object of the same label; None where there is none."""
+    """Return the nearest other object of the same label; None if there is none."""
     others = [o for o in objects if o is not target and o.label == target.label]
     centre = target.points_m.mean(0)
     return min(others, key=lambda o: float(np.linalg.norm(o.points_m.mean(0) - centre)), default=None)

@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from salframe.graphs.annotated import Annotated, has_points
+from salframe.graphs.boxes import box_solid_angle
 from salframe.graphs.sensor import SensorModel, read_sensor, value_at
-from salframe.graphs.sightings import box_solid_angle, sightings
+from salframe.graphs.sightings import sightings
 from salframe.panoramas.geometry import column_azimuth, pixel_solid_angles, pose_2d, row_elevation, sample_nearest
 from salframe.panoramas.panorama import Panorama
 

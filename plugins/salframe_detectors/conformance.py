@@ -10,15 +10,15 @@ from salframe.framework.errors import WeightsError
 from salframe.testing.expectations import ConformanceError, ask, expect, same
 from salframe_detectors.detection_decoder import DecodeRequest, DetectionDecoder, ImageDetections
 
-REQUEST = DecodeRequest(width_px=96, height_px=64, classes=3, min_score=0.25)
+REQUEST = DecodeRequest(width_px=96, height_px=64, num_classes=3, min_score=0.25)
 CELLS = sum((REQUEST.width_px // stride) * (REQUEST.height_px // stride) for stride in (8, 16, 32))
 LAYOUTS: dict[str, tuple[tuple[int, ...], ...]] = {
-    "a grid of three strides": ((CELLS, 5 + REQUEST.classes),),
-    "candidates with objectness": ((40, 5 + REQUEST.classes),),
-    "candidates in columns": ((4 + REQUEST.classes, 40),),
-    "candidates in columns and prototypes of masks": ((4 + REQUEST.classes + 32, 40), (32, 16, 24)),
-    "logits with no object, and boxes": ((20, REQUEST.classes + 1), (20, 4)),
-    "logits and boxes": ((20, REQUEST.classes), (20, 4)),
+    "a grid of three strides": ((CELLS, 5 + REQUEST.num_classes),),
+    "candidates with objectness": ((40, 5 + REQUEST.num_classes),),
+    "candidates in columns": ((4 + REQUEST.num_classes, 40),),
+    "candidates in columns and prototypes of masks": ((4 + REQUEST.num_classes + 32, 40), (32, 16, 24)),
+    "logits with no object, and boxes": ((20, REQUEST.num_classes + 1), (20, 4)),
+    "logits and boxes": ((20, REQUEST.num_classes), (20, 4)),
     "boxes, score and class": ((20, 6),),
 }
 """Output shapes of detection networks after the batch axis, by description."""
@@ -60,8 +60,10 @@ def _check_found(checked: str, detections: ImageDetections) -> None:
     finite = np.isfinite(detections.box_px).all() and np.isfinite(detections.score).all()
     expect(finite, checked, "a box or score that is not finite", "pixels and shares")
     expect(detections.label.dtype.kind in "iu", checked, f"labels of dtype {detections.label.dtype}", "whole numbers")
-    in_classes = ((detections.label >= 0) & (detections.label < REQUEST.classes)).all()
-    expect(in_classes, checked, f"labels {sorted(set(detections.label.tolist()))}", f"classes below {REQUEST.classes}")
+    in_classes = ((detections.label >= 0) & (detections.label < REQUEST.num_classes)).all()
+    expect(
+        in_classes, checked, f"labels {sorted(set(detections.label.tolist()))}", f"classes below {REQUEST.num_classes}"
+    )
     valid_scores = ((detections.score >= REQUEST.min_score) & (detections.score <= 1)).all()
     expect(valid_scores, checked, f"scores {detections.score.tolist()}", f"shares of at least {REQUEST.min_score}")
     size_px = REQUEST.width_px, REQUEST.height_px

@@ -119,8 +119,8 @@ def ring_of(view: int) -> tuple[int, int]:
 
 
 def _shift(position: int, count: int, width: int) -> int:
-    """Return the number of columns by which a panorama is rolled to the right so that the first of `count` views shows
-    what the view at `position` showed."""
+    """Return a shift in columns to the right. After it, the first of `count` views shows the content of the view at
+    `position`."""
     return round(position * width / count)
 
 

@@ -24,7 +24,7 @@ class Yolox(DetectionDecoder):
         """See DetectionDecoder."""
         cells = [(request.height_px // stride, request.width_px // stride, stride) for stride in YOLOX_STRIDES_PX]
         count = sum(rows * columns for rows, columns, _ in cells)
-        (raw,) = _select_outputs(self.name, outputs, (count, 5 + request.classes))
+        (raw,) = _select_outputs(self.name, outputs, (count, 5 + request.num_classes))
         corner = np.concatenate(
             [
                 np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), -1).reshape(-1, 2)
@@ -51,7 +51,7 @@ class Yolov5(DetectionDecoder):
 
     def decode(self, outputs: Sequence[np.ndarray], request: DecodeRequest) -> list[ImageDetections]:
         """See DetectionDecoder."""
-        (raw,) = _select_outputs(self.name, outputs, (None, 5 + request.classes))
+        (raw,) = _select_outputs(self.name, outputs, (None, 5 + request.num_classes))
         return [_select(image[:, :2], image[:, 2:4], image[:, 4:5] * image[:, 5:], request) for image in raw]
 
 
@@ -63,7 +63,7 @@ class Yolov8(DetectionDecoder):
 
     def decode(self, outputs: Sequence[np.ndarray], request: DecodeRequest) -> list[ImageDetections]:
         """See DetectionDecoder."""
-        (raw,) = _select_outputs(self.name, outputs, (4 + request.classes, None))
+        (raw,) = _select_outputs(self.name, outputs, (4 + request.num_classes, None))
         return [_select(image[:2].T, image[2:4].T, image[4:].T, request) for image in raw]
 
 
@@ -80,13 +80,13 @@ class Yolov8Seg(DetectionDecoder):
         """See DetectionDecoder."""
         import cv2
 
-        expected = (4 + request.classes + MASK_COEFFICIENTS, None), (MASK_COEFFICIENTS, None, None)
+        expected = (4 + request.num_classes + MASK_COEFFICIENTS, None), (MASK_COEFFICIENTS, None, None)
         raw, prototypes = _select_outputs(self.name, outputs, *expected)
         answers = []
         for image, prototype in zip(raw, prototypes, strict=True):
-            weights = image[4 + request.classes :].T
+            weights = image[4 + request.num_classes :].T
             detections, indices = _select_with_indices(
-                image[:2].T, image[2:4].T, image[4 : 4 + request.classes].T, request
+                image[:2].T, image[2:4].T, image[4 : 4 + request.num_classes].T, request
             )
             masks = [
                 cv2.resize(np.tensordot(w, prototype, 1), (request.width_px, request.height_px)) > 0
@@ -108,7 +108,7 @@ class Detr(DetectionDecoder):
 
     def decode(self, outputs: Sequence[np.ndarray], request: DecodeRequest) -> list[ImageDetections]:
         """See DetectionDecoder."""
-        logits, boxes = _select_outputs(self.name, outputs, (None, request.classes + 1), (None, 4))
+        logits, boxes = _select_outputs(self.name, outputs, (None, request.num_classes + 1), (None, 4))
         odds = np.exp(logits - logits.max(-1, keepdims=True))
         return _select_relative(boxes, (odds / odds.sum(-1, keepdims=True))[..., :-1], request)
 
@@ -121,7 +121,7 @@ class RtDetr(DetectionDecoder):
 
     def decode(self, outputs: Sequence[np.ndarray], request: DecodeRequest) -> list[ImageDetections]:
         """See DetectionDecoder."""
-        logits, boxes = _select_outputs(self.name, outputs, (None, request.classes), (None, 4))
+        logits, boxes = _select_outputs(self.name, outputs, (None, request.num_classes), (None, 4))
         return _select_relative(boxes, 1 / (1 + np.exp(-logits)), request)
 
 

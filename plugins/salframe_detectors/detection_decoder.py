@@ -43,14 +43,15 @@ class DecodeRequest:
     """Parameters of a decoder.
 
     Attributes:
-        width_px, height_px: Size of the images.
-        classes: Number of classes.
+        width_px: Width of the images.
+        height_px: Height of the images.
+        num_classes: Number of classes.
         min_score: Minimum score of a detection.
     """
 
     width_px: int
     height_px: int
-    classes: int
+    num_classes: int
     min_score: float
 
 

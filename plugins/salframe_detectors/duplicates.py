@@ -7,10 +7,10 @@ import numpy as np
 from salframe.graphs.detections import Detections
 
 SAME = 0.5
-"""Minimum overlap of two detections of the same object, as a share of the smaller one. Not of their union: one detector
-covers the part of an object that its mask covers, another the box around the whole object. Measured with objects of
-`panoseg` and annotated objects of the same name in a rendered home (house-6, seed 100, 30 panoramas): of 98 pairs
-within 0.3 m, 97 boxes and 96 caps overlap more; of 11 pairs over 1 m apart, no box and 1 cap."""
+"""Minimum overlap of two detections of the same object, as a share of the smaller one. It is not a share of their
+union, because one detector may detect only a part of the object. Measured on pairs of a `panoseg` object and an
+annotated object with the same name (house-6, seed 100, 30 panoramas). Of 98 pairs within 0.3 m, 97 boxes and 96 caps
+overlap more than this. Of 11 pairs more than 1 m apart, no box and 1 cap do."""
 SLACK_M = 0.1
 """Minimum side length of a box in metres when overlap is computed. Boxes around a picture on the wall are a few cm
 thick, and their positions differ by as much."""

@@ -39,7 +39,8 @@ def suppress(detections: ImageDetections, overlap: float) -> ImageDetections:
 
 
 def _best(score: np.ndarray, count: int) -> np.ndarray:
-    """Return the positions of the `count` best scores in ascending order; of equal scores, the first."""
+    """Return the positions of the `count` best scores in ascending order. Among equal scores, the first ones are
+    selected."""
     return np.sort(np.argsort(-score, kind="stable")[:count])
 
 

@@ -22,7 +22,7 @@ class _Ranking:
 
     Attributes:
         candidates: The K graphs that the query is compared with.
-        best: (T,) numbers of the best candidates, best first.
+        best: (T,) indices of the best candidates, best first.
         score: (K,) score of each candidate.
         pairs: The P node pairs whose similarity is at least the minimum.
         similarity: (P,) similarity of each pair.
@@ -174,7 +174,7 @@ class GeometricMatcher(NodeMatcher):
         )
 
     def _scale_bound(self, candidates: Candidates) -> ScaleBound | None:
-        """Return the bounds of the query's scale; None where ranges are metric, or the query has none."""
+        """Return the bounds of the query's scale; None if ranges are metric, or the query has none."""
         if not self._estimates_scale or candidates.graph.bearings_only:
             return None
         heights = candidates.query.centroid_m[:, 2], candidates.nodes.centroid_m[:, 2]

@@ -104,10 +104,10 @@ class GraphIndex:
 
     Attributes:
         graphs: The graphs.
-        scenes: The index that returns candidates; None where every graph is a candidate.
-        nodes: The nodes of all graphs; None where `scenes` returns candidates.
+        scenes: The index that returns candidates; None if every graph is a candidate.
+        nodes: The nodes of all graphs; None if `scenes` returns candidates.
         rarity: (L + 1,) inverse document frequency of each label. The last one is for labels that the map lacks.
-        structure: csr_array of the structural features of all nodes; None where the features of the candidates are
+        structure: csr_array of the structural features of all nodes; None if the features of the candidates are
             computed for each query.
     """
 
@@ -126,7 +126,7 @@ class Candidates:
         graph: The query's graph.
         query: The query's nodes, with labels numbered by the map's vocabulary.
         weight: (n,) weights of the query's nodes.
-        graphs: (K,) numbers of the graphs in the map, ascending.
+        graphs: (K,) indices of the graphs in the map, ascending.
         jaccard: (K,) Jaccard index of the labels.
         nodes: The nodes of the graphs.
         node_weight: (N,) weights of these nodes.
@@ -230,7 +230,7 @@ class NodeMatcher(GraphMatcher):
         return ring_hop_histograms(nodes, adjacency, labels, self.config.ring_edges_m, self.config.hops)
 
     def _candidates(self, graph: SaliencyGraph, index: GraphIndex) -> Candidates | None:
-        """Return the graphs to compare with; None where the query has no label of the map."""
+        """Return the graphs to compare with; None if the query has no label of the map."""
         query = GraphNodes.of(graph, index.graphs.vocabulary)
         if not (query.label >= 0).any():
             return None
@@ -249,7 +249,7 @@ class NodeMatcher(GraphMatcher):
         return Candidates(graph, query, weight, numbers[is_candidate], jaccard[is_candidate], nodes, node_weight)
 
     def _shortlist(self, graph: SaliencyGraph, index: GraphIndex) -> np.ndarray:
-        """Return the numbers (K,) of the best graphs by the scene index, or of all graphs without one, ascending."""
+        """Return the indices (K,) of the graphs to match: the candidates of the scene index, or all. Ascending."""
         if index.scenes is None:
             return np.arange(len(index.graphs))
         return np.sort(index.scenes.candidates(graph, self.config.max_candidates).scene)

@@ -18,7 +18,7 @@ class NodePairs:
     Attributes:
         query: (P,) int64, positions among the query's nodes.
         node: (P,) int64, positions among the nodes of all graphs.
-        graph: (P,) int64, number of the graph of each pair.
+        graph: (P,) int64, index of the graph of each pair.
         num_graphs: Number of graphs, K.
     """
 

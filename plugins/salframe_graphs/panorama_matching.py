@@ -39,7 +39,7 @@ class PanoramaMatching(PanoramaScores):
     """A graph matcher and a positioner on the graphs of the reference frames of a map.
 
     Attributes:
-        positioner: The positioner; None where the answer is the pose of the best reference frame.
+        positioner: The positioner; None if the answer is the pose of the best reference frame.
     """
 
     def __init__(self, config: PanoramaMatchingConfig) -> None:

@@ -117,9 +117,9 @@ class PanoramaScores:
         return NodeMatches(query_graph.centroid_m, map_graph.centroid_m, pairs)
 
     def _scene_near(self, matched: ReferenceFrame, T_world_query: np.ndarray) -> int | None:
-        """Return the number of the scene frame nearest to a query whose match is a transition frame.
+        """Return the index of the scene frame nearest to a query whose match is a transition frame.
 
-        None where the match is a scene frame, the pose is unknown, or the map has no scene frame.
+        None if the match is a scene frame, the pose is unknown, or the map has no scene frame.
         """
         is_doorway = matched.kind is FrameKind.TRANSITION and len(self._scenes_at)
         if not is_doorway or not np.isfinite(T_world_query).all():

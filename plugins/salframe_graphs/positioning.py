@@ -75,7 +75,7 @@ class RobustPositioner(Positioner):
 
     _separate_m: ClassVar[float] = 0.5
     _separate_rad: ClassVar[float] = np.radians(30)
-    """Two poses are different where they are further apart than one of these."""
+    """Minimum differences of position and of heading; two poses are different if they exceed one of them."""
 
     def solve(self, query_m: np.ndarray, reference_m: np.ndarray, weights: np.ndarray | None = None) -> PoseEstimate:
         dimension = 2 if self.config.group == "SE(2)" else 3

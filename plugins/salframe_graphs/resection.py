@@ -15,7 +15,7 @@ MAX_SD_M, MAX_SD_RAD = 1.0, np.radians(10)
 MIN_SD_M = 0.1
 """Lower bound of the standard deviation of a residual: objects are not points, so their visible centres vary."""
 SEPARATE_M, SEPARATE_RAD = 0.5, np.radians(30)
-"""Two poses are different where they are further apart than one of these."""
+"""Minimum differences of position and of heading; two poses are different if they exceed one of them."""
 _NUM_REFINED, _ROUNDS = 20, 10
 """Number of hypotheses to refine, and maximum number of Gauss-Newton steps of each."""
 

@@ -17,8 +17,8 @@ from salframe.graphs.saliency import SaliencyModel
 class VolumetricSaliency(SaliencyModel):
     """Saliency is an object's share of the volume of all objects: S_b = V_b / sum(V).
 
-    V_b is the volume of the convex hull of the object's points. An object of unknown volume has saliency 0. Where no
-    volume is known, as without range, saliency is the share of solid angle. Where no solid angle is known either, all
+    V_b is the volume of the convex hull of the points of the object. An object of unknown volume has saliency 0. If no
+    volume is known, such as without range, saliency is the share of solid angle. If no solid angle is known either, all
     objects have equal saliency.
     """
 

@@ -42,7 +42,7 @@ class MergedSightings:
     """M objects that N sightings were merged to.
 
     Attributes:
-        owner: (N,) number of the object of each sighting.
+        owner: (N,) index of the object of each sighting.
         labels: M labels.
         centroid_m: (M, 3) mean of the sightings, weighted by inverse variance.
         variance_m2: (M,) variance of that mean along each axis.
@@ -63,8 +63,8 @@ class MergedSightings:
 def merge_sightings(sightings: Sightings, variance_m2: np.ndarray) -> MergedSightings:
     """Merge sightings of one object.
 
-    Sightings are processed in the order of range. Each is merged with the nearest object of the same label that has no
-    sighting of the same panorama and lies within MAX_SIGMAS; otherwise it is a new object.
+    Sightings are processed in the order of range. A sighting is merged with the nearest object that has the same label,
+    lies within MAX_SIGMAS, and has no sighting of the same panorama. Without such an object, it is a new object.
 
     Args:
         sightings: N sightings.

@@ -66,7 +66,9 @@ class TripletMatcher(NodeMatcher):
     def check(cls, config: Any) -> None:
         super().check(config)
         if config.structure == "node2vec" and importlib.util.find_spec("gensim") is None:
-            raise RequirementMissing("structure node2vec needs gensim, not installed: pip install 'salframe[node2vec]'")
+            raise RequirementMissing(
+                "structure=node2vec needs gensim, which is not installed: pip install 'salframe[node2vec]'"
+            )
 
     @property
     def _has_rings(self) -> bool:

@@ -13,8 +13,8 @@ from salframe_graphs.node_pairs import NodePairs
 MAX_HYPOTHESES = 120
 """Maximum number of hypotheses for each candidate. A hypothesis consists of two node pairs."""
 MIN_BASE_M, MAX_BASE_M, BASE_WORTH = 0.3, 4.0, 0.1
-"""Minimum distance of two nodes that give a heading (m), the distance up to which a longer base is preferred (m), and
-the value of a metre of base relative to the similarity of the pairs."""
+"""The base is the distance of the two nodes of a hypothesis, which gives its heading. Minimum base (m), base up to
+which longer is better (m), and value of a metre of base relative to the similarity of the pairs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ class ScaleBound:
         max_error: The scale lies in [1 - max_error, 1 + max_error].
         query_z: (n,) heights of the query's nodes above the camera (m), which change with the scale.
         map_z: (N,) heights of the map's nodes above the camera (m).
-        height_scale_m: Difference in height that halves similarity; None where heights are ignored.
+        height_scale_m: Difference in height that halves similarity; None if heights are ignored.
     """
 
     max_error: float

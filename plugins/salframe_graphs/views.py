@@ -139,5 +139,5 @@ def sectors_to_arrays(sectors: Sectors) -> dict[str, np.ndarray]:
 
 
 def sectors_from_arrays(arrays: Mapping[str, np.ndarray]) -> Sectors | None:
-    """Return the sectors of arrays of `sectors_to_arrays`; None where they have none."""
+    """Return the sectors of arrays of `sectors_to_arrays`; None if they have none."""
     return Sectors(arrays["reach_m"], arrays["shown_from_m"]) if "reach_m" in arrays else None

@@ -164,7 +164,7 @@ class HouseRenderer:
         pose: np.ndarray,
         depth: int = 0,
     ) -> np.ndarray:
-        """Return the radiance of ray hits, (N, 3) float64 linear in Fortran order.
+        """Return the radiance at the hits of rays as linear RGB, (N, 3) float64 in Fortran order.
 
         Args:
             surface: Hits of the rays.

@@ -49,7 +49,7 @@ class HouseConfig(QueryView):
         "down",
     )
     query_height_m: float = added(
-        1.5, ge=0.2, le=2.2, description="mean height of the cameras of the queries over the floor in metres"
+        1.5, ge=0.2, le=2.2, description="mean height of the cameras of the queries above the floor in metres"
     )
     changed_fraction: float = Field(
         0.1,
@@ -60,7 +60,7 @@ class HouseConfig(QueryView):
     )
     changes: Literal["uniform", "by-class"] = added(
         "uniform",
-        description="which objects change. uniform: all with equal probability, fixed ones such as fittings last; "
+        description="objects that change. uniform: all with equal probability, fixed ones such as fittings last; "
         "by-class: movable objects more often (chairs and bins 10 times as often as wardrobes, fittings never)",
     )
     change_kinds: tuple[Literal["removed", "moved", "added"], ...] = added(
@@ -94,8 +94,8 @@ class HouseConfig(QueryView):
     query_scale_share: float = Field(
         0.0,
         ge=0,
-        description="standard deviation of the random factor that multiplies all ranges of a query, relative to "
-        "1; each query has its own factor",
+        description="standard deviation of the random factor (mean 1) that multiplies all ranges of a query; "
+        "each query has its own factor",
     )
     hide_query_place: bool = hide_query_place_setting()
 

@@ -29,7 +29,7 @@ class TextureKind:
 
     Attributes:
         paint: Painter of the tile (TILE, TILE, 3); v grows with the rows and points upwards on a wall.
-        extent_m: Size of a tile along (u, v); None where one tile fills the surface.
+        extent_m: Size of a tile along (u, v); None if one tile fills the surface.
         wear: Contrast of stains and scuffs.
         fixed: Whether the texture starts at its coordinates; others are shifted by a pseudo-random offset.
     """

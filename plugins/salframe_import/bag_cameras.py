@@ -152,7 +152,7 @@ def _intrinsics(info: Any) -> tuple[list[float], list[float], list[float]]:
 
 
 def _info_topic(bag: Bag, topic: str) -> str | None:
-    """Return the topic camera_info beside a topic of images; None where there is none."""
+    """Return the topic camera_info beside a topic of images; None if there is none."""
     parent = topic.rsplit("/", 2)[0] if topic.rsplit("/", 1)[-1] in _TRANSPORTS else topic.rsplit("/", 1)[0]
     name = f"{parent}/camera_info"
     return name if bag.types.get(name) == CAMERA_INFO else None

@@ -13,7 +13,7 @@ from salframe.panoramas.geometry import invert_pose
 from salframe_import.bag import ODOMETRY, TF_TYPES, Bag
 
 MAX_GAP_S = 1.0
-"""Maximum time between two poses that a pose is interpolated between."""
+"""Maximum time between two poses, to interpolate a pose between them."""
 MAX_NORM_ERROR = 0.01
 """Maximum difference of the length of a quaternion from 1."""
 MAP, TF_SOURCE = "map", "tf"
@@ -22,7 +22,7 @@ MAX_DEPTH = 100
 """Maximum number of frames from a frame to the root of the tree; more are a loop."""
 
 
-class MessagePose(NamedTuple):
+class StampedPose(NamedTuple):
     """A pose of a message: its header stamp, the time of its recording, and x, y, z, then the quaternion x, y, z, w."""
 
     stamp_ns: int
@@ -53,7 +53,7 @@ class PoseTrack:
     delay_s: float = 0.0
 
     @classmethod
-    def of_rows(cls, parent: str, child: str, rows: Sequence[MessagePose], *, is_static: bool = False) -> PoseTrack:
+    def of_rows(cls, parent: str, child: str, rows: Sequence[StampedPose], *, is_static: bool = False) -> PoseTrack:
         """Create a track.
 
         Args:
@@ -124,11 +124,11 @@ class TransformTree:
         return sorted({name for track in self.tracks.values() for name in (track.parent, track.child)})
 
     def root(self, frame: str) -> str:
-        """Return the root of the tree above a frame. Raises DataError where the transforms form a loop."""
+        """Return the root of the tree above a frame. Raises DataError if the transforms form a loop."""
         return self.chain(frame)[-1].parent if frame in self.tracks else frame
 
     def pose(self, target: str, source: str, stamp_ns: int, tolerance_s: float) -> np.ndarray | None:
-        """Return T_target_source (4, 4) at a time; None where a transform has no pose at this time.
+        """Return T_target_source (4, 4) at a time; None if a transform has no pose at this time.
 
         Raises:
             DataError: The frames are not connected, or the transforms form a loop.
@@ -155,7 +155,7 @@ class TransformTree:
         return invert_pose(T_above[0]) @ T_above[1]
 
     def chain(self, frame: str) -> list[PoseTrack]:
-        """Return the transforms from a frame up to the root. Raises DataError where they form a loop."""
+        """Return the transforms from a frame up to the root. Raises DataError if they form a loop."""
         chain: list[PoseTrack] = []
         while frame in self.tracks:
             chain.append(self.tracks[frame])
@@ -166,8 +166,8 @@ class TransformTree:
 
 
 def read_transforms(bag: Bag) -> TransformTree:
-    """Read /tf and /tf_static of a bag, of any namespace. Raises DataError where a transform is invalid."""
-    rows: dict[str, list[MessagePose]] = {}
+    """Read /tf and /tf_static of a bag, of any namespace. Raises DataError if a transform is invalid."""
+    rows: dict[str, list[StampedPose]] = {}
     parents: dict[str, str] = {}
     static: set[str] = set()
     for topic, message in bag.messages(bag.topics(TF_TYPES)):
@@ -178,7 +178,7 @@ def read_transforms(bag: Bag) -> TransformTree:
                 static.add(child)
             stamp = transform.header.stamp
             numbers = _numbers(transform.transform.translation, transform.transform.rotation)
-            row = MessagePose(stamp.sec * 10**9 + stamp.nanosec, message.log_ns, numbers)
+            row = StampedPose(stamp.sec * 10**9 + stamp.nanosec, message.log_ns, numbers)
             rows.setdefault(child, []).append(row)
     return TransformTree(
         {child: PoseTrack.of_rows(parents[child], child, rows[child], is_static=child in static) for child in rows}
@@ -192,7 +192,7 @@ def read_odometry(bag: Bag, topic: str) -> PoseTrack:
         odometry = message.content
         names.add((frame_name(odometry.header.frame_id), frame_name(odometry.child_frame_id)))
         numbers = _numbers(odometry.pose.pose.position, odometry.pose.pose.orientation)
-        rows.append(MessagePose(message.stamp_ns, message.log_ns, numbers))
+        rows.append(StampedPose(message.stamp_ns, message.log_ns, numbers))
     if len(names) != 1:
         received = f"{len(names)} pairs of frames" if names else "no message"
         raise DataError(f"the topic {topic} of {bag.path} has {received}, expected poses of one frame in one frame")
@@ -230,7 +230,7 @@ class PoseSource:
         return float(np.median(moving)) if moving else 0.0
 
     def pose(self, frame: str, stamp_ns: int, tolerance_s: float) -> np.ndarray | None:
-        """Return T_world_frame (4, 4) at a time; None where it is unknown.
+        """Return T_world_frame (4, 4) at a time; None if it is unknown.
 
         Raises:
             DataError: The transforms do not connect the frames.

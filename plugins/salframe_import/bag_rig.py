@@ -81,7 +81,7 @@ class BagRig:
         """Return the shots in the order of time, and notes about pictures that are left out.
 
         Raises:
-            DataError: A topic has no message or no stamps, or no picture belongs together with the other topics.
+            DataError: A topic has no message or no stamps, or no picture has messages of the other topics at its time.
         """
         topics = [images.topic for camera in self.cameras for images in (camera.color, camera.depth) if images]
         times = self.bag.stamps(topics)
@@ -162,7 +162,7 @@ class BagRig:
         return notes
 
     def _posed(self, images: BagImages, T_world_frame: np.ndarray, stamp_ns: int) -> PosedCamera:
-        """Return the camera of a topic in the world. Raises DataError where its transform is unknown."""
+        """Return the camera of a topic in the world. Raises DataError if its transform is unknown."""
         T_frame_camera = self.tree.pose(self.frame, images.frame, stamp_ns, self.tolerance_s)
         if T_frame_camera is None or images.camera is None:
             raise DataError(

@@ -62,15 +62,15 @@ class ColmapImporter(Importer):
             description="folder of depth images: 16-bit PNG files with the names of the pictures, or stereo/depth_maps "
             "of COLMAP; null: import no depth",
         )
-        depth_unit_m: float = Field(MILLIMETRE, gt=0, description="metres per step of a PNG depth image")
+        depth_unit_m: float = Field(MILLIMETRE, gt=0, description="metres per unit of the values of a PNG depth image")
         depth_kind: Literal["ray", "z", "cube"] | None = Field(
             None,
-            description="what a PNG depth image stores. z: depth along the optical axis; ray: along the ray; cube: "
+            description="quantity in a PNG depth image. z: depth along the optical axis; ray: along the ray; cube: "
             "along the axis of the cube face that shows a pixel; null: ray for equirectangular pictures, else z",
         )
         group_by: Literal["frame", "motion"] = Field(
             "frame",
-            description="which pictures are one panorama. frame: those of a rig that were taken together; motion: "
+            description="pictures that form one panorama. frame: those of a rig that were taken together; motion: "
             "those of a camera that turned and moved little, in the order of their names",
         )
 
@@ -175,7 +175,7 @@ class _Pictures:
         if len(pictures) > 1:
             raise DataError(
                 f"the pictures {', '.join(name.as_posix() for name in names)} of a rig include an equirectangular one, "
-                "expected it alone"
+                "expected a rig with this picture alone"
             )
         encoding = RangeEncoding(self.config.depth_unit_m, (), self.config.depth_kind or RangeKind.RAY)
         encoding.check_panorama()

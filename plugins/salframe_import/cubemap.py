@@ -58,12 +58,12 @@ class CubemapImporter(Importer):
         faces: tuple[str, str, str, str, str, str] = Field(
             FACES, description="names of the faces in front, to the right, behind, to the left, above and below"
         )
-        depth_unit_m: PositiveFloat = Field(MILLIMETRE, description="metres per step of a depth image")
+        depth_unit_m: PositiveFloat = Field(MILLIMETRE, description="metres per unit of the values of a depth image")
         depth_missing: tuple[Annotated[int, Field(ge=0, le=MAX_STEP)], ...] = Field(
-            (), description="values of a depth image that mean no reading, besides 0"
+            (), description="values of a depth image that mean an unknown depth, besides 0"
         )
         depth_kind: Literal["z", "ray"] = Field(
-            "z", description="what a depth image stores: depth along the axis of the face (z), or range along the ray"
+            "z", description="quantity in a depth image. z: depth along the axis of the face; ray: range along the ray"
         )
 
         @field_validator("picture", "depth")
@@ -88,7 +88,9 @@ class CubemapImporter(Importer):
         notes = []
         if missing:
             example = front.replace("{name}", missing[0])
-            notes.append(f"{len(missing)} of {len(rows)} rows of {self.config.poses} name no cubemap ({example} first)")
+            notes.append(
+                f"{len(missing)} of {len(rows)} rows of {self.config.poses} name no cubemap (such as {example})"
+            )
         records = tuple(self._record(source, name, rows.get(name)) for name in sorted(names))
         return Recording(records, notes=tuple(notes))
 
@@ -127,7 +129,7 @@ class CubemapImporter(Importer):
 
 
 def seam_note(panorama: Panorama) -> str | None:
-    """Return a warning where neighbouring faces of a cubemap do not join at their common edges; None where they do.
+    """Return a warning if neighbouring faces of a cubemap do not join at their common edges; None if they do.
 
     The grey values and the ranges on both sides of the twelve edges are compared.
 

@@ -91,18 +91,21 @@ class PerspectiveImporter(Importer):
         pose_convention: PoseConvention = Field(
             "opengl-z-up", description="convention of transform_matrix; nerfstudio has opengl-z-up"
         )
-        position_unit_m: PositiveFloat = Field(1.0, description="unit of the positions in metres")
-        depth_unit_m: PositiveFloat = Field(MILLIMETRE, description="metres per step of a depth image")
+        position_unit_m: PositiveFloat = Field(
+            1.0, description="length of one unit of the positions, in metres (0.001: the positions are in millimetres)"
+        )
+        depth_unit_m: PositiveFloat = Field(MILLIMETRE, description="metres per unit of the values of a depth image")
         depth_missing: tuple[Annotated[int, Field(ge=0, le=MAX_STEP)], ...] = Field(
-            (), description="values of a depth image that mean no reading, besides 0"
+            (), description="values of a depth image that mean an unknown depth, besides 0"
         )
         depth_kind: Literal["z", "ray"] = Field(
-            "z", description="what a depth image stores: depth along the optical axis (z), or range along the ray"
+            "z", description="quantity in a depth image. z: depth along the optical axis; ray: range along the ray"
         )
         group_by: Literal["auto", "station", "time", "motion"] = Field(
             "auto",
-            description="what the images of one panorama have in common: the key station, times without a gap, or a "
-            "small motion; auto: station if the frames have it, else motion",
+            description="images that form one panorama. station: those with the same key station; time: consecutive "
+            "images at most max_gap_s apart; motion: consecutive images with little motion; auto: station if the "
+            "frames have this key, else motion",
         )
         max_gap_s: PositiveFloat = Field(1.0, description="maximum time between images of one panorama (group_by time)")
 

@@ -30,12 +30,13 @@ class PictureImporter(Importer):
     version = "1"
 
     class Config(PoseSettings):
-        range_unit_m: PositiveFloat = Field(MILLIMETRE, description="metres per step of a range image")
+        range_unit_m: PositiveFloat = Field(MILLIMETRE, description="metres per unit of the values of a range image")
         range_missing: tuple[Annotated[int, Field(ge=0, le=MAX_STEP)], ...] = Field(
-            (), description="values of a range image that mean no reading, besides 0"
+            (), description="values of a range image that mean an unknown range, besides 0"
         )
         range_kind: RangeKind = Field(
-            RangeKind.RAY, description="what a range image stores: ray, or cube for z-depth of stitched cube faces"
+            RangeKind.RAY,
+            description="quantity in a range image. ray: range along the ray; cube: z-depth of stitched cube faces",
         )
 
     def read(self, source: Path) -> Recording:
@@ -49,7 +50,7 @@ class PictureImporter(Importer):
         notes = []
         if missing:
             notes.append(
-                f"{len(missing)} of {len(rows)} rows of {self.config.poses} name no picture ({missing[0]} first), "
+                f"{len(missing)} of {len(rows)} rows of {self.config.poses} name no picture (such as {missing[0]}), "
                 "expected file names with their ending; upper and lower case differ"
             )
         records = tuple(_record(source, name, encoding, rows.get(name)) for name in sorted(names))

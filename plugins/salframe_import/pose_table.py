@@ -28,7 +28,9 @@ class PoseSettings(ComponentConfig):
     pose_convention: PoseConvention = Field(
         "ros", description="convention of the poses, such as compass for headings clockwise from north"
     )
-    position_unit_m: PositiveFloat = Field(1.0, description="unit of the positions in metres")
+    position_unit_m: PositiveFloat = Field(
+        1.0, description="length of one unit of the positions, in metres (0.001: the positions are in millimetres)"
+    )
 
 
 @dataclass(frozen=True, eq=False)

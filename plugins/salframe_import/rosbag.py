@@ -57,7 +57,7 @@ class RosBagImporter(Importer):
         camera_axes: CameraAxes = Field(
             "auto",
             description="axes of the frame of equirectangular images. optical: x right, y down, z forward; body: x "
-            "forward, y left, z up; auto: those under which the images are upright",
+            "forward, y left, z up; auto: the axes for which the images are upright",
         )
         poses: str | None = Field(
             None,
@@ -75,25 +75,29 @@ class RosBagImporter(Importer):
         tolerance_s: float = Field(
             0.02, gt=0, le=1, description="maximum difference of the stamps of messages that belong together (s)"
         )
-        depth_unit_m: float = Field(MILLIMETRE, gt=0, description="metres per step of depth of 16 bits")
+        depth_unit_m: float = Field(MILLIMETRE, gt=0, description="metres per unit of 16-bit depth")
         depth_kind: Literal["ray", "z", "cube"] | None = Field(
             None,
-            description="what depth measures. z: along the optical axis; ray: along the ray; cube: along the axis of "
+            description="quantity in the depth. z: along the optical axis; ray: along the ray; cube: along the axis of "
             "the cube face that shows a pixel; null: z for pinhole images, ray for equirectangular ones",
         )
         group_by: Literal["time", "motion"] = Field(
             "time",
-            description="which pinhole images are one panorama. time: those of one time; motion: those of a camera "
+            description="pinhole images that form one panorama. time: those of one time; motion: those of a camera "
             "that turned and moved little",
         )
         num_views: int = Field(
-            0, ge=0, le=100, description="number of views of a query sequence; 0: import no sequences"
+            0, ge=0, le=100, description="number of views of a query of several views (a sequence); 0: no such queries"
         )
         sequence_period: int = Field(
             20, ge=2, description="number of views from the end of a sequence to the end of the next one"
         )
-        view_distance_m: float = Field(0.5, gt=0, description="distance between two views of a sequence (m)")
-        view_turn_deg: float = Field(45.0, gt=0, description="turn between two views of a sequence (degrees)")
+        view_distance_m: float = Field(
+            0.5, gt=0, description="distance after which a new view of a sequence is taken (m)"
+        )
+        view_turn_deg: float = Field(
+            45.0, gt=0, description="turn after which a new view of a sequence is taken (degrees)"
+        )
         distribution: Literal["foxy", "galactic", "humble", "iron", "jazzy", "kilted"] = Field(
             "humble", description="ROS 2 distribution whose message definitions are used if the bag has none"
         )
@@ -111,7 +115,7 @@ class RosBagImporter(Importer):
         odometries = bag.topics([ODOMETRY])
         if config.poses is None and poses.odometry is None and odometries:
             others = ", ".join(odometries)
-            notes.insert(0, f"the poses are those of {poses}, not those of {others}: for those, pass poses=TOPIC")
+            notes.insert(0, f"the poses are those of {poses}. To use the poses of {others}, pass --set poses=TOPIC")
         posed = [
             (shot, T) for shot in shots if (T := poses.pose(rig.frame, shot.stamp_ns, rig.tolerance_s)) is not None
         ]
@@ -155,10 +159,12 @@ class RosBagImporter(Importer):
             )
 
     def _kind(self, cameras: Sequence[BagCamera]) -> RangeKind:
-        """Return what the depth measures. Raises ConfigError if that does not apply to the projection."""
+        """Return the quantity in the depth. Raises ConfigError if it does not apply to the projection."""
         is_equirectangular = any(camera.color.camera is None for camera in cameras)
         if is_equirectangular and len(cameras) > 1:
-            raise ConfigError(f"image has {len(cameras)} topics with an equirectangular one, expected it alone")
+            raise ConfigError(
+                f"image has {len(cameras)} topics, one of them equirectangular; expected an equirectangular topic alone"
+            )
         if is_equirectangular and self.config.group_by == "motion":
             raise ConfigError("group_by is motion for equirectangular images, expected group_by=time")
         kinds = [RangeKind.RAY, RangeKind.CUBE] if is_equirectangular else [RangeKind.Z, RangeKind.RAY]
@@ -188,7 +194,7 @@ class RosBagImporter(Importer):
         return odometry_source(bag, poses.tree, bag.choose("odometry", topic, [ODOMETRY]))
 
     def _with_sequences(self, records: Sequence[PanoramaRecord]) -> tuple[list[PanoramaRecord], set[int]]:
-        """Return the records with the views of sequences, and the numbers of the records between views.
+        """Return the records with the views of sequences, and the indices of the records between views.
 
         Raises:
             DataError: The recording has too few views for a sequence.
@@ -242,7 +248,7 @@ def _upright_axes(rig: BagRig, T_world_frames: Sequence[np.ndarray], axes: Camer
 
 
 def _delay_notes(shots: Sequence[BagShot], poses: PoseSource) -> list[str]:
-    """Return a warning where the stamps of pictures and poses seem to be of different clocks."""
+    """Return a warning if the stamps of pictures and poses seem to be of different clocks."""
     delay_s = float(np.median([log_ns - stamp_ns for shot in shots for stamp_ns, log_ns in shot.colors[:1]])) / 1e9
     if abs(delay_s - poses.delay_s) <= MAX_DELAY_S:
         return []

@@ -25,9 +25,9 @@ from salframe.panoramas.stitching import PosedCamera, reading_agreement, stitch_
 MAX_ASPECT_ERROR = 0.02
 """Maximum relative difference of the aspect ratio of an image and of its camera."""
 MIN_OVERLAP, MIN_AGREEMENT = 0.02, 0.6
-"""Minimum share of the sphere that two depth images show, and minimum share of it where they agree."""
+"""Minimum share of the sphere that two depth images both show, and minimum share of this part where they agree."""
 MAX_IMAGE_TILT_DEG, LEVEL_TILT_DEG = 60.0, 35.0
-"""Maximum median tilt of images without an error, and maximum of another convention that is named."""
+"""Maximum median tilt of the images without an error, and maximum for another convention to be named in the error."""
 DISAGREES = (
     "the depth images of one place contradict each other: check the convention of the poses, the extrinsics, the "
     "times, and the unit and kind of the depth"
@@ -42,13 +42,16 @@ class StationSettings(ComponentConfig):
         512, ge=64, le=4096, description="height of a panorama in pixels; its width is twice the height"
     )
     max_move_m: PositiveFloat = Field(
-        0.3, description="maximum distance of the cameras of one panorama, where images are grouped by their motion"
+        0.3,
+        description="maximum distance between the cameras of the images of one panorama, in metres. Used if images are "
+        "grouped by their motion",
     )
     min_view_deg: float = Field(
         180.0,
         ge=0,
         le=_FULL_TURN_DEG,
-        description="minimum horizontal view of a panorama, where images are grouped by their motion",
+        description="minimum horizontal field of view of a panorama, in degrees. Used if images are grouped by their "
+        "motion",
     )
     min_step_deg: float = Field(
         10.0, ge=0, le=90, description="minimum turn between two images of one panorama; others are left out"
@@ -65,8 +68,8 @@ class PosedImage:
         read_color: Returns (h, w, 3) uint8 RGB. Raises DataError.
         read_depth: Returns (h', w') float32 depth along the optical axis in metres, NaN where unknown; None without
             depth. Raises DataError.
-        t_s: Time in seconds; None where it is unknown.
-        station: Name of its station; None where it is unknown.
+        t_s: Time in seconds; None if it is unknown.
+        station: Name of its station; None if it is unknown.
         places: Place by the source of its name.
         sources: The files.
         depth_camera: Intrinsics and pose of the depth; None: those of the image.
@@ -154,7 +157,7 @@ def read_depth(path: Path, encoding: RangeEncoding, lens: Camera) -> np.ndarray:
 
 
 def group_by_station(images: Sequence[PosedImage]) -> dict[str, list[PosedImage]]:
-    """Return the images by the name of their station. Raises DataError where an image has none."""
+    """Return the images by the name of their station. Raises DataError if an image has none."""
     groups: dict[str, list[PosedImage]] = {}
     for image in images:
         if image.station is None:

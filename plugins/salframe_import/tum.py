@@ -75,7 +75,7 @@ class TumImporter(Importer):
         pose_convention: PoseConvention = Field(
             "opencv", description="convention of the poses in groundtruth.txt; the benchmark has opencv"
         )
-        depth_unit_m: PositiveFloat = Field(1 / 5000, description="metres per step of a depth image")
+        depth_unit_m: PositiveFloat = Field(1 / 5000, description="metres per unit of the values of a depth image")
 
     def read(self, source: Path) -> Recording:
         colors, poses = _read_list(source / COLOR, 1), _read_list(source / POSES, 7)
@@ -153,7 +153,7 @@ class TumImporter(Importer):
         check_upright(self._camera_poses(sample, convention, order), others)
 
     def _camera(self, source: Path) -> tuple[Camera, str | None]:
-        """Return the camera, and a note where its calibration is assumed."""
+        """Return the camera, and a note if its calibration is assumed."""
         name, note = self.config.camera, None
         if name == "auto":
             name = next((camera for camera in CAMERAS if camera in source.resolve().name), "default")

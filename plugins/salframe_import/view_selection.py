@@ -12,13 +12,15 @@ from salframe.panoramas.geometry import pose_errors
 
 @dataclass(frozen=True)
 class ViewSpacing:
-    """When the views of a sequence are taken.
+    """The spacing of the views of a sequence.
+
+    A view is taken when the camera has moved by `distance_m` or turned by `turn_rad` since the last view.
 
     Attributes:
         num_views: Number of views of a sequence.
-        period: A sequence begins at every such view; the views between sequences are not part of one.
+        period: Number of views from the end of one sequence to the end of the next, at least `num_views`.
         distance_m: Distance between two views in metres.
-        turn_rad: Turn between two views in radians. A view is taken after either.
+        turn_rad: Turn between two views in radians.
     """
 
     num_views: int
@@ -28,14 +30,14 @@ class ViewSpacing:
 
 
 def choose_views(poses: Sequence[np.ndarray], spacing: ViewSpacing) -> list[list[int]]:
-    """Return the images of each sequence, in order.
+    """Return the indices of the images of each sequence, in order.
 
-    The images that are far enough from the one before are numbered; of every `period` of them, the last `num_views` are
-    a sequence.
+    First selects the views: images that are far enough from the view before. Then divides the views into groups of
+    `period`. The last `num_views` of each group are a sequence.
 
     Args:
         poses: (4, 4) poses of the images in the order of time.
-        spacing: When views are taken.
+        spacing: Spacing of the views.
     """
     steps: list[int] = []
     for number, pose in enumerate(poses):

@@ -33,7 +33,7 @@ class Walks:
         """Return the scenes of a walk that ends at a query, in the order in which they are visited.
 
         From each scene, the walk comes from a random scene that an unobstructed way connects with it, and from the
-        nearest one along the ways where there is none. It visits no scene twice. It is shorter where no other scene can
+        nearest one along the ways if there is none. It visits no scene twice. It is shorter where no other scene can
         be reached. A longer walk ends with the shorter one.
 
         Args:

@@ -41,9 +41,9 @@ class MatterportAnnotations(NavigableDataset):
     """Real buildings: the objects visible from each viewpoint of Matterport3D, from the annotations of REVERIE.
 
     By default, each query has a map of all other viewpoints of its building. The query is turned by a random yaw. The
-    range of an object comes from its position, which is triangulated from its bearings at several viewpoints. The views
-    of a driven query are the viewpoints of a random walk that ends at the query, each turned by a random yaw. The map
-    contains none of them.
+    range of an object comes from its position, which is triangulated from its bearings at several viewpoints. With
+    `query_motion=driven`, the views of a query are the panoramas of a random walk from viewpoint to viewpoint, each
+    with a random yaw. The map contains none of these viewpoints.
     """
 
     name = "matterport-annotations"
@@ -62,6 +62,9 @@ class MatterportAnnotations(NavigableDataset):
             lt=1,
             description="standard deviation of the random factor (mean 1) that multiplies the range of an object; "
             "each object has its own factor at each viewpoint",
+        )
+        query_range: bool = added(
+            True, description="true: the objects of queries have ranges; false: only directions and solid angles"
         )
         min_visible: int = Field(3, ge=1, description="minimum number of visible objects in a query")
         seed: int = Field(
@@ -183,10 +186,19 @@ class MatterportAnnotations(NavigableDataset):
                 self._building(scan),
                 self._building_references(scan),
                 self._regions.get(scan, {}),
-                partial(as_query, config=self.config),
+                self._as_query,
             )
             for scan in self._scans
         ]
+
+    def _as_query(self, panorama: Panorama) -> Panorama:
+        """Return a panorama of an agent with the settings of queries applied."""
+        panorama = as_query(panorama, self.config)
+        annotations = panorama.annotations
+        if self.config.query_range or annotations is None or annotations.objects is None:
+            return panorama
+        directions = replace(annotations, objects=replace(annotations.objects, ranged=False))
+        return replace(panorama, annotations=directions)
 
     def scenes(self) -> dict[str, ViewpointScene]:
         """Return every scene with its object ids, by the id of its reference frames.
@@ -311,7 +323,7 @@ class MatterportAnnotations(NavigableDataset):
         walk = self._walk(scene)
         ids = [*(f"{query_id(scene)}/{view.id.partition('/')[2]}" for view in walk[:-1]), query_id(scene)]
         *earlier, query = (
-            QueryFrame(id, _load(with_keys_of(scene, view), id, self._yaw_rad(id)))
+            QueryFrame(id, _load(with_keys_of(scene, view), id, self._yaw_rad(id), self.config.query_range))
             for view, id in zip(walk, ids, strict=True)
         )
         if not self._is_driven:
@@ -397,9 +409,9 @@ def query_id(scene: ViewpointScene) -> str:
     return f"{scene.id}/query"
 
 
-def _load(scene: ViewpointScene, id: str, yaw_rad: float) -> Callable[[], Panorama]:
-    """Return a loader of a scene's panorama that looks along `yaw_rad`.
+def _load(scene: ViewpointScene, id: str, yaw_rad: float, ranged: bool = True) -> Callable[[], Panorama]:
+    """Return a loader of a scene's panorama that looks along `yaw_rad`, with or without the ranges of its objects.
 
     The loader holds only the objects, so that a query does not carry its pose or place.
     """
-    return partial(Panorama, id, annotations=scene.annotations(yaw_rad))
+    return partial(Panorama, id, annotations=scene.annotations(yaw_rad, ranged))

@@ -56,9 +56,10 @@ def diagnose(run: Run, method: str) -> dict[str, list[str]]:
 def cause_of(query: ViewpointScene, region_scenes: list[ViewpointScene], answer_scenes: list[ViewpointScene]) -> str:
     """Return the first of CAUSES that applies to a query.
 
-    The query is compared with the viewpoint of its region that shares the most objects (by id) with it. "bad bearing or
-    range": for fewer than two shared objects, the positions estimated from the two viewpoints agree within MISPLACED_M.
-    "twin room": the region of the answer shares at least as many labels with the query as the query's region does.
+    The query is compared with one viewpoint of its region: the viewpoint that shares the most objects (by id).
+
+    - "bad bearing or range": at most one shared object has the same position from both viewpoints, within MISPLACED_M.
+    - "twin room": the region of the answer shares at least as many labels with the query as the region of the query.
 
     Args:
         query: Scene of the query.

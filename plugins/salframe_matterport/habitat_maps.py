@@ -2,8 +2,8 @@
 
 The pictures use a palette of about 100 colours; the colour of a region or object is its index modulo the palette
 length. Two rooms of a large building may therefore have the same colour. Scale and origin are not stored. Both are
-estimated from the positions of the rooms: each connected patch of one colour is assigned to the region whose box in the
-.house file it fills, and the edges of the boxes determine metres per pixel and origin. Colour alone identifies only
+estimated from the positions of the rooms: each connected patch of one colour is assigned to the region whose box (in
+the .house file) it fills. The edges of the boxes give the metres per pixel and the origin. Colour alone identifies only
 what is walkable.
 """
 

@@ -178,7 +178,7 @@ def _panorama_pose(shots: Sequence[DepthShot]) -> np.ndarray:
 
 
 def _read_depth(path: Path) -> np.ndarray:
-    """Read a depth image: depth (h, w) float32 along the camera axis in metres, NaN where there is no reading."""
+    """Read a depth image: depth (h, w) float32 along the camera axis in metres, NaN where the depth is unknown."""
     units = _check_size(path, images.read_ids(path))
     return np.where(units > 0, units / np.float32(_DEPTH_PER_METRE), np.float32(np.nan)).astype(np.float32)
 

@@ -46,8 +46,11 @@ class ViewpointScene:
     height_rad: np.ndarray
     range_m: np.ndarray
 
-    def annotations(self, yaw_rad: float) -> Annotations:
-        """Return the objects in the frame of an upright panorama that looks along the world azimuth `yaw_rad`."""
+    def annotations(self, yaw_rad: float, ranged: bool = True) -> Annotations:
+        """Return the objects in the frame of an upright panorama that looks along the world azimuth `yaw_rad`.
+
+        If `ranged` is false, detectors do not use their ranges.
+        """
         azimuth = self.azimuth_rad - yaw_rad
         # Diameter of a sphere that subtends this angle; bounded for objects that surround the viewpoint.
         width, height = (
@@ -59,6 +62,7 @@ class ViewpointScene:
             self.range_m[:, None] * direction(azimuth, self.elevation_rad),
             np.stack([width, np.minimum(width, height), height], 1),
             (azimuth + np.pi / 2) % np.pi,
+            ranged,
         )
         return Annotations(objects=objects)
 

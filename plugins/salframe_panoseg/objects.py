@@ -11,8 +11,8 @@ MIN_POINTS = 12
 LINK_M = 0.2
 """Maximum distance in metres between the votes of neighbouring pixels of the same part."""
 SAME_M = 0.7
-"""Maximum distance in metres between the mean votes of parts of one object that is cut by an occluder; the length of
-the larger part if that is longer, since the error of votes grows with the size of the object."""
+"""Maximum distance in metres between the mean votes of two parts of an object that is cut by an occluder. If the larger
+part is longer than this, its length is used, because the error of votes grows with the size of the object."""
 
 
 def group_pixels(class_id: np.ndarray, points_m: np.ndarray, centre_m: np.ndarray, valid: np.ndarray) -> np.ndarray:

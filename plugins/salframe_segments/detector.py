@@ -96,7 +96,10 @@ class SegmentsDetector(Detector):
         )
         views: int = Field(6, ge=1, le=16, description="number of horizontal perspective views cut from the panorama")
         tilted_views: int = Field(
-            0, ge=0, le=8, description="number of perspective views that look up by 60 deg; as many look down by 60 deg"
+            0,
+            ge=0,
+            le=8,
+            description="number of additional views that look up by 60 deg, and of those that look down by 60 deg",
         )
         fov_deg: float = Field(
             90.0, ge=30, le=120, description="horizontal field of view of each perspective view (degrees)"

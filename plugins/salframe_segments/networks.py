@@ -82,7 +82,8 @@ class OnnxNetwork(SegmentationNetwork):
         scores = self._model.run(image)[0]
         if scores.dtype.kind != "f":
             raise WeightsError(
-                f"{self.path} gives {scores.dtype}, expected scores as floats: set the tensor's name as output.name"
+                f"the output of {self.path} has the type {scores.dtype}, expected class scores as floats: set "
+                "output.name in the model card to the name of the tensor with the scores"
             )
         return np.asarray(scores, np.float32)
 
@@ -122,8 +123,8 @@ class TfliteNetwork(SegmentationNetwork):
             )
         if self._output["dtype"] is not np.float32 and not self._output["quantization"][0]:
             raise WeightsError(
-                f"{path} gives {_dtype(self._output)} without quantization, expected scores: set the tensor's name as "
-                "output.name"
+                f"the output of {path} has the type {_dtype(self._output)} without quantization, expected class "
+                "scores: set output.name in the model card to the name of the tensor with the scores"
             )
         self._input = inputs[0]["index"]
 
@@ -147,7 +148,7 @@ class _NoTensor(Exception):
 
 
 def _truncate_after(content: bytearray, name: str) -> None:
-    """Make a tensor the only output of a TensorFlow Lite file, and remove all operators after the one that computes it.
+    """Make a tensor the only output of a TensorFlow Lite file, and remove all later operators.
 
     Raises:
         _NoTensor: No operator computes a tensor of this name.

@@ -66,7 +66,7 @@ def ballot(views: Views, rows: int, columns: int) -> csr_array:
     """Return the weights of all votes: sparse (P, V * rows * columns) float32, P = HEIGHT * 2 HEIGHT.
 
     Element (p, i) is the weight of score pixel i for panorama pixel p: a bilinear weight times a weight that falls
-    linearly from the centre of a view to its border. The sum of a row is the total weight, 0 where there is no view.
+    linearly from the centre of a view to its border. The sum of a row is the total weight, 0 if there is no view.
 
     Args:
         views: Views of the panorama.

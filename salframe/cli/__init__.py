@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import sys
 import traceback
@@ -63,7 +64,10 @@ class Commands(TyperGroup):
         return [*builtin, *sorted(set(self._plugin_commands) - set(builtin))]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        return super().get_command(ctx, cmd_name) or self._plugin_commands.get(cmd_name)
+        command = super().get_command(ctx, cmd_name) or self._plugin_commands.get(cmd_name)
+        if command is not None:
+            _join_lines(command)
+        return command
 
     def invoke(self, ctx: Any) -> None:
         """Run a command. Turn a KeyboardInterrupt, and a SystemExit of a component, into exceptions that reach `main`.
@@ -82,6 +86,15 @@ class Commands(TyperGroup):
             raise SalframeError(
                 f"{describe_error(stop)} was raised in {where}; components must not end the process"
             ) from stop
+
+
+def _join_lines(command: Any) -> None:
+    """Join the lines of each paragraph in the help of a command and its sub-commands. Typer keeps their line breaks."""
+    if command.help:
+        paragraphs = re.split(r"\n\s*\n", command.help)
+        command.help = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
+    for child in getattr(command, "commands", {}).values():
+        _join_lines(child)
 
 
 def _load_plugin_commands() -> dict[str, Any]:

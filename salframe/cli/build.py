@@ -23,8 +23,11 @@ def build(
             "--topology/--no-topology", help="Include nodes and edges for routes, if the dataset has floor masks"
         ),
     ] = True,
-    choose: Annotated[
-        bool, typer.Option("--choose", help="Place the nodes of rooms in the widest part, not at reference frames")
+    central_nodes: Annotated[
+        bool,
+        typer.Option(
+            "--central-nodes", help="Place one node in the widest part of each room, not at each reference frame"
+        ),
     ] = False,
     data_dir: DataDir = None,
     overrides: Set = None,
@@ -46,7 +49,7 @@ def build(
             output,
             method,
             topology=topology,
-            choose=choose,
+            central_nodes=central_nodes,
             data_dir=data_dir,
             overrides=with_workers(overrides, workers),
             engine=engine,

@@ -157,7 +157,7 @@ def import_(
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Folder to write the dataset to")],
     place_from: Annotated[
         Literal["column", "region", "folder", "none"] | None,
-        typer.Option(help="Source of the places (default: the first one that the recording has)"),
+        typer.Option(help="Source of the names of places (default: the first one that the recording has)"),
     ] = None,
     queries: Annotated[
         str | None,
@@ -173,7 +173,10 @@ def import_(
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a setting of the importer")
     ] = None,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Print the numbers and draw two pictures, without an import")
+        bool,
+        typer.Option(
+            "--dry-run", help="Read a sample, print a summary and draw two pictures, without writing the dataset"
+        ),
     ] = False,
     as_json: Json = False,
 ) -> None:

@@ -30,7 +30,8 @@ def fit(
     """Fit the parameters of a method to tuning data.
 
     First selects the best values of --try. Then fits the weights of the parts of the score, if the method has them.
-    Then fits the posterior, which converts scores to the probabilities of the places and of a query out of the map.
+    Then fits the posterior. It converts scores to probabilities: one for each place, and one that the query is
+    outside the map.
     Use the file with `--set posterior=FILE.yaml` and `--set weights=FILE.yaml`.
     """
     from salframe.cli.output import Bars, tell

@@ -133,7 +133,7 @@ RangeUnit = Annotated[
 RangeMissing = Annotated[
     list[int] | None,
     typer.Option(
-        metavar="VALUE", min=0, max=65535, help="Value of the range image that means no reading, besides 0; repeatable"
+        metavar="VALUE", min=0, max=65535, help="Pixel value that means an unknown range, besides 0; repeatable"
     ),
 ]
 
@@ -179,7 +179,7 @@ def with_workers(overrides: list[str] | None, workers: int | None) -> tuple[str,
 
 
 class Printing(NamedTuple):
-    """How a result is printed: as JSON, or as tables in a style of `--format` with the columns of these names."""
+    """Output format of a result: JSON, or tables in the style of `--format` with these columns."""
 
     as_json: bool = False
     style: str = "table"
@@ -206,7 +206,7 @@ class CommonOptions:
 
     @property
     def printing(self) -> Printing:
-        """How the result is printed."""
+        """The output format of the result."""
         return Printing(self.as_json, self.style, split_names(self.columns or ""))
 
     @property

@@ -72,7 +72,7 @@ def warn(note: str) -> None:
 
 
 def show_log() -> None:
-    """Print what the package logs, such as a method that replaces another, on stderr."""
+    """Print the log messages of the package on stderr, such as that a method replaces another one."""
     import logging
 
     class ToUser(logging.Handler):

@@ -90,7 +90,7 @@ class QueryOptions:
         return self.camera is not None or self.fov_deg is not None
 
     def read(self) -> list[View]:
-        """Return the views of the query, in their order, with the motion between them where it is known.
+        """Return the views of the query, in their order, with the motion between them if it is known.
 
         Notes on the images and warnings on the camera are printed.
 

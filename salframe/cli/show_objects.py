@@ -37,12 +37,12 @@ def show_objects(
     ] = None,
     fov: Fov = None,
     camera: CameraFile = None,
-    pitch: Annotated[
+    elevation: Annotated[
         float | None,
         typer.Option(
-            parser=number_parser("--pitch", float, -90.0, 90.0),
+            parser=number_parser("--elevation", float, -90.0, 90.0),
             metavar="DEG",
-            help="Pitch of the camera in degrees, positive upwards (default: 0)",
+            help="Elevation of the camera in degrees, positive upwards (default: 0)",
         ),
     ] = None,
     output: Annotated[
@@ -73,7 +73,7 @@ def show_objects(
             range_image=range_image,
             **range_options(range_image is not None, range_unit, range_missing, range_kind),
             fov_deg=fov,
-            pitch_deg=pitch,
+            elevation_deg=elevation,
             camera=calibration,
             progress=bars.update if len(images) > 1 else None,
         )

@@ -43,9 +43,9 @@ class ImportPreview:
         num_queries: Number of queries, with each view of a sequence.
         num_without_pose: Number of panoramas without a pose.
         num_places: Number of places of reference frames.
-        place_from: Where the places come from.
+        place_from: Source of the names of places.
         camera_z_m: Minimum, median and maximum z of the poses.
-        camera_height_m: Median height of the camera over the floor in the range images; None where no floor is visible.
+        camera_height_m: Median height of the camera above the floor in the range images; None if no floor is visible.
         valid_range_share: Share of the visible sphere with a known range, mean of the panoramas that were read; None
             without range.
         max_tilt_deg: Maximum angle between the up axis of a panorama and that of the world.
@@ -81,7 +81,7 @@ class ImportPreview:
             f"reference frames: {self.num_references} in {self.num_places} places (from: {self.place_from})",
             f"queries: {self.num_queries} ({self.num_without_pose} without a pose)",
             f"camera z: {low_m:.2f} to {high_m:.2f} m, median {middle_m:.2f} m",
-            f"camera height over the visible floor: {'unknown' if height_m is None else f'{height_m:.2f} m'}",
+            f"camera height above the visible floor: {'unknown' if height_m is None else f'{height_m:.2f} m'}",
             f"known range: {'none' if share is None else f'{share:.0%} of the visible sphere'}",
             f"up direction: at most {self.max_tilt_deg:.1f} deg from that of the world",
             f"pictures: {self.pictures[0]}, {self.pictures[1]}",

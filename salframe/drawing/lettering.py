@@ -52,8 +52,8 @@ class Lettering:
     def put(self, text: str, colour: Colour, around: np.ndarray, at: np.ndarray) -> None:
         """Place the name of an object.
 
-        The name is centred on the point `at` if it is smaller than the object's box or the box is that point; else it
-        is placed beside the box; else as near as there is room, with a line to the point.
+        If the name is smaller than the box of the object, or the box is a point, it is centred on the point `at`.
+        Otherwise it is placed beside the box. Without room there, it is placed as near as possible, with a line.
 
         Args:
             text: The name.

@@ -185,7 +185,7 @@ def _project(rays: np.ndarray, height: int, camera: Camera | None) -> Iterator[n
 
 def _spot(lines: list[np.ndarray], width: int, height: int) -> tuple[np.ndarray, np.ndarray] | None:
     """Return the box (left, top, right, bottom) around the largest visible part of an object, and a point (x, y) in the
-    part that is far from its outline; None where no part is visible."""
+    part that is far from its outline; None if no part is visible."""
     import cv2
 
     best = None

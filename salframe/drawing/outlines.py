@@ -20,8 +20,8 @@ _BOX = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, 8
 def outline_objects(detections: Detections) -> list[list[np.ndarray]]:
     """Return the closed lines around the parts of each object, (K, 3) float64 unit vectors in the panorama frame.
 
-    The lines are around the points of the object if they are known, else around the mask, else around the box; else the
-    line is a circle of the object's solid angle around its bearing, where these are known.
+    The lines surround the points of the object, or its mask, or its box: the first of these that is known. Otherwise
+    the line is a circle around the bearing of the object with its solid angle, if both are known.
     """
     return [_outline(detections, i) for i in range(len(detections))]
 

@@ -26,7 +26,7 @@ class Plan:
 
     Args:
         detections: The detections.
-        graph: Their saliency graph, None where no position is known.
+        graph: Their saliency graph, None if no position is known.
         colours: Colour of each label.
         side: Side of the plan in pixels.
         camera: The camera of a photograph; its field of view is shaded, and it is placed near the lower edge. None for

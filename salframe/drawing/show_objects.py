@@ -67,7 +67,7 @@ class ObjectView:
         picture: Path of the picture.
         detector: The detector, with its settings that differ from the defaults.
         detections: N objects, in the panorama frame.
-        saliency: (N,) float64, their saliency; None where no range is known.
+        saliency: (N,) float64, their saliency; None if no range is known.
         seconds: Time of detection.
     """
 
@@ -133,7 +133,7 @@ def show_objects(
     range_missing: Sequence[int] = (),
     range_kind: RangeKind | str | None = None,
     fov_deg: float | None = None,
-    pitch_deg: float | None = None,
+    elevation_deg: float | None = None,
     camera: Camera | None = None,
     progress: Progress | None = None,
 ) -> ObjectViews:
@@ -150,12 +150,12 @@ def show_objects(
         overrides: Settings of ShowConfig, "key.path=value" each.
         range_image: 16-bit range image, for a single image.
         range_unit_m: Metres per step of the range image.
-        range_missing: Values of the range image that mean no reading, besides 0.
+        range_missing: Values of the range image that mean an unknown range, besides 0.
         range_kind: "ray": range along the ray, the default for panoramas; "z": z-depth of a photograph, the default for
             photographs; "cube": z-depth of the stitched cube faces of a panorama.
         fov_deg: Horizontal field of view of photographs, in degrees; None for panoramas.
-        pitch_deg: Angle by which the camera of the photographs looks up, in degrees.
-        camera: Camera of photographs, instead of `fov_deg` and `pitch_deg`.
+        elevation_deg: Angle by which the camera of the photographs looks up, in degrees.
+        camera: Camera of photographs, instead of `fov_deg` and `elevation_deg`.
         progress: Called with the name of the step, the number of images done and their total number.
 
     Raises:
@@ -163,7 +163,7 @@ def show_objects(
     """
     paths, output = [Path(image) for image in images], Path(output)
     range_image = None if range_image is None else Path(range_image)
-    _check(paths, output, range_image, fov_deg, pitch_deg, camera)
+    _check(paths, output, range_image, fov_deg, elevation_deg, camera)
     are_photographs = fov_deg is not None or camera is not None
     default_kind = RangeKind.Z if are_photographs else RangeKind.RAY
     encoding = RangeEncoding(range_unit_m, tuple(range_missing), range_kind or default_kind)
@@ -179,7 +179,12 @@ def show_objects(
             _check_picture(picture)
             if are_photographs:
                 shot = open_photograph(
-                    image, range_image, camera=camera, fov_deg=fov_deg, pitch_deg=pitch_deg or 0.0, encoding=encoding
+                    image,
+                    range_image,
+                    camera=camera,
+                    fov_deg=fov_deg,
+                    elevation_deg=elevation_deg or 0.0,
+                    encoding=encoding,
                 )
             else:
                 shot = open_panorama(image, range_image, encoding)
@@ -205,7 +210,7 @@ def _check(
     output: Path,
     range_image: Path | None,
     fov_deg: float | None,
-    pitch_deg: float | None,
+    elevation_deg: float | None,
     camera: Camera | None,
 ) -> None:
     """Check the arguments.
@@ -217,9 +222,9 @@ def _check(
         raise ConfigError("received no image, expected at least one")
     if range_image is not None and len(images) != 1:
         raise ConfigError(f"received {len(images)} images with --range, expected one image")
-    if pitch_deg is not None and fov_deg is None:
+    if elevation_deg is not None and fov_deg is None:
         raise ConfigError(
-            "received --pitch without --fov: add --fov DEG, the horizontal field of view of the photographs"
+            "received --elevation without --fov: add --fov DEG, the horizontal field of view of the photographs"
         )
     if camera is not None and fov_deg is not None:
         raise ConfigError("received both --camera and --fov, expected only one of them")
@@ -280,7 +285,7 @@ class _Stages:
         return detections, seconds
 
     def link(self, detections: Detections) -> tuple[np.ndarray | None, SaliencyGraph | None]:
-        """Return the objects' saliency and their graph; None for both where no position is known."""
+        """Return the saliency of the objects and their graph; None for both if no position is known."""
         if not np.isfinite(detections.centroid_m).all(1).any():
             return None, None
         saliency = self._saliency.score(detections)

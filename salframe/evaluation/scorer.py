@@ -55,7 +55,7 @@ class Scorer(Role):
             split: The split of the benchmark.
             root: The folder of the benchmark's data.
             walked: For each of `episodes` the poses (K, 4) of the agent: x, y, z in metres and yaw in radians, starting
-                at the start pose; None where the agent did not move.
+                at the start pose; None if the agent did not move.
         """
         raise InputMissing(
             f"the benchmark {self.name} has no episodes for navigation, expected one with episodes, such as reverie"

@@ -21,7 +21,7 @@ AT_RECALLS = (0.5, 0.75, 0.9)
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number and its 95 % confidence interval. The bounds are None where the interval is unknown."""
+    """A number and its 95 % confidence interval. The bounds are None if the interval is unknown."""
 
     value: float
     low: float | None = None
@@ -80,7 +80,7 @@ def estimate_statistic(
 ) -> Estimate | None:
     """Return a statistic of the indices (N,) of queries with its bootstrap interval over clusters.
 
-    Samples where the statistic is None are left out. The result is None where it is None of all queries.
+    Samples where the statistic is None are left out. The result is None if the statistic of all queries is None.
     """
     number = _cluster_numbers(clusters)
     value = statistic(np.arange(len(number)))
@@ -144,7 +144,7 @@ def macro_averages(
 
 
 def roc_area(present: np.ndarray, absent: np.ndarray) -> float | None:
-    """Return the area under the ROC curve; None where either array is empty.
+    """Return the area under the ROC curve; None if either array is empty.
 
     It is the probability that a value of `present` (P,) exceeds one of `absent` (A,), where ties count half.
     """
@@ -157,7 +157,7 @@ def roc_area(present: np.ndarray, absent: np.ndarray) -> float | None:
 
 
 def false_accept_rate(correct: np.ndarray, absent: np.ndarray, share: float = ACCEPTED_SHARE) -> float | None:
-    """Return the share of out-of-map queries that are accepted; None where either array is empty.
+    """Return the share of out-of-map queries that are accepted; None if either array is empty.
 
     Args:
         correct: (R,) evidence of the correct answers.
@@ -171,7 +171,7 @@ def false_accept_rate(correct: np.ndarray, absent: np.ndarray, share: float = AC
 
 
 def average_precision(evidence: np.ndarray, right: np.ndarray, count: int) -> float | None:
-    """Return the area under the precision-recall curve; None where `count` is 0.
+    """Return the area under the precision-recall curve; None if `count` is 0.
 
     Args:
         evidence: (Q,) evidence of the answers. Answers are accepted above a threshold on it.
@@ -185,7 +185,7 @@ def average_precision(evidence: np.ndarray, right: np.ndarray, count: int) -> fl
 
 
 def precision_at(evidence: np.ndarray, right: np.ndarray, count: int) -> tuple[float | None, ...]:
-    """Return the highest precision at each recall of AT_RECALLS or above; None where no threshold reaches the recall.
+    """Return the highest precision at each recall of AT_RECALLS or above; None if no threshold reaches the recall.
 
     The arguments are those of `average_precision`.
     """
@@ -224,7 +224,7 @@ class Reliability:
 def reliability(confidence: np.ndarray, correct: np.ndarray) -> Reliability | None:
     """Return the frequency of correct answers (N,) bool in bins of their confidence (N,).
 
-    The confidence is NaN where an answer has none. The result is None where no answer has a confidence.
+    The confidence is NaN where an answer has none. The result is None if no answer has a confidence.
     """
     has_confidence = np.isfinite(confidence)
     if not has_confidence.any():

@@ -24,7 +24,7 @@ def place_key(name: str) -> str:
 
 
 def places_notes(dataset: Dataset) -> list[str]:
-    """Return warnings on the true places of queries that no reference frame has, at most one line of each kind.
+    """Return warnings on true places of queries that are missing in the map, at most one line of each kind.
 
     The first line names places that a reference frame has in another spelling. The second line names the others: their
     queries are out of the map.
@@ -61,7 +61,7 @@ def _true_place(dataset: Dataset, query: str) -> str | None:
 
 
 def _spell(place: str, other: str) -> str:
-    """Return the name of a place; with its kind of Unicode where both names look the same."""
+    """Return the name of a place. If it looks the same as the other name, add the form of its Unicode characters."""
     if unicodedata.normalize("NFC", place) != unicodedata.normalize("NFC", other):
         return repr(place)
     form = "composed" if unicodedata.is_normalized("NFC", place) else "decomposed"

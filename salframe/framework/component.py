@@ -135,8 +135,9 @@ class Component(ABC):
         absent = [package for package in cls.requires_in_use(config) if importlib.util.find_spec(package) is None]
         if absent:
             hint = f": pip install '{cls.extra}'" if cls.extra else ""
+            verb = "which is" if len(absent) == 1 else "which are"
             remedy = f"pip install '{cls.extra}'" if cls.extra else f"pip install {' '.join(absent)}"
-            raise RequirementMissing(f"{cls.name} needs {', '.join(absent)}, not installed{hint}", remedy)
+            raise RequirementMissing(f"{cls.name} needs {' and '.join(absent)}, {verb} not installed{hint}", remedy)
         for weights in cls.weights_in_use(config):
             weights.find()
         for _, inner in components_in(config):

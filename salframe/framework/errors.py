@@ -82,8 +82,11 @@ FRAME_ERRORS = (DataError, InputMissing)
 
 
 def describe_error(error: BaseException) -> str:
-    """Return an exception as one line: what the system cannot do with which file, otherwise the message, with its type
-    unless it is a SalframeError."""
+    """Return an exception as one line.
+
+    For errors of the file system: the file and the reason. For others: the message, with the type of the exception
+    unless it is a SalframeError.
+    """
     if isinstance(error, OSError) and error.strerror and error.filename is not None:
         return f"cannot use {shorten(one_line(error.filename))}: {error.strerror}"
     message = one_line(error)

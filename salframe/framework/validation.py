@@ -42,7 +42,7 @@ class Settings(BaseModel):
 
 
 def check_size(value: Any, key: str = "") -> None:
-    """Raise ValueError where a number, also in a list or mapping, exceeds MAX_NUMBER or MAX_INTEGER.
+    """Raise ValueError if a number, also in a list or mapping, exceeds MAX_NUMBER or MAX_INTEGER.
 
     `key` is the dotted key of the value, for the message.
     """
@@ -80,8 +80,31 @@ def validate(model: type[BaseModel], settings: Mapping[str, Any], where: str, ch
         raise ConfigError(f"{where.rstrip(':')}: {reason}, expected the path of a file or folder") from None
 
 
+_EXPECTED = {
+    **dict.fromkeys(("int_type", "int_parsing", "int_from_float"), "an integer"),
+    **dict.fromkeys(("float_type", "float_parsing"), "a number"),
+    **dict.fromkeys(("bool_type", "bool_parsing"), "true or false"),
+    **dict.fromkeys(("list_type", "tuple_type", "set_type", "frozen_set_type"), "a list"),
+    **dict.fromkeys(("dict_type", "mapping_type", "model_type", "model_attributes_type"), "a dictionary"),
+    "string_type": "a string",
+    "path_type": "a path",
+}
+"""Expected value by type of error, in words that hold for YAML, JSON and Python."""
+_NOUNS = {
+    "too_short": "item",
+    "too_long": "item",
+    "string_too_short": "character",
+    "string_too_long": "character",
+    "bytes_too_short": "byte",
+    "bytes_too_long": "byte",
+}
+"""What is counted, by the type of an error about a length."""
+_COMPARISONS = ("greater_than", "greater_than_equal", "less_than", "less_than_equal", "multiple_of")
+"""Types of errors whose message compares with a number."""
+
+
 def describe_faults(error: ValidationError, where: str, model: type[BaseModel] | None = None) -> str:
-    """Describe validation errors in one line: the first MAX_PROBLEMS, and how many more there are."""
+    """Describe validation errors in one line: the first MAX_PROBLEMS errors, and the number of the others."""
     problems = list(dict.fromkeys(_problem(model, problem, where) for problem in error.errors()))
     more = f"; and {len(problems) - MAX_PROBLEMS} more errors" if len(problems) > MAX_PROBLEMS else ""
     return "; ".join(problems[:MAX_PROBLEMS]) + more
@@ -100,13 +123,34 @@ def _problem(model: type[BaseModel] | None, problem: Any, where: str) -> str:
         return f"{key} is missing"
     if isinstance(cause := problem.get("ctx", {}).get("error"), Exception):
         return str(cause) if isinstance(cause, SalframeError) else f"{key}: {cause}"
-    return (
-        f"{key}: received {shorten(repr(problem['input']))}, expected {problem['msg'].removeprefix('Input should be ')}"
-    )
+    return f"{key}: received {shorten(repr(problem['input']))}{_count(problem)}, expected {_expected(problem)}"
+
+
+def _count(problem: Any) -> str:
+    """Return the number of items that were received, where this number is wrong."""
+    wrong = problem["type"] in ("too_short", "too_long")
+    return f" ({_counted(problem['ctx']['actual_length'], 'item')})" if wrong else ""
+
+
+def _expected(problem: Any) -> str:
+    """Return the value that was expected, as a noun phrase."""
+    kind, limits = problem["type"], problem.get("ctx", {})
+    if kind.endswith("too_short"):
+        return f"at least {_counted(limits['min_length'], _NOUNS[kind])}"
+    if kind.endswith("too_long"):
+        return f"at most {_counted(limits['max_length'], _NOUNS[kind])}"
+    if kind == "string_pattern_mismatch":
+        return f"a string that matches {limits['pattern']}"
+    text = str(problem["msg"]).removeprefix("Input should be ")
+    return f"a number {text}" if kind in _COMPARISONS else _EXPECTED.get(kind, text)
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}" + ("" if count == 1 else "s")
 
 
 def _fields_below(model: type[BaseModel] | None, keys: Sequence[str]) -> list[str]:
-    """Return the names of the fields of the model at nested keys; an empty list where it is not known."""
+    """Return the names of the fields of the model at nested keys; an empty list if it is not known."""
     for key in keys:
         field = model.model_fields.get(key) if model else None
         parts = [] if field is None else [field.annotation, *get_args(field.annotation)]

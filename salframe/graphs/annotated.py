@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from salframe.framework.errors import InputMissing
-from salframe.graphs.boxes import detections_from_points, detections_where_known
+from salframe.graphs.boxes import box_solid_angle, detections_from_points, detections_where_known
 from salframe.graphs.detections import Detections, unit_vectors
 from salframe.panoramas.geometry import equirectangular_rays, pixel_solid_angles, pose_2d, transform_points
 from salframe.panoramas.panorama import VISIBLE_PIXELS, Annotations, Panorama
@@ -60,8 +60,8 @@ def seen_objects(panorama: Panorama) -> list[Annotated]:
 
 def has_points(panorama: Panorama) -> bool:
     """Return whether the annotated objects of a panorama have points; otherwise they have directions only."""
-    listed = panorama.annotations is not None and panorama.annotations.objects is not None
-    return listed or panorama.range_m is not None
+    listed = None if panorama.annotations is None else panorama.annotations.objects
+    return panorama.range_m is not None if listed is None else listed.ranged
 
 
 def annotated_detections(panorama: Panorama) -> Detections:
@@ -115,7 +115,10 @@ def _objects_in_image(
 
 
 def _objects_in_list(annotations: Annotations) -> list[Annotated]:
-    """Return the objects of a list that have a known position, each with the eight corners of its box."""
+    """Return the objects of a list that have a known position, each with the eight corners of its box.
+
+    If the list has no ranges, the corners have equal shares of the mean solid angle of the box.
+    """
     listed = annotations.objects
     if listed is None:
         return []
@@ -126,5 +129,7 @@ def _objects_in_list(annotations: Annotations) -> list[Annotated]:
         pose = pose_2d(x_m, y_m, listed.yaw_rad[i], z_m)
         corners = transform_points(pose, signs * listed.size_m[i])
         key = zlib.crc32(listed.keys[i].encode())
-        objects.append(Annotated(key, listed.labels[i], corners.astype(np.float32), np.full(8, np.nan)))
+        range_m = float(np.linalg.norm(listed.centroid_m[i]))
+        solid_angle_sr = np.nan if listed.ranged else box_solid_angle(listed.size_m[i], range_m)
+        objects.append(Annotated(key, listed.labels[i], corners.astype(np.float32), np.full(8, solid_angle_sr / 8)))
     return objects

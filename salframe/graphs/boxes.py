@@ -81,7 +81,7 @@ def detections_where_known(
     Args:
         labels: N labels.
         scores: (N,).
-        points_m: N arrays (n_i, 3), the points behind the masks in metres, or None where no range is known. Objects
+        points_m: N arrays (n_i, 3), the points behind the masks in metres, or None if no range is known. Objects
             with fewer than MIN_POINTS points have the position and size NaN.
         bearing: (N, 3), as in Detections.
         solid_angle_sr: (N,), as in Detections.
@@ -100,3 +100,13 @@ def detections_where_known(
         clouds = tuple(points if i in measured else unknown for i, points in enumerate(points_m))
     masks = None if rays is None else tuple(rays)
     return Detections(tuple(labels), scores, centroid, size, yaw, clouds, bearing, solid_angle_sr, masks)  # type: ignore[arg-type]
+
+
+def box_solid_angle(size_m: np.ndarray, range_m: float) -> float:
+    """Return the mean solid angle, in steradians, of a box (3,) viewed from a random side at a range.
+
+    By Cauchy's formula the mean projected area of a convex body is a quarter of its surface; it is divided by the
+    squared range.
+    """
+    length, width, height = size_m
+    return float((length * width + width * height + height * length) / 2 / range_m**2)

@@ -16,12 +16,12 @@ from salframe.panoramas.geometry import pose_2d, transform_points
 SCENE_MOVE_M, SCENE_MOVE_Z_M, SCENE_SIZE_LOG = 0.6, 0.08, 0.12
 """Standard deviations of the changes from a room to a scene: along x and y, in height, and of log sizes."""
 SCENE_RELABEL_SHARE, SCENE_MISSING_SHARE = 0.1, 0.15
-"""Shares of a room's objects that have another label in a scene, and that are missing in it."""
+"""Share of a room's objects with another label in a scene, and share of missing objects."""
 QUERY_OFFSET_M, ERROR_M, ERROR_Z_M, ERROR_SIZE_LOG = 0.7, 0.1, 0.08, 0.15
-"""Standard deviations of a query: its position along x and y relative to the scene's, and the detector's errors along x
-and y, in height, and of log sizes."""
+"""Standard deviations of a query. QUERY_OFFSET_M: position along x and y, relative to the scene. Others: errors of the
+detector along x and y, in height, and of log sizes."""
 MISLABEL_SHARE, MISS_SHARE = 0.05, 0.2
-"""Shares of a scene's objects that the detector mislabels in a query, and that it misses."""
+"""Share of a scene's objects that the detector mislabels in a query, and share of missed objects."""
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ class Detector(Role):
 
     @classmethod
     def noise_in(cls, config: Any, rendered: bool) -> str | None:
-        """Return the name of the noise that this detector adds to annotations; None where it adds none.
+        """Return the name of the noise that this detector adds to annotations; None if it adds none.
 
         Args:
             config: Settings of the detector.

@@ -214,8 +214,8 @@ def box_distances(detections: Detections, a: np.ndarray, b: np.ndarray) -> np.nd
 
     Args:
         detections: N detections.
-        a: (E,) numbers of detections.
-        b: (E,) numbers of detections.
+        a: (E,) indices of detections.
+        b: (E,) indices of detections.
     """
     import shapely
 

@@ -19,10 +19,10 @@ from salframe.graphs.graph import SaliencyGraph
 
 @dataclass(frozen=True, eq=False)
 class SceneCandidates:
-    """K candidate scenes, best first; scenes of equal scores are sorted by number.
+    """K candidate scenes, best first; scenes of equal scores are sorted by index.
 
     Attributes:
-        scene: (K,) int64, numbers of the scenes in the map.
+        scene: (K,) int64, indices of the scenes in the map.
         score: (K,) float64, finite, larger is better.
     """
 

@@ -73,9 +73,9 @@ class DetectionModel(Settings):
 
         Args:
             labels: N annotated labels.
-            solid_angle_sr: (N,), NaN or None where unknown.
-            range_m: (N,), NaN or None where unknown.
-            hidden_share: (N,), NaN or None where unknown.
+            solid_angle_sr: (N,), NaN or None if unknown.
+            range_m: (N,), NaN or None if unknown.
+            hidden_share: (N,), NaN or None if unknown.
         """
         offset = np.array([self.offsets.get(common_label(label), 0.0) for label in labels], np.float64)
         terms = self.terms(len(labels), solid_angle_sr, range_m, hidden_share)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from salframe.graphs.annotated import Annotated, has_points
-from salframe.graphs.boxes import upright_box
+from salframe.graphs.boxes import box_solid_angle, upright_box
 from salframe.panoramas.panorama import Panorama
 
 OCCLUDER_SHARE = 0.05
@@ -47,22 +47,12 @@ def sightings(panorama: Panorama, objects: Sequence[Annotated]) -> ObjectVisibil
         solid_angle_sr[:] = [annotated.solid_angle_sr.sum() for annotated in objects]
     else:
         solid_angle_sr[:] = [
-            box_solid_angle(upright_box(annotated.points_m)[0], r)
+            box_solid_angle(upright_box(annotated.points_m)[0], r) if np.isfinite(r) else annotated.solid_angle_sr.sum()
             for annotated, r in zip(objects, range_m, strict=True)
         ]
     if instance_id is not None and panorama.range_m is not None and objects:
         hidden[:] = hidden_shares(instance_id, panorama.range_m)[[annotated.key for annotated in objects]]
     return ObjectVisibility(tuple(annotated.label for annotated in objects), solid_angle_sr, range_m, hidden)
-
-
-def box_solid_angle(size_m: np.ndarray, range_m: float) -> float:
-    """Return the mean solid angle, in steradians, of a box (3,) viewed from a random side at a range.
-
-    By Cauchy's formula the mean projected area of a convex body is a quarter of its surface; it is divided by the
-    squared range.
-    """
-    length, width, height = size_m
-    return float((length * width + width * height + height * length) / 2 / range_m**2)
 
 
 def hidden_shares(instance_id: np.ndarray, range_m: np.ndarray) -> np.ndarray:

@@ -35,7 +35,7 @@ class GraphNodes:
 
     Attributes:
         count: (K,) int64, number of nodes of each graph.
-        label: (N,) int64, numbers of labels in a vocabulary, -1 for a label that is not in it.
+        label: (N,) int64, indices of labels in a vocabulary, -1 for a label that is not in it.
         scores: (N,) float64.
         saliency: (N,) float64.
         centroid_m: (N, 3) float64, in the panorama frame of each graph.
@@ -99,7 +99,7 @@ class GraphTable(Sequence[SaliencyGraph]):
         sizes: (S,) int64, number of nodes of each graph.
         labels: Names of the L labels; the index of a name is its label id.
         vocabulary: Label id of each name.
-        scenes: An open scene index of these graphs, None where there is none.
+        scenes: An open scene index of these graphs, None if there is none.
     """
 
     scenes: SceneLookup | None = None
@@ -140,7 +140,7 @@ class GraphTable(Sequence[SaliencyGraph]):
         return ranges(self._start[graphs], self.sizes[graphs])
 
     def take(self, graphs: np.ndarray) -> GraphNodes:
-        """Return the nodes of the graphs with these numbers (K,)."""
+        """Return the nodes of the graphs with these indices (K,)."""
         nodes = self.nodes(graphs)
         return GraphNodes(self.sizes[graphs], self._label[nodes].astype(np.int64), **self._values(nodes))
 

@@ -18,8 +18,9 @@ def from_near_side(detect: Callable[[Any, Panorama], Detections]) -> Callable[[A
     """Decorate the `detect` of a detector: rotate each panorama so that its near side is in the middle, remove the
     annotations, detect, and rotate the detections back.
 
-    This is for networks whose output depends on where the panorama begins (strides, views at fixed azimuths): rotating
-    the panorama by any number of columns then rotates the detections and changes nothing else. It is canonicalisation
+    Use it for networks whose output depends on the first column of the panorama, for example because of strides or
+    views at fixed azimuths. If the panorama is rotated, the detections are then the same, rotated. The method is
+    canonicalisation
     (Kaba et al., Equivariance with Learned Canonicalization Functions, ICML 2023) by a fixed function.
     """
 
@@ -59,7 +60,7 @@ def turned_detections(detections: Detections, angle_rad: float) -> Detections:
 
 def _side(panorama: Panorama) -> np.ndarray | None:
     """Return the mean nearness 1 / (1 + range) of each column, (W,) float64; where no range is known, the mean
-    brightness; None where the panorama has neither."""
+    brightness; None if the panorama has neither."""
     if panorama.range_m is not None and (known := np.isfinite(panorama.range_m)).any():
         return np.divide(1, 1 + panorama.range_m, where=known, out=np.zeros(known.shape)).mean(0)
     return None if panorama.rgb is None else panorama.rgb.mean((0, 2))

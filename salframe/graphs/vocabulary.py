@@ -39,7 +39,7 @@ def object_label(label: str) -> str:
     Labels are compared without case, composition of characters, punctuation between words, a number at the end, and
     the difference of singular and plural: "Potted_Plants 2" is a plant. Of a label that lists synonyms
     ("sofa, couch, lounge"), the first word that is in the vocabulary decides. A label that is not in the vocabulary is
-    returned in lower case, in the singular where it is an English word.
+    returned in lower case and, if it is an English word, in the singular.
     """
     words, names = spelling(label), _names()
     synonyms = _BETWEEN_SYNONYMS.split(words)

@@ -92,7 +92,7 @@ def is_accepted(status: LocalizationStatus, out_of_map_probability: float | None
     Args:
         status: The status of the answer.
         out_of_map_probability: The out-of-map probability of the answer; None: the localizer has no probabilities, and
-            the result is None where the status names a place.
+            the result is None if the status names a place.
     """
     if not status.names_a_place:
         return False
@@ -105,7 +105,7 @@ class Localization:
 
     Attributes:
         places: Candidate places, best first, one entry for each place.
-        T_world_query: (4, 4) pose of the query, a rigid motion; None where it is unknown.
+        T_world_query: (4, 4) pose of the query, a rigid motion; None if it is unknown.
         status: Whether the localizer answered, or why not.
         covariance: Covariance of the pose as in PoseEstimate, in the axes of the world.
         heading_rad: Azimuth of the x axis of the query in the world: that of the pose, or an estimate without a pose.
@@ -157,7 +157,7 @@ class Localization:
     def accepted(self) -> bool | None:
         """Whether a program should use the first place and, if there is one, the pose.
 
-        None for a localizer without probabilities, if the answer has a place.
+        None if the answer has a place, but the localizer computes no probabilities.
         """
         return is_accepted(self.status, self.out_of_map_probability)
 

@@ -47,7 +47,7 @@ def required_parts(localizer: Localizer, provides: frozenset[str]) -> frozenset[
 
 
 def check_parts(localizer: Localizer, panorama: Panorama, remedy: Callable[[], str] | None = None) -> None:
-    """Raise InputMissing where a panorama lacks a part that the localizer requires; the error ends with `remedy`."""
+    """Raise InputMissing if a panorama lacks a part that the localizer requires; the error ends with `remedy`."""
     if missing := required_parts(localizer, panorama.provides) - panorama.provides:
         reason = f"{localizer.name} needs {' and '.join(sorted(missing))}, which {panorama.id} does not have"
         raise InputMissing(reason if remedy is None else f"{reason}: {remedy()}")
@@ -97,7 +97,7 @@ def describe_frame(
 
     Args:
         localizer: The localizer.
-        frame: The frame. Its panorama is levelled first, where it is tilted and the localizer's `level` is "auto"; the
+        frame: The frame. Its panorama is levelled first, if it is tilted and the localizer's `level` is "auto"; the
             description then has the rotation R_LEVEL_PANO.
         cache: Cache of descriptions; None: no cache.
         dataset: The content_key of the dataset. The cache identifies a panorama by the id of the frame and by the

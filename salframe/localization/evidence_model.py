@@ -53,7 +53,7 @@ class PlaceFrames:
 
     @cached_property
     def place(self) -> np.ndarray:
-        """(F,) number of the place of each frame."""
+        """(F,) index of the place of each frame."""
         return np.repeat(np.arange(len(self)), np.diff(self.start))
 
     @cached_property
@@ -73,10 +73,10 @@ class PlaceFrames:
 
 @dataclass(frozen=True, eq=False)
 class PlaceHypotheses:
-    """H hypotheses of where a query was taken. The first C have a pose, the others only a place.
+    """H hypotheses of the place of a query. The first C also have a pose.
 
     Attributes:
-        place: (H,) int64 number of the place in PlaceFrames.
+        place: (H,) int64 index of the place in PlaceFrames.
         xy_m: (C, 2) float64 position of the query in the world, metres.
         yaw_rad: (C,) float64 heading of the query in the world.
         scale: (C,) float64 factor from the query's ranges to true ranges.
@@ -107,18 +107,18 @@ class EvidenceModel(Role):
     arrays: ClassVar[tuple[str, ...]] = ()
     """Names of all arrays that `describe` may return."""
     uses: ClassVar[frozenset[str]] = frozenset()
-    """Parts of a panorama that `describe` reads where they are present, of "rgb", "range" and "annotations"."""
+    """Parts of a panorama that `describe` reads if they are present, of "rgb", "range" and "annotations"."""
     uses_pose: ClassVar[bool] = False
     """Whether the columns depend on the pose of a hypothesis. Only such evidence compares poses in one place."""
     column_step: ClassVar[int | None] = 1
-    """Rolling the panorama by a multiple of this number of columns changes no column; None: any roll may."""
+    """Turning the panorama by a multiple of this number of pixel columns changes no evidence; None: every turn may."""
 
     def describe(self, panorama: Panorama, description: Description) -> Description:
         """Return the arrays to add to the description of a panorama, of those named in `arrays`.
 
         Args:
             panorama: The panorama.
-            description: What the localizer itself describes, such as the arrays of the saliency graph.
+            description: Arrays of the localizer itself, such as those of the saliency graph.
         """
         return {}
 
@@ -143,7 +143,7 @@ class EvidenceModel(Role):
         """Prepare the scoring of hypotheses in a map with S reference frames. By default, nothing is prepared.
 
         Args:
-            descriptions: The arrays of `describe` of each reference frame; empty where it returned none.
+            descriptions: The arrays of `describe` of each reference frame; empty if it returned none.
             places: The places of the map.
             T_world_pano: (S, 3, 4) poses of the frames.
         """

@@ -26,30 +26,30 @@ FUSED = "views localized one by one and fused"
 
 
 class Fusion(StrEnum):
-    """How several views of a query give one answer."""
+    """Ways to combine several views of a query to one answer."""
 
     JOINED = "joined"
-    """Views are joined to one query. Where the localizer cannot join them, their answers are fused as by PRODUCT."""
+    """Views are joined to one query. If the localizer cannot join them, their answers are fused as with PRODUCT."""
     PRODUCT = "product"
     """The probabilities of a place are multiplied over the views."""
     SUREST = "surest"
-    """The answer with the highest probability of its first place, or score where there are no probabilities."""
+    """The answer whose first place has the highest probability is used (the highest score, without probabilities)."""
 
 
 def fuse_answers(answers: Sequence[Localization], T_last_view: np.ndarray | None) -> Localization:
     """Fuse the answers of the views of a query. Views are treated as independent.
 
-    Where all answers that name a place have probabilities, the probability of a place is proportional to their product.
-    Otherwise the answer with the highest score is returned. The pose is the pose of the view that has the highest
-    probability of the first place, moved to the last view; where the motion is unknown, it is the pose of the last
-    view, if that is in the first place.
+    If all answers that name a place have probabilities, the probability of a place is proportional to their product.
+    Otherwise the answer with the highest score is returned. The pose comes from the view with the highest probability
+    of the first place, and is moved to the last view. If the motion is unknown, it is the pose of the last view, if the
+    last view is in the first place.
 
     Args:
         answers: The answers, at least one, in the order of the views.
         T_last_view: (V, 4, 4) motions that map coordinates of the views to those of the last view; None: unknown.
 
     Returns:
-        The answer, without the notes of the answers. An answer of the last view where no answer names a place.
+        The answer, without the notes of the answers. If no answer names a place, the answer of the last view.
     """
     placed = [number for number, answer in enumerate(answers) if answer.places]
     if not placed:
@@ -121,7 +121,7 @@ def _multiply(answers: Sequence[Localization]) -> tuple[tuple[RankedPlace, ...],
 
 
 def _pose(answers: Sequence[Localization], place: str, T_last_view: np.ndarray | None) -> np.ndarray | None:
-    """Return the pose (4, 4) of the last view by the surest answer in a place; None where no answer has a pose."""
+    """Return the pose (4, 4) of the last view by the surest answer in a place; None if no answer has a pose."""
     rows = [
         number
         for number, answer in enumerate(answers)

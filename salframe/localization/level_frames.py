@@ -29,7 +29,7 @@ VERSION = "1"
 
 
 def level_key(localizer: Localizer, frame: ReferenceFrame | QueryFrame) -> dict[str, Any]:
-    """Return what the levelling of a frame depends on besides its panorama, for a cache; {} where it is off."""
+    """Return the inputs of the levelling other than the panorama, for cache keys; {} if it is off."""
     if localizer.level == "off":
         return {}
     rotation = pose_level_rotation(frame.T_world_pano) if isinstance(frame, ReferenceFrame) else None
@@ -40,7 +40,7 @@ def level_key(localizer: Localizer, frame: ReferenceFrame | QueryFrame) -> dict[
 def level_panorama(
     localizer: Localizer, frame: ReferenceFrame | QueryFrame, panorama: Panorama
 ) -> tuple[Panorama, np.ndarray | None]:
-    """Return the panorama of a frame, levelled where it is tilted, and the rotation R_level_pano (3, 3) or None.
+    """Return the panorama of a frame, levelled if it is tilted, and the rotation R_level_pano (3, 3) or None.
 
     A reference frame is levelled by its pose. The tilt of queries, and of reference frames whose pose is exactly level
     like one in the plane, is estimated from the parts that the localizer uses.
@@ -63,7 +63,7 @@ def upright_frame(localizer: Localizer, frame: ReferenceFrame) -> ReferenceFrame
 
 
 def split_level(description: Description) -> tuple[Description, np.ndarray | None]:
-    """Return the description without the rotation of the levelling, and that rotation (3, 3), None where there is
+    """Return the description without the rotation of the levelling, and that rotation (3, 3), None if there is
     none."""
     if R_LEVEL_PANO not in description:
         return description, None
@@ -77,7 +77,7 @@ def level_motions(T_last_view: np.ndarray, rotations: list[np.ndarray | None]) -
 
     Args:
         T_last_view: (V, 4, 4) motions between the views as they were taken.
-        rotations: R_level_pano (3, 3) of each view, None where it was not levelled.
+        rotations: R_level_pano (3, 3) of each view, None if it was not levelled.
     """
     if all(map(may_be_flat, T_last_view)):
         return T_last_view
@@ -106,7 +106,7 @@ def of_turned(description: Description, rotation: np.ndarray) -> Description:
 
 
 def better_answer(first: Localization, second: Localization) -> Localization:
-    """Return the answer with the higher score of two answers by one localizer; the first where they are equal."""
+    """Return the answer with the higher score of two answers by one localizer; the first if they are equal."""
     scores = [answer.places[0].score if answer.status.names_a_place else -np.inf for answer in (first, second)]
     return second if scores[1] > scores[0] else first
 

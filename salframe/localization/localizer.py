@@ -54,8 +54,8 @@ class LevelledConfig(ComponentConfig):
 
     level: Literal["auto", "off"] = added(
         "auto",
-        description="auto: level tilted panoramas before they are described, reference frames by their poses, queries "
-        "by the floor and walls in the range or by the lines in the colour; off: use them as they are",
+        description="auto: tilted panoramas are levelled before they are described (reference frames by their poses, "
+        "queries by the floor and walls in the range image, or by the lines in the colour image); off: no levelling",
     )
 
 
@@ -90,9 +90,9 @@ class Localizer(Role):
     uses_floors: ClassVar[bool] = False
     """Whether `index` reads `floors`; they are then saved with the map."""
     uses: ClassVar[frozenset[str]] = frozenset()
-    """Parts of a panorama that `describe` reads where they are present, in addition to `needs`."""
+    """Parts of a panorama that `describe` reads if they are present, in addition to `needs`."""
     floors: tuple[FloorMasks, ...] = ()
-    """Floors of the map, set before `index` and `open_index`; empty where they are unknown or not used."""
+    """Floors of the map, set before `index` and `open_index`; empty if they are unknown or not used."""
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
@@ -175,7 +175,7 @@ class Localizer(Role):
         return None
 
     def unknown_labels(self, description: Description) -> tuple[str, ...]:
-        """Return the labels of a described query that no object of the map has; () for methods without labels."""
+        """Return the labels of a described query that are missing in the map; () for methods without labels."""
         return ()
 
     def unfit_for_map(self, description: Description) -> str | None:

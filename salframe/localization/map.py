@@ -410,7 +410,7 @@ def map_config(directory: str | Path) -> ComponentConfig:
 
 @contextmanager
 def _blaming(folder: Path | None, localizer: Localizer) -> Iterator[None]:
-    """Raise DataError where the localizer cannot index the saved arrays in `folder`, or match with them.
+    """Raise DataError if the localizer cannot index the saved arrays in `folder`, or match with them.
 
     Only the localizer knows which arrays are required, so that its exceptions are the check. They are not part of the
     message, which names the arrays that are not finite.

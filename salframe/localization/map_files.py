@@ -97,7 +97,7 @@ class MapParts:
         return tuple(stamp for stamp in stamps if stamp.size >= MAX_READ_BYTES)
 
     def read_floors(self) -> tuple[FloorMasks, ...]:
-        """Read the floors of the map; empty where it has no floors. Raises DataError."""
+        """Read the floors of the map; empty if it has no floors. Raises DataError."""
         return read_floors(self.folder) if self.has(FLOORS) else ()
 
     def write_scenes(self, packed: Iterable[Row], frames: Iterable[ReferenceFrame]) -> None:
@@ -118,7 +118,7 @@ class MapParts:
         self.write_json(METHOD, {"version": localizer.version, "localizer": settings, "described_by": described_by})
 
     def read_config(self) -> ComponentConfig:
-        """Read the settings of the localizer. Raises DataError where the map has none, UnknownName, ConfigError."""
+        """Read the settings of the localizer. Raises DataError if the map has none, UnknownName, ConfigError."""
         saved = self._read_method().localizer
         if not isinstance(kind := saved.get("kind"), str):
             raise DataError(f"{self.folder / METHOD} names no localizer: build the map again")
@@ -214,7 +214,7 @@ def read_map(directory: Path, read: Callable[[MapParts], _Result]) -> _Result:
 
 
 def check_output(directory: Path) -> None:
-    """Raise ConfigError where an output folder contains something other than a map or the parts of one."""
+    """Raise ConfigError if an output folder contains something other than a map or the parts of one."""
     if not directory.exists() or (directory / MAP).exists():
         return
     if not directory.is_dir() or not all(path.name.startswith(_PARTS) for path in directory.iterdir()):

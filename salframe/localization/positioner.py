@@ -30,13 +30,13 @@ class PoseEstimate:
     """The estimated pose of the query in the reference frame.
 
     Attributes:
-        T_reference_query: (4, 4) pose; None where `status` is not OK.
+        T_reference_query: (4, 4) pose; None if `status` is not OK.
         status: Whether a pose was estimated, or why not.
-        covariance: (3, 3) covariance of (x_m, y_m, yaw_rad) for SE(2), (6, 6) for SE(3); None where it is unknown.
+        covariance: (3, 3) covariance of (x_m, y_m, yaw_rad) for SE(2), (6, 6) for SE(3); None if it is unknown.
         inliers: (M,) bool, whether each matched pair is an inlier.
         runner_up: Ratio of the support of the second best pose to that of this pose, in [0, 1].
         yaw_rad: Azimuth of the x axis of the query in the reference frame, from the pose, or from directions that
-            determine only the heading; None where it is unknown.
+            determine only the heading; None if it is unknown.
 
     Raises:
         InvalidAnswer: The status is not a PoseStatus.

@@ -33,8 +33,8 @@ class Head(Settings):
         description="change of the log-odds that the query is in the map, per unit of the best score"
     )
     top_probability: float = Field(
-        description="change of the log-odds that the query is in the map, per unit of the best place's "
-        "probability (under the condition that it is in the map)"
+        description="change of the log-odds that the query is in the map, per unit of the probability of the best "
+        "place. This probability assumes that the query is in the map"
     )
     margin: float = Field(
         description="change of the log-odds that the query is in the map, per unit of the difference between the "
@@ -143,7 +143,7 @@ class ScoredAnswer:
 
     Attributes:
         scores: (P,) float64 scores of the places, best first, at least one.
-        true_place: Index of the query's place among them; None where it is not ranked.
+        true_place: Index of the query's place among them; None if it is not ranked.
         here: Whether the query's place is in the map.
         objects: Number of objects of the query.
     """
@@ -190,8 +190,8 @@ def fit_posterior(answers: Sequence[ScoredAnswer]) -> Fit:
     num_out_of_map = sum(not answer.here for answer in answers)
     if not ranked or not num_out_of_map:
         raise DataError(
-            f"received {len(ranked)} answers that rank the query's place and {num_out_of_map} out-of-map answers, "
-            "expected at least 1 of each"
+            f"received {len(ranked)} answers to queries in the map, with the true place among the ranked places, and "
+            f"{num_out_of_map} answers to out-of-map queries, expected at least 1 of each"
         )
     spread = float(np.std(np.concatenate([answer.scores for answer in answers])))
     if spread == 0 or all(np.ptp(answer.scores) == 0 for answer in ranked):

@@ -21,7 +21,7 @@ def rank_places(
     Args:
         frames: The K reference frames.
         scores: (K,) scores, larger is better; -inf: the frame is not a candidate.
-        T_world_query: (4, 4) pose of the query; None where it is unknown.
+        T_world_query: (4, 4) pose of the query; None if it is unknown.
     """
     order = [int(i) for i in np.argsort(-scores, kind="stable") if np.isfinite(scores[i])]
     value = scores.astype(np.float64)

@@ -37,8 +37,8 @@ class Located(NamedTuple):
     Attributes:
         pose: (4, 4) T_world_pano.
         score: Score of the answer.
-        frame: Id of the reference frame whose position the pose has, where the localizer gave a place only; None where
-            it gave a pose.
+        frame: Id of a reference frame. If the localizer returned a place without a pose, `pose` is the pose of this
+            frame. None if the localizer returned a pose.
     """
 
     pose: np.ndarray
@@ -47,11 +47,10 @@ class Located(NamedTuple):
 
 
 class Belief:
-    """An agent's estimate of its pose: the localization that most of its localizations agree with, all moved to the
-    present by odometry.
+    """An agent's estimate of its pose: the localization that agrees with most of the others.
 
-    Votes are weighted by score, where that is positive: an uncertain answer is outvoted, and a wrong belief is outvoted
-    by better answers that contradict it. At a position where the agent has been before, the new answer replaces the old
+    All localizations are moved to the present by odometry. They vote with their positive scores, so several good
+    answers outvote an uncertain or wrong one. If the agent returns to a position, the new answer there replaces the old
     one, because the errors of both are correlated. A place without a pose is used only if it differs from the previous
     place. If the place is the same, odometry is the better estimate of the position in it.
     """
@@ -131,7 +130,7 @@ class Agent:
             self._off_path = False
 
     def decide(self) -> Move | None:
-        """Return the next move, None where the agent estimates that it has arrived.
+        """Return the next move, None if the agent estimates that it has arrived.
 
         After a collision with an obstacle of its chart, which means that the agent was off its path, it steps aside
         before it tries again. Without a pose, or without a path from there, it moves to look from another position.

@@ -18,15 +18,15 @@ ROOM_M = 0.07
 """Safety margin that is added to the agent's radius where possible, because an agent deviates slightly from its
 path."""
 AHEAD_M, CLEAR_M = 0.1, 0.30
-"""A collision is with an obstacle that is not in the masks where their clearance, AHEAD_M ahead of the agent, is at
-least CLEAR_M."""
+"""If the masks show a clearance of at least CLEAR_M at the point AHEAD_M ahead of the agent, the agent collided with an
+obstacle that is missing in the masks."""
 BUMP_M, BUMP_AHEAD_M = 0.2, 0.3
 """Radius of the disc that an agent avoids after such a collision, and the distance of its centre ahead of the agent.
 Larger obstacles need several collisions."""
 
 
 class Chart(ABC):
-    """A building as an agent knows it. Positions are those of agents; points of the map lie on the floor below."""
+    """Knowledge of a building. Positions are those of agents. Points of the map lie on the floor below."""
 
     map: TopologicalMap
     max_move_m: ClassVar[float]

@@ -101,7 +101,7 @@ def draw_episodes(sites: Mapping[str, Site], count: int, seed: int) -> tuple[lis
 
 
 def _draw(site: Site, rng: np.random.Generator, number: int) -> Episode | None:
-    """Return a random episode; None where TRIES attempts fail, or the world has no place to start at."""
+    """Return a random episode; None if TRIES attempts fail, or the world has no place to start at."""
     world, guide = site
     for _ in range(TRIES):
         try:

@@ -65,7 +65,7 @@ class Sight:
 
     @property
     def warning(self) -> str | None:
-        """A warning on reference frames that were left out, None where there is none."""
+        """A warning on reference frames that were left out, None if there is none."""
         return left_out_note(self._left_out)
 
     def look(self, world: World, T_world_pano: np.ndarray, yaw_rad: float) -> Located | None:
@@ -77,7 +77,7 @@ class Sight:
             yaw_rad: Heading by odometry, used where the localizer returns no pose.
 
         Returns:
-            The localization, None where the localizer fails.
+            The localization, None if the localizer fails.
         """
         map = self._map_of(world.references(T_world_pano), world.chart.map.floors)
         panorama = world.observe(T_world_pano)
@@ -94,7 +94,7 @@ class Sight:
 
     def _map_of(self, frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks]) -> LocalizationMap:
         """Return the map of these frames and floors. Each frame is described once; frames that cannot be used are left
-        out. Raises MethodFailed where these are too many."""
+        out. Raises MethodFailed if these are too many."""
         usable = [frame for frame in frames if self._describe(frame) is not None]
         if self._map is not None and [frame.id for frame in usable] == list(self._frames):
             return self._map

@@ -30,7 +30,7 @@ Row = dict[str, Any]
 
 
 class EpisodeStatus(StrEnum):
-    """How an episode ended: the agent reported its arrival, or used its budget of panoramas."""
+    """The end of an episode: the agent reported its arrival, or used its budget of panoramas."""
 
     ARRIVED = "arrived"
     OUT_OF_BUDGET = "out of budget"
@@ -65,7 +65,7 @@ class NavigationConfig(Settings):
 
 
 Look = Callable[[np.ndarray, float], Located | None]
-"""look(T_world_pano, yaw_rad): return the localization of a panorama taken at this true pose, None where it is not
+"""look(T_world_pano, yaw_rad): return the localization of a panorama taken at this true pose, None if it is not
 localized; `yaw_rad` is the heading by odometry."""
 
 

@@ -78,7 +78,7 @@ class World(ABC):
 
     @abstractmethod
     def region(self, T_world_pano: np.ndarray) -> str:
-        """Return the region at a pose, "" where there is none."""
+        """Return the region at a pose, "" if there is none."""
 
     @abstractmethod
     def references(self, T_world_pano: np.ndarray) -> Sequence[ReferenceFrame]:

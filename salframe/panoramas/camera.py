@@ -105,29 +105,29 @@ class Camera:
             )
 
     @classmethod
-    def of_field_of_view(cls, width: int, height: int, fov_deg: float, pitch_deg: float = 0.0) -> Camera:
+    def of_field_of_view(cls, width: int, height: int, fov_deg: float, elevation_deg: float = 0.0) -> Camera:
         """Return a camera without distortion, with the principal point at the centre of the image.
 
         Args:
             width: Width of the image in pixels.
             height: Height of the image in pixels.
             fov_deg: Horizontal field of view in degrees.
-            pitch_deg: Elevation of the optical axis in degrees.
+            elevation_deg: Elevation of the optical axis in degrees, positive upwards.
 
         Raises:
-            DataError: The field of view is not from MIN_FOV_DEG to MAX_FOV_DEG, or the pitch not from -90 to 90.
+            DataError: The field of view is not from MIN_FOV_DEG to MAX_FOV_DEG, or the elevation not from -90 to 90.
         """
         if not MIN_FOV_DEG <= fov_deg <= MAX_FOV_DEG:
             raise DataError(
                 f"a camera has a field of view of {fov_deg:g} deg, expected {MIN_FOV_DEG:g} to {MAX_FOV_DEG:g}"
             )
-        if not abs(pitch_deg) <= 90:
-            raise DataError(f"a camera has a pitch of {pitch_deg:g} deg, expected -90 to 90")
-        c, s = np.cos(np.radians(pitch_deg)), np.sin(np.radians(pitch_deg))
-        pitch = np.array([[c, 0, -s, 0], [0, 1, 0, 0], [s, 0, c, 0], [0, 0, 0, 1]])
+        if not abs(elevation_deg) <= 90:
+            raise DataError(f"a camera has an elevation of {elevation_deg:g} deg, expected -90 to 90")
+        c, s = np.cos(np.radians(elevation_deg)), np.sin(np.radians(elevation_deg))
+        look_up = np.array([[c, 0, -s, 0], [0, 1, 0, 0], [s, 0, c, 0], [0, 0, 0, 1]])
         focal = float(width / 2 / np.tan(np.radians(fov_deg) / 2))
         centre = (width - 1) / 2, (height - 1) / 2
-        return cls(width, height, focal, focal, *centre, T_base_camera=pitch @ LEVEL)
+        return cls(width, height, focal, focal, *centre, T_base_camera=look_up @ LEVEL)
 
     def scaled(self, width: int, height: int) -> Camera:
         """Return the camera of this camera's images after a change of their size."""

@@ -63,7 +63,7 @@ def find_level_surfaces(panorama: Panorama) -> LevelSurfaces:
 
 
 def camera_height(range_m: np.ndarray) -> float | None:
-    """Return the height of the camera above the floor, in the unit of range_m; None where no floor is visible.
+    """Return the height of the camera above the floor, in the unit of range_m; None if no floor is visible.
 
     The floor is the lowest of the level surfaces that fill enough of the view below the horizon. Heights are compared
     by their ratios only, so that the unit of the ranges does not matter.
@@ -110,7 +110,7 @@ def _slope_cosine(points: np.ndarray) -> np.ndarray:
 
 
 def units_note(frames: Sequence[Frame], camera_z_m: Sequence[float] | np.ndarray = ()) -> str | None:
-    """Return a one-line warning where the ranges seem to be in a wrong unit; None where they do not.
+    """Return a one-line warning if the ranges seem to be in a wrong unit; None if they do not.
 
     A few of the frames are loaded. The warning is returned if the median height of the camera above the floor is not
     plausible and the poses do not confirm it. Panoramas without range or without a floor, and unreadable panoramas, are

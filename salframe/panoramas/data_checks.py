@@ -1,4 +1,4 @@
-"""Checks of datasets and queries before they are used: one-line warnings where their conventions seem to be others."""
+"""Checks of datasets and queries before they are used: one-line warnings if their conventions seem to be others."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ MAX_HEIGHT_ERROR = 0.07
 
 
 def data_notes(dataset: Dataset) -> list[str]:
-    """Return warnings about a prepared dataset; empty where its conventions are as expected. See `fold_notes`."""
+    """Return warnings about a prepared dataset; empty if its conventions are as expected. See `fold_notes`."""
     return fold_notes(dataset.folds(), dataset.floors())
 
 
 def fold_notes(folds: Sequence[Fold], floors: Sequence[FloorMasks] = ()) -> list[str]:
-    """Return warnings about reference frames; empty where their conventions are as expected.
+    """Return warnings about reference frames; empty if their conventions are as expected.
 
     The reference frames of the first fold are checked: a sample of them for the unit of the ranges, for values without
         a reading and for their poses; all of them for their places and up directions.
@@ -47,7 +47,7 @@ def fold_notes(folds: Sequence[Fold], floors: Sequence[FloorMasks] = ()) -> list
 
 
 def motion_note(folds: Sequence[Fold]) -> str | None:
-    """Return a one-line note where the motion between the views of queries is unknown; None where it is known."""
+    """Return a one-line note if the motion between the views of queries is unknown; None if it is known."""
     queries = {query.id: query for fold in folds for query in fold.queries if query.earlier}
     unknown = [id for id, query in queries.items() if query.T_last_view is None]
     if not unknown:
@@ -59,7 +59,7 @@ def motion_note(folds: Sequence[Fold]) -> str | None:
 
 
 def picture_note(frames: Sequence[Frame]) -> str | None:
-    """Return a one-line note where the reader changed the pictures of frames; None where it did not.
+    """Return a one-line note if the reader changed the pictures of frames; None if it did not.
 
     A few of the frames are loaded. Those that cannot be read are ignored.
     """
@@ -73,7 +73,7 @@ def picture_note(frames: Sequence[Frame]) -> str | None:
 
 
 def query_notes(panorama: Panorama, camera_z_m: Sequence[float] | np.ndarray = ()) -> list[str]:
-    """Return warnings about a query; empty where its range and annotations are as expected.
+    """Return warnings about a query; empty if its range and annotations are as expected.
 
     Args:
         panorama: The query.
@@ -93,14 +93,14 @@ def query_notes(panorama: Panorama, camera_z_m: Sequence[float] | np.ndarray = (
 
 
 def upside_down_note(query: str, surfaces: LevelSurfaces, camera_z_m: np.ndarray) -> str | None:
-    """Return a warning where the ceiling is as far from the camera as the floor is in the map; None elsewhere.
+    """Return a warning if the ceiling is as far from the camera as the floor is in the map; None elsewhere.
 
     A camera that hangs upside down is the likely cause, but an upright camera may stand at such a height too.
 
     Args:
         query: Id of the query.
         surfaces: Floor and ceiling in the query.
-        camera_z_m: (S,) world z of the cameras of the map. Those that are positive are heights over the floor.
+        camera_z_m: (S,) world z of the cameras of the map. Those that are positive are heights above the floor.
     """
     known_m = camera_z_m[camera_z_m > 0]
     if np.isnan(surfaces).any() or not len(known_m):

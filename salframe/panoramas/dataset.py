@@ -103,7 +103,7 @@ class Dataset(Role):
         """Return the true pose and place of a query. Only the evaluation calls it."""
 
     def floors(self) -> Sequence[FloorMasks]:
-        """Return the floor masks, top view; empty where the dataset has none."""
+        """Return the floor masks, top view; empty if the dataset has none."""
         return ()
 
     def room_types(self) -> Mapping[str, str]:

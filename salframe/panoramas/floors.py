@@ -37,8 +37,8 @@ MAX_CAMERA_M = 2.8
 MAX_PIXELS = 1 << 28
 """Maximum number of pixels of joined masks."""
 MAX_EMPTY_RATIO = 4.0
-"""Maximum ratio of the pixels of joined masks to those of their parts. Masks that do not touch and would exceed it stay
-apart, because their joined masks would be mostly empty: two buildings that are 300 m apart at one height."""
+"""Maximum ratio of the pixels of joined masks to the pixels of their parts. Masks that do not touch are not joined
+above this ratio, because the joined masks would be mostly empty, as for two buildings 300 m apart."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +114,7 @@ def _stay_apart(floor: FloorMasks, other: FloorMasks) -> bool:
 
 
 def find_floor(floors: Sequence[FloorMasks], xyz_m: Sequence[float] | np.ndarray) -> int | None:
-    """Return the index of the floor that a camera or an agent is on; None where it is on none. See `floor_numbers`.
+    """Return the index of the floor that a camera or an agent is on; None if it is on none. See `floor_numbers`.
 
     Args:
         floors: Floors, sorted by height.
@@ -125,10 +125,10 @@ def find_floor(floors: Sequence[FloorMasks], xyz_m: Sequence[float] | np.ndarray
 
 
 def floor_numbers(floors: Sequence[FloorMasks], xyz_m: np.ndarray) -> np.ndarray:
-    """Return the index of the floor that each camera is on, (N,) int; -1 where it is on none.
+    """Return the index of the floor of each camera, (N,) int; -1: no floor.
 
-    A position is on the highest floor below it whose masks cover it, at most MAX_CAMERA_M above that floor. Where no
-    floor is below it, it may be on a floor less than SAME_FLOOR_M above it.
+    A position belongs to the highest floor that is at most MAX_CAMERA_M below it and whose masks cover it. If there is
+    no such floor, it belongs to a floor less than SAME_FLOOR_M above it.
 
     Args:
         floors: Floors, sorted by height.

@@ -45,7 +45,7 @@ class RangeKeys(Settings):
 
     Attributes:
         range_unit_m: Metres per step.
-        range_missing: Values that mean no reading, besides 0.
+        range_missing: Values that mean an unknown range, besides 0.
         range_kind: What the values measure: "ray" or "cube".
     """
 

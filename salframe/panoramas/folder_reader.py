@@ -74,7 +74,7 @@ class Folder:
         return {} if self.manifest.truth is None else read_model(self.root / self.manifest.truth, TruthFile).queries
 
     def truth(self, query_id: str) -> Truth:
-        """Return the truth of a query. Raises TruthMissing where it has none."""
+        """Return the truth of a query. Raises TruthMissing if it has none."""
         try:
             entry = self._truth[query_id]
         except KeyError:

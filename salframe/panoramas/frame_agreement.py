@@ -1,4 +1,4 @@
-"""How well the ranges of reference frames agree under their poses: points of one frame, seen from another."""
+"""Agreement of the ranges of reference frames under their poses: points of one frame, seen from another frame."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ def pair_agreements(
 
 
 def mean_agreement(agreements: Iterable[Agreement]) -> Agreement:
-    """Return the mean of comparisons; no evidence where there are none."""
+    """Return the mean of comparisons; no evidence if there are none."""
     shares = [(one.on_surface, one.seen_through) for one in agreements]
     on_surface, seen_through = np.mean(shares, axis=0) if shares else (0.0, 0.0)
     return Agreement(float(on_surface), float(seen_through))

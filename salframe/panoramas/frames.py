@@ -86,7 +86,7 @@ class QueryFrame:
         content: As in ReferenceFrame.
         earlier: Views of the query that were taken before, in this order.
         T_last_view: (V, 4, 4) float64 rigid motions that map coordinates of the earlier views and of this panorama to
-            those of this panorama. None where they are unknown, or where there are no earlier views.
+            those of this panorama. None if they are unknown, or if there are no earlier views.
 
     Raises:
         DataError: The motions are no rigid motions, or not one for each view.
@@ -119,7 +119,7 @@ class Truth:
 
     Attributes:
         place: Name of the place.
-        T_world_pano: (4, 4) pose, a rigid motion; None where it is unknown.
+        T_world_pano: (4, 4) pose, a rigid motion; None if it is unknown.
         instances: Ids of the visible instances.
     """
 

@@ -41,7 +41,7 @@ class StandingPoint:
     """The position of a panorama.
 
     Attributes:
-        region: Index of its region; None where it is in no region.
+        region: Index of its region; None if it is in no region.
         position_m: (3,) position in the world.
     """
 
@@ -140,7 +140,7 @@ def _objects(lines: list[list[str]]) -> Iterator[HouseObject]:
 
 
 def _vector(words: list[str], first: int) -> np.ndarray:
-    """Return the three numbers of a line from a word on, (3,). Raises ValueError where the line is too short."""
+    """Return the three numbers of a line from a word on, (3,). Raises ValueError if the line is too short."""
     if len(words) < first + 3:
         raise ValueError(f"the line {' '.join(words[:2])!r} has {len(words)} words, expected at least {first + 3}")
     return np.array(words[first : first + 3], float)

@@ -25,7 +25,7 @@ class FrameImage(NamedTuple):
 
 
 def find_frame_image(path: Path) -> FrameImage | None:
-    """Return the frame whose image is at a path; None where no manifest.json names it.
+    """Return the frame whose image is at a path; None if no manifest.json names it.
 
     The manifests in the folders above the image are searched, with and without following links. If none of them names
     the image, the manifests in the subfolders of the nearest two folders above the image are searched too, because a

@@ -23,7 +23,7 @@ class SelectedPanorama:
     Attributes:
         record: The panorama.
         is_query: Whether it is a query.
-        place: Its place; None where it is unknown.
+        place: Its place; None if it is unknown.
     """
 
     record: PanoramaRecord
@@ -81,14 +81,14 @@ def _place_source(references: Sequence[PanoramaRecord], place_from: str | None) 
     if without and source is not PlaceSource.NONE:
         known = [s for s in PlaceSource if s is PlaceSource.NONE or all(s in record.places for record in references)]
         raise DataError(
-            f"{len(without)} of {len(references)} reference panoramas have no place from the {source} ({without[0]} "
-            f"first), expected a place for each; this recording has places from: {', '.join(known)}"
+            f"{len(without)} of {len(references)} reference panoramas have no place from the source {source} (such as "
+            f"{without[0]}), expected a place for each. Sources of this recording: {', '.join(known)}"
         )
     return source
 
 
 def _nearest_id(record: PanoramaRecord, references: Sequence[PanoramaRecord]) -> str | None:
-    """Return the id of the reference panorama that is nearest to a panorama; None where its pose is unknown."""
+    """Return the id of the reference panorama that is nearest to a panorama; None if its pose is unknown."""
     if record.T_world_pano is None:
         return None
     positions_m = np.array([np.asarray(reference.T_world_pano)[:3, 3] for reference in references])
@@ -120,7 +120,7 @@ def _query_ids(
 
 
 def _thinned(records: Sequence[PanoramaRecord], every: str) -> list[PanoramaRecord]:
-    """Return the records without those with poses that are too near to the previous one that is left."""
+    """Return the records, without records with a pose that are too close to the previously selected record."""
     match = re.fullmatch(rf"{_NUMBER}\s*(m|s)", every.strip())
     if not match or not 0 < float(match[1]) < 1e9:
         raise ConfigError(f"every is {every!r}, expected a distance such as 0.5m or a time such as 2s")

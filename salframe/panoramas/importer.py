@@ -71,9 +71,9 @@ class PanoramaRecord:
         images: The image files, or a function that reads and stitches the panorama. The function raises DataError if
             it cannot. Its panorama has exactly the parts in `parts`, and its `notes` are printed.
         parts: Parts of the panorama, of IMPORTED_PARTS. Image files set it.
-        T_world_pano: (4, 4) pose in metres, world z up; None where it is unknown: the panorama is a query.
+        T_world_pano: (4, 4) pose in metres, world z up; None if it is unknown: the panorama is a query.
         places: Place of the panorama by the source of its name. Without a source: NONE.
-        t_s: Time of the recording in seconds; None where it is unknown.
+        t_s: Time of the recording in seconds; None if it is unknown.
         is_query: Whether the panorama is a query although its pose is known. The pose is then its truth.
         sequence: Name that the views of one query share, in the order of `t_s`; None for single panoramas.
         sources: Files that the panorama is made from. A stored panorama is made again if one of them is newer.

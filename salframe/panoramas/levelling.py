@@ -29,7 +29,7 @@ def tilt_deg(rotation: np.ndarray) -> float:
 
 
 def pose_level_rotation(T_world_pano: np.ndarray) -> np.ndarray | None:
-    """Return the rotation R_level_pano (3, 3) that levels a panorama by its pose; None where that is level."""
+    """Return the rotation R_level_pano (3, 3) that levels a panorama by its pose; None if that is level."""
     if tilt_deg(T_world_pano[:3, :3]) < MIN_TILT_DEG:
         return None
     return level_rotation(T_world_pano[2, :3])
@@ -51,7 +51,7 @@ def estimate_level_rotation(panorama: Panorama, parts: Collection[str]) -> np.nd
         parts: Parts that may be used, of "rgb" and "range".
 
     Returns:
-        The rotation from the panorama frame to that of an upright camera at the same position; None where the tilt is
+        The rotation from the panorama frame to that of an upright camera at the same position; None if the tilt is
         below MIN_TILT_DEG or unknown.
     """
     up = panorama.up if panorama.up is not None else _estimate_up(panorama, parts)
@@ -62,7 +62,7 @@ def estimate_level_rotation(panorama: Panorama, parts: Collection[str]) -> np.nd
 
 
 def _estimate_up(panorama: Panorama, parts: Collection[str]) -> np.ndarray | None:
-    """Return the up direction (3,) by the range or the colour of a panorama; None where it is unknown."""
+    """Return the up direction (3,) by the range or the colour of a panorama; None if it is unknown."""
     if "range" in parts and panorama.range_m is not None:
         return up_from_range(panorama.range_m)
     if "rgb" in parts and panorama.rgb is not None:

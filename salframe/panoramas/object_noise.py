@@ -54,7 +54,7 @@ class _Draw:
         missed: Whether the object is missed.
         label: Label of the object, or another label if the object is mislabelled.
         factor: Factor of the range of the object.
-        false_label: Label of a false positive with the outline of this object; None where there is no false positive.
+        false_label: Label of a false positive with the outline of this object; None if there is no false positive.
         turn_rad: Azimuth of the false positive, relative to the object.
     """
 
@@ -66,7 +66,7 @@ class _Draw:
 
 
 def another_label(label: str, vocabulary: Sequence[str], rng: np.random.Generator) -> str:
-    """Return a random other label of a vocabulary; the label itself where there is no other."""
+    """Return a random other label of a vocabulary; the label itself if there is no other."""
     others = [name for name in vocabulary if name != label]
     return others[rng.integers(len(others))] if others else label
 
@@ -127,7 +127,7 @@ def _spoil_image(
 
 
 def _spoil_list(objects: ObjectBoxes, draws: Sequence[_Draw]) -> ObjectBoxes:
-    """Apply errors to a list of objects. An object at another range subtends the same angle as before."""
+    """Apply errors to a list of objects. If the range of an object changes, its angular size stays the same."""
     rows: list[tuple[str, str, np.ndarray, np.ndarray, float]] = []
     for i, errors in enumerate(draws):
         key, centroid_m, size_m, yaw_rad = objects.keys[i], objects.centroid_m[i], objects.size_m[i], objects.yaw_rad[i]
@@ -140,4 +140,4 @@ def _spoil_list(objects: ObjectBoxes, draws: Sequence[_Draw]) -> ObjectBoxes:
     if not rows:
         return ObjectBoxes.empty()
     labels, keys, centroid_m, size_m, yaw_rad = zip(*rows, strict=True)
-    return ObjectBoxes(labels, keys, np.array(centroid_m), np.array(size_m), np.array(yaw_rad))
+    return ObjectBoxes(labels, keys, np.array(centroid_m), np.array(size_m), np.array(yaw_rad), objects.ranged)

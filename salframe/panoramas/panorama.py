@@ -81,6 +81,7 @@ class ObjectBoxes:
         centroid_m: (N, 3) float64 centres; NaN where the range is unknown.
         size_m: (N, 3) float64 length, width and height.
         yaw_rad: (N,) float64 azimuth of the length, modulo pi.
+        ranged: Whether detectors may use the ranges. If false, they use directions and solid angles only.
     """
 
     labels: tuple[str, ...]
@@ -88,6 +89,7 @@ class ObjectBoxes:
     centroid_m: np.ndarray
     size_m: np.ndarray
     yaw_rad: np.ndarray
+    ranged: bool = True
 
     def __post_init__(self) -> None:
         n = len(self.labels)
@@ -106,7 +108,7 @@ class ObjectBoxes:
         """Return the objects where a mask (N,) bool is true."""
         rows = np.flatnonzero(mask)
         labels, keys = (tuple(column[i] for i in rows) for column in (self.labels, self.keys))
-        return ObjectBoxes(labels, keys, self.centroid_m[rows], self.size_m[rows], self.yaw_rad[rows])
+        return ObjectBoxes(labels, keys, self.centroid_m[rows], self.size_m[rows], self.yaw_rad[rows], self.ranged)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,9 +117,9 @@ class Annotations:
 
     Attributes:
         instance_id: (H, 2H) int32 instance image, 0 where there is no object, at most MAX_INSTANCE_ID; other integers
-            are converted. None where there is a list of objects.
+            are converted. None if there is a list of objects.
         labels: Label of each instance id. Ids as text, such as "7", are converted.
-        objects: List of objects; None where there is an instance image.
+        objects: List of objects; None if there is an instance image.
         rendered: Whether labels and ranges come from a renderer and are free of errors.
         error_id: Seeds the simulated errors of objects. Panoramas with one `error_id` have the same errors of the same
             objects, as views of one stretch with a real detector. "": the id of the panorama.
@@ -164,8 +166,8 @@ class Panorama:
             infinite, zero and negative ranges become NaN.
         valid: (H, 2H) bool, the visible part of the sphere; None: all of it. Integers are true where they are not 0.
         annotations: Annotated objects.
-        range_by: Name of the range model that estimated the range; None where it comes from a sensor or a renderer.
-        range_encoding: Encoding of the file that the range was read from; None where there is no file, or no panorama.
+        range_by: Name of the range model that estimated the range; None if it comes from a sensor or a renderer.
+        range_encoding: Encoding of the file that the range was read from; None if there is no file, or no panorama.
         up: (3,) float64 direction of up in the panorama frame as an IMU measures it, of any length; None: not measured.
         notes: What the reader changed in the picture, one line each: reduced, placed as a crop, levelled.
 
@@ -255,7 +257,7 @@ def visible_instances(instance_id: np.ndarray) -> tuple[int, ...]:
 
 
 def unlabelled_note(panorama: Panorama) -> str | None:
-    """Return a one-line warning where visible objects of the instance image have no label; None where all have one."""
+    """Return a one-line warning if visible objects of the instance image have no label; None if all have one."""
     annotations = panorama.annotations
     if annotations is None or annotations.instance_id is None:
         return None

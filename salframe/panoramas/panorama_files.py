@@ -1,4 +1,4 @@
-"""The one reader of the image files of a panorama: it places a picture on the sphere as its metadata says."""
+"""Read the image files of a panorama, and place a picture on the sphere by its metadata."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def _check_sizes(rgb: Path, parts: Mapping[str, np.ndarray | None], paths: Mappi
 
 
 def _place(parts: Mapping[str, np.ndarray | None], sphere: PhotoSphere) -> dict[str, np.ndarray | None]:
-    """Place the images of a crop on the sphere, with the mask of its part."""
+    """Place the images of a crop on the sphere, and mark its part in `valid`."""
     placed = dict(parts)
     if sphere.is_crop:
         picture = parts["rgb"]

@@ -96,7 +96,7 @@ class PhotoSphere:
         return turn_image(image, self.rotation) if self.is_tilted else image
 
     def note(self, *, levelled: bool) -> str | None:
-        """Return what the XMP changed, for the user; None if nothing. levelled: whether `level` was applied."""
+        """Return a note on the changes by the XMP; None without changes. levelled: whether `level` was applied."""
         changes = []
         if self.is_crop:
             width, height = self.size

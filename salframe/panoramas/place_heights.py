@@ -11,14 +11,14 @@ from salframe.panoramas.camera_height import camera_height
 from salframe.panoramas.frames import ReferenceFrame
 
 MAX_STEP_M = 1.8
-"""Maximum difference of height between a frame of a room and the next higher one. Cameras on steps, galleries and
-robots of one room differ by less, those of two storeys by more."""
+"""Maximum difference of height between a frame of a room and the next higher frame of this room. Steps and galleries
+cause smaller differences; two storeys cause larger ones."""
 NUM_FRAMES = 3
-"""Number of frames to load on either side of such a step."""
+"""Number of frames to load above and below such a difference."""
 
 
 def storeys_note(frames: Sequence[ReferenceFrame]) -> str | None:
-    """Return a one-line warning about places whose frames cannot be in one room; None where there are none.
+    """Return a one-line warning about places whose frames cannot be in one room; None if there are none.
 
     The frames of a place lie in two rooms where their heights differ by more than MAX_STEP_M, the lower frames see a
     ceiling below the upper cameras, and the upper frames see a floor above the lower cameras. Only frames around such
@@ -39,7 +39,7 @@ def storeys_note(frames: Sequence[ReferenceFrame]) -> str | None:
 
 
 def _storey_step(frames: Sequence[ReferenceFrame]) -> tuple[ReferenceFrame, ReferenceFrame] | None:
-    """Return the frames below and above a floor that divides the frames of a place; None where they are one room."""
+    """Return the frames below and above a floor that divides the frames of a place; None if they are one room."""
     by_height = sorted(frames, key=_z_m)
     for number, (lower, upper) in enumerate(pairwise(by_height), 1):
         if _z_m(upper) - _z_m(lower) <= MAX_STEP_M:

@@ -93,7 +93,7 @@ class _Sample:
 def pose_notes(
     frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks] = (), *, compares_ranges: bool = True
 ) -> list[str]:
-    """Return one-line warnings where poses contradict the panoramas; empty where they do not.
+    """Return one-line warnings if poses contradict the panoramas; empty if they do not.
 
     The up directions of all frames are checked. The ranges of up to NUM_FRAMES frames are compared in pairs. Frames
     without range and unreadable frames take part in the first check only. docs/explanation/guarantees.md lists what
@@ -202,7 +202,7 @@ def _range_of(frame: ReferenceFrame) -> np.ndarray | None:
 
 
 def _cube_note(sample: _Sample) -> str | None:
-    """Return a warning where the range images hold z-depth of cube faces: the floor below has one depth."""
+    """Return a warning if the range images hold z-depth of cube faces: the floor below has one depth."""
     flags = [is_cube_depth(range_m) for range_m in sample.ranges]
     if sum(flags) * 2 <= len(flags):
         return None
@@ -247,7 +247,7 @@ def _contradiction(sample: _Sample, total: Agreement) -> str:
 
 
 def _close_scale(sample: _Sample) -> float | None:
-    """Return the scale near 1 under which the frames agree better, None where none does."""
+    """Return the scale near 1 under which the frames agree better, None if none does."""
     today = sample.agreement(sample.poses, CLOSE).ratio
     ratios = {scale: sample.agreement(_scaled(sample.poses, scale), CLOSE).ratio for scale in CLOSE_SCALES}
     best = max(ratios, key=ratios.__getitem__)
@@ -270,7 +270,7 @@ def _pair_notes(sample: _Sample, pairs: Sequence[tuple[int, int]], compared: Seq
 
 
 def _explain(sample: _Sample, total: Agreement) -> _Explanation | None:
-    """Return the change of poses or ranges under which the frames agree best; None where none agrees much better."""
+    """Return the change of poses or ranges under which the frames agree best; None if none agrees much better."""
     candidates = list(_candidates(sample))
     limit = max(candidate.agreement.net for candidate in candidates) - ALIKE_NET
     best = min(
@@ -340,7 +340,7 @@ def _scale_text(scale: float, sample: _Sample) -> str:
 
 
 def _floor_distance_m(sample: _Sample) -> float | None:
-    """Return the median height of the first cameras over the floor; None where no floor is visible."""
+    """Return the median height of the first cameras above the floor; None if no floor is visible."""
     heights = [height for range_m in sample.ranges[:3] if (height := camera_height(range_m)) is not None]
     return float(np.median(heights)) if heights else None
 
@@ -357,7 +357,7 @@ def _height_notes(sample: _Sample, floors: Sequence[FloorMasks]) -> list[str]:
     frames, z_m, height_m = zip(*rows, strict=True)
     if len(rows) > 1 and np.allclose(z_m, -np.array(height_m), rtol=0.1):
         return [
-            f"the cameras are {height_m[0]:.2f} m over the visible floor, and the z of their poses is {z_m[0]:.2f} m "
+            f"the cameras are {height_m[0]:.2f} m above the visible floor, and the z of their poses is {z_m[0]:.2f} m "
             f"({frames[0].id}), expected the opposite sign: {_convention_text('ros-world-to-camera')}"
         ]
     if not floors:

@@ -46,7 +46,7 @@ NAMES: tuple[PoseConvention, ...] = get_args(PoseConvention)
 
 @dataclass(frozen=True, eq=False)
 class _Axes:
-    """How the 16 numbers of a pose are read.
+    """Meaning of the 16 numbers of a pose.
 
     Attributes:
         camera: (3, 3) from the panorama frame to the camera of the convention.

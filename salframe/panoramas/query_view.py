@@ -68,13 +68,13 @@ class QueryView(ComponentConfig):
     query_errors: Literal["stretch", "view"] = added(
         "stretch",
         match_only=True,
-        description="how the simulated errors of an object vary over the views of a query. stretch: the same "
-        "errors in all views; view: new errors in each view",
+        description="simulated detection errors of an object in the views of a query. stretch: the same errors in "
+        "all views; view: different errors in each view",
     )
 
 
 MOTION_SETTINGS = frozenset({"query_views", "query_motion", "query_odometry"})
-"""Names of the settings that no single view depends on."""
+"""Names of the settings that affect only queries of several views."""
 VIEW_SETTINGS = frozenset(QueryView.model_fields) - {"kind"}
 """Names of the settings of QueryView. The fingerprint of a dataset does not depend on them."""
 

@@ -1,4 +1,4 @@
-"""How a 16-bit range image encodes the range: unit, values without a reading, and kind of depth."""
+"""Encoding of a 16-bit range image: unit, values for unknown range, and kind of depth."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ class RangeKind(StrEnum):
 
 @dataclass(frozen=True)
 class RangeEncoding:
-    """The encoding of a range image. A value of 0 always means no reading.
+    """The encoding of a range image. A value of 0 always means an unknown range.
 
     Attributes:
         unit_m: Metres per step.
-        missing: Further values that mean no reading.
+        missing: Further values that mean an unknown range.
         kind: What the values measure.
 
     Raises:

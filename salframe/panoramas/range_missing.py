@@ -1,4 +1,4 @@
-"""Find undeclared values of range images that mean no reading, such as 65535."""
+"""Find undeclared values of range images that mean an unknown range, such as 65535."""
 
 from __future__ import annotations
 
@@ -16,18 +16,20 @@ MIN_SHARE = 0.003
 MAX_PIXELS = 0.52
 """Maximum share of all pixels with the value. A value that fills more is the background of a drawn image."""
 MIN_RATIO = 8.0
-"""Minimum ratio of this share to that of the values next to it. A surface has similar shares of neighbouring values."""
+"""Minimum ratio of the share of the value to the share of each neighbouring value. The values of a surface have similar
+shares."""
 NUM_NEIGHBOURS = 8
 NEAR = 0.25
-"""Maximum number of values to compare with on either side, among those that occur, and their maximum relative
-difference."""
+"""Maximum number of smaller, and of larger, values to compare with, and their maximum relative difference. Only values
+that occur in the image count."""
 MIN_OUTSIDE = 2.0
-"""Minimum ratio of the value to those of all surfaces, or of those to it, where whole surfaces have one value."""
+"""Minimum ratio of the value to the values of all surfaces, or the inverse, in images with surfaces of a single
+value."""
 MIN_VALUES = 50
 """Minimum number of values that occur. An image with fewer values is drawn, not measured."""
 MIN_GAP = 0.02
-"""Minimum relative difference between the largest value of an image and the next one. Ranges that a sensor limits have
-a smaller difference."""
+"""Minimum relative difference between the largest value of an image and the next smaller value. It is smaller if a
+sensor limits its range."""
 MIN_JUMP = 0.1
 """Minimum relative difference of range at the edge between a surface and pixels without a reading."""
 MIN_JUMP_SHARE = 0.9
@@ -37,7 +39,7 @@ NUM_FRAMES = 6
 
 
 def missing_values(steps: np.ndarray, weights: np.ndarray | None = None) -> dict[int, float]:
-    """Return the values of a range image that likely mean no reading, each with its share of the known pixels.
+    """Return the values of a range image that likely mean an unknown range, each with its share of the known pixels.
 
     Such a value fills many more pixels than the values next to it, and the range jumps almost everywhere around it.
 
@@ -74,7 +76,7 @@ def missing_values(steps: np.ndarray, weights: np.ndarray | None = None) -> dict
 
 
 def _stands_out(values: np.ndarray, shares: np.ndarray, number: int) -> bool:
-    """Return whether a value fills many more pixels than the next values, and is not the maximum range of a sensor.
+    """Return whether a value has many more pixels than neighbouring values, and is not the maximum range of a sensor.
 
     Args:
         values: (V,) values that occur, in ascending order.
@@ -101,7 +103,7 @@ def _jump_share(steps: np.ndarray, value: int) -> float:
 
 
 def missing_note(frames: Sequence[Frame]) -> str | None:
-    """Return a one-line warning where a value of the range images seems to mean no reading; None where none does.
+    """Return a one-line warning if a value of the range images seems to mean an unknown range; None if none does.
 
     A few of the frames are loaded. Panoramas without range and unreadable panoramas are ignored.
     """
@@ -123,18 +125,20 @@ def missing_note(frames: Sequence[Frame]) -> str | None:
 
 
 def missing_line(shares: Mapping[int, float], source: str, encoding: RangeEncoding | None) -> str:
-    """Return the one-line warning on values that likely mean no reading.
+    """Return the one-line warning on values that likely mean an unknown range.
 
     Args:
         shares: Share of the pixels with each value.
         source: The range images.
-        encoding: Encoding of their files; None where they come from no file, and the values are millimetres.
+        encoding: Encoding of their files; None if they come from no file, and the values are millimetres.
     """
     values = sorted(shares)
     fills = " and ".join(
         f"{value if encoding else f'{value * MILLIMETRE:g} m'} fills {shares[value]:.1%}" for value in values
     )
-    likely = f"{fills} of the pixels of the {source}, differs from the surfaces around it, and likely means no reading"
+    likely = (
+        f"{fills} of the pixels of the {source}, differs from the ranges around it, and likely means an unknown range"
+    )
     if encoding is None:
         return f"{likely}: set the range of these pixels to NaN"
     missing = sorted({*encoding.missing, *values})
@@ -143,4 +147,4 @@ def missing_line(shares: Mapping[int, float], source: str, encoding: RangeEncodi
 
 
 def _listed(concerned: Mapping[str, object], panoramas: Sequence[Panorama]) -> str:
-    return f"{len(concerned)} of {len(panoramas)} checked, {next(iter(concerned))} first"
+    return f"{len(concerned)} of {len(panoramas)} checked images, such as {next(iter(concerned))}"

@@ -13,8 +13,8 @@ from salframe.panoramas.floors import FloorMasks, check_heights, floor_numbers, 
 from salframe.panoramas.frames import FrameKind, ReferenceFrame
 
 MAX_OFFSET_M = {FrameKind.SCENE: 0.5, FrameKind.TRANSITION: 0.75}
-"""Maximum distance between a frame and the region of its place. A frame in a doorway may stand on either side, and has
-the edge of a region within this distance."""
+"""Maximum distance between a frame and the region of its place. A frame in a doorway may be on either side of the edge
+of a region, at most this far from it."""
 MAX_SHARE = 0.05
 """Maximum share of frames that may stand outside the region of their place."""
 NUM_LISTED = 3
@@ -84,7 +84,7 @@ def compare_regions(frames: Sequence[ReferenceFrame], floors: Sequence[FloorMask
 
 
 def check_regions(frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks]) -> str | None:
-    """Return a one-line warning where frames stand outside the region of their place; None where all stand in it.
+    """Return a one-line warning if frames stand outside the region of their place; None if all stand in it.
 
     Raises:
         DataError: More than MAX_SHARE of the frames do, or two floors have the same height. The message names the

@@ -53,7 +53,7 @@ class Odometry:
         return cls(values[:, 0], values[:, 1:4], np.radians(values[:, 4]))
 
     def pose(self, t_s: float) -> np.ndarray | None:
-        """Return the pose (4, 4) at a time; None where no row is near enough."""
+        """Return the pose (4, 4) at a time; None if no row is near enough."""
         after = int(np.searchsorted(self._t_s, t_s))
         before = max(after - 1, 0)
         after = min(after, len(self._t_s) - 1)
@@ -73,7 +73,7 @@ class Odometry:
     def motions(self, t_s: Sequence[float]) -> np.ndarray | None:
         """Return the motions that map coordinates of views at times to those of the last view, (V, 4, 4) float64.
 
-        None where the pose at one of the times is unknown.
+        None if the pose at one of the times is unknown.
         """
         poses = [pose for time in t_s if (pose := self.pose(time)) is not None]
         if len(poses) < len(t_s):

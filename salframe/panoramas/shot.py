@@ -29,7 +29,7 @@ class Shot:
         rgb: (H, W, 3) uint8, the original image.
         panorama: The panorama for components.
         camera: The camera of a photograph; None for a panorama.
-        depth_steps: (h, w) int32, values of the depth image of a photograph; None where there is none.
+        depth_steps: (h, w) int32, values of the depth image of a photograph; None if there is none.
     """
 
     rgb: np.ndarray
@@ -58,7 +58,7 @@ def read_panorama(
         instances: 16-bit file with the id of the object at each pixel, 0 where there is none.
         labels: JSON file with the label of each id, such as {"1": "bed"}.
         range_unit_m: Metres per step of the range image.
-        range_missing: Values of the range image that mean no reading, besides 0.
+        range_missing: Values of the range image that mean an unknown range, besides 0.
         range_kind: "ray": range along the ray; "cube": depth along the axis of the cube face that the ray passes
             through, as in panoramas stitched from cube maps.
 
@@ -126,7 +126,7 @@ def read_photograph(
         camera: The camera; `salframe.read_camera` reads it from a file.
         fov_deg: Horizontal field of view of a level camera without distortion, in degrees, instead of `camera`.
         range_unit_m: Metres per step of the depth image.
-        range_missing: Values of the depth image that mean no reading, besides 0.
+        range_missing: Values of the depth image that mean an unknown depth, besides 0.
         range_kind: "z": depth along the optical axis; "ray": range along the ray.
 
     Raises:
@@ -147,13 +147,13 @@ def open_photograph(
     *,
     camera: Camera | None = None,
     fov_deg: float | None = None,
-    pitch_deg: float = 0.0,
+    elevation_deg: float = 0.0,
     encoding: RangeEncoding | None = None,
 ) -> Shot:
     """Read a photograph with its panorama. Arguments and errors are as in `read_photograph`, besides these:
 
     Args:
-        pitch_deg: Elevation of the optical axis with `fov_deg`, in degrees.
+        elevation_deg: Elevation of the optical axis with `fov_deg`, in degrees, positive upwards.
         encoding: Encoding of the depth image; None: z-depth in millimetres.
     """
     if camera is not None and fov_deg is not None:
@@ -174,7 +174,7 @@ def open_photograph(
     if camera is None:
         if fov_deg is None:
             raise DataError("received neither camera nor fov_deg for a photograph, expected one of them")
-        camera = Camera.of_field_of_view(width, height, fov_deg, pitch_deg)
+        camera = Camera.of_field_of_view(width, height, fov_deg, elevation_deg)
     else:
         if (file.width_px, file.height_px) != (camera.width, camera.height):
             raise DataError(
@@ -208,7 +208,7 @@ def _read_ids(path: Path, rgb: np.ndarray) -> np.ndarray:
 
 
 def missing_depth_note(shot: Shot, encoding: RangeEncoding) -> str | None:
-    """Return a one-line warning where a value of a photograph's depth image seems to mean no reading; else None."""
+    """Return a one-line warning if a value of a photograph's depth image seems to mean an unknown depth; else None."""
     if shot.depth_steps is None:
         return None
     shares = missing_values(np.where(np.isin(shot.depth_steps, encoding.missing), 0, shot.depth_steps))
@@ -229,7 +229,7 @@ def _check_files(**files: object) -> None:
 
 
 def _in_manifest(image: Path) -> Panorama | None:
-    """Return the panorama of the frame whose rgb image this is; None where no manifest.json names it."""
+    """Return the panorama of the frame whose rgb image this is; None if no manifest.json names it."""
     named = find_frame_image(image)
     if named is None:
         return None

@@ -117,9 +117,9 @@ def stitch_color(
 def reading_agreement(
     z_depth_m: Sequence[np.ndarray], cameras: Sequence[PosedCamera], T_world_pano: np.ndarray
 ) -> tuple[float, float]:
-    """Return the share of the sphere where two depth images have a reading, and the share of it where they agree.
+    """Return the share of the sphere where both depth images have a depth, and the share of this part where they agree.
 
-    Two readings agree if they differ by at most AGREEING. Behind edges they differ because the cameras are apart.
+    Two depths agree if they differ by at most AGREEING. Near edges they differ, because the cameras are apart.
 
     Args:
         z_depth_m: As in `stitch_range`.

@@ -16,8 +16,8 @@ TOLERANCES_DEG = (45.0, 20.0, 10.0, 6.0)
 """Maximum angle between a surface and the horizontal or the vertical, in the order of the fits."""
 MIN_SURFACE_SHARE, MIN_LEVEL_SHARE = 0.45, 0.05
 """Minimum solid angle of the horizontal and vertical surfaces, and of the horizontal ones alone, relative to all
-surfaces. They are 0.75 and 0.3 in rendered rooms, 0.65 and 0.2 with noise of 3 % in each pixel, and 0.2 where the
-ranges have smooth errors of 5 %, from which the tilt is known to 3 deg only."""
+surfaces. They are 0.75 and 0.3 in rendered rooms, and 0.65 and 0.2 with noise of 3 % in each pixel. With smooth errors
+of 5 %, the first is 0.2, and the tilt has an error of 3 deg."""
 MIN_LINES = 20
 """Minimum number of line segments. Fewer fit some direction by chance; rooms have a hundred or more."""
 MAX_LINES = 400
@@ -31,9 +31,9 @@ LEVEL_LINE_DEG = 5.0
 NUM_RIVALS, SEPARATE_DEG = 3, 7.0
 """Number of directions to refine, and the minimum angle between them."""
 MIN_LINES_SHARE, MIN_LINES_RATIO, MIN_SPREAD = 0.3, 1.05, 0.03
-"""Minimum share of the lines, by length, along the three axes of the room; its minimum ratio to that of another
-direction; and the minimum share of the vertical lines at a right angle to the others, as those of one wall do not
-suffice."""
+"""Three minima for an up direction. The share of the lines, by length, along the three axes of the room. The ratio of
+this share to that of the next best direction. The share of the vertical lines that are on walls at a right angle to the
+other vertical lines, because the lines of one wall do not suffice."""
 
 
 def up_from_range(range_m: np.ndarray) -> np.ndarray | None:
@@ -47,7 +47,7 @@ def up_from_range(range_m: np.ndarray) -> np.ndarray | None:
         range_m: (H, 2H) range along the ray in metres, NaN where unknown.
 
     Returns:
-        (3,) float64 unit vector at most MAX_TILT_DEG from +z; None where the surfaces do not determine it.
+        (3,) float64 unit vector at most MAX_TILT_DEG from +z; None if the surfaces do not determine it.
     """
     normal, weight = _surface_normals(_reduced(range_m))
     if not len(normal):
@@ -104,7 +104,7 @@ def up_from_lines(ends: np.ndarray) -> np.ndarray | None:
         ends: (N, 2, 3) unit vectors to the ends of line segments, as `find_segments` returns them.
 
     Returns:
-        (3,) float64 unit vector at most MAX_TILT_DEG from +z; None where the lines do not determine it.
+        (3,) float64 unit vector at most MAX_TILT_DEG from +z; None if the lines do not determine it.
     """
     normal, length = _lines(ends)
     if len(normal) < MIN_LINES:

@@ -43,7 +43,7 @@ class View:
     Attributes:
         panorama: The panorama. A narrow camera shows a part of the sphere, `Panorama.valid`.
         T_last_view: (4, 4) rigid motion that maps coordinates of this view to those of the last view; the identity for
-            the last view. None where the motion is unknown.
+            the last view. None if the motion is unknown.
         position_m: (3,) float64 position of the panorama's centre in the base frame of the robot, in metres. The
             axes of both frames are equal. Motions and the pose of the answer are those of the base. The default is the
             origin.
@@ -67,7 +67,7 @@ class View:
             received = " ".join(str(np.asarray(self.T_last_view).tolist()).split())[:200]
             raise DataError(
                 f"View.T_last_view of {self.panorama.id} is {received}, expected a rigid motion (4, 4) that maps "
-                "coordinates of this view to those of the last view, or None where it is unknown"
+                "coordinates of this view to those of the last view, or None if it is unknown"
             )
         object.__setattr__(self, "T_last_view", np.array(self.T_last_view, np.float64))
 
@@ -110,7 +110,7 @@ def motion_variance_m2(T_last_view: np.ndarray, noise: OdometryNoise, range_m: n
         T_last_view: (V, 4, 4) motions of the views.
         noise: The errors of the motion.
         range_m: (N,) distances of the positions from the view in metres.
-        view: Number of the view.
+        view: Index of the view.
 
     Returns:
         (N,) float64.

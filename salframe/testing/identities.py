@@ -163,7 +163,7 @@ def _types_in(annotation: Any) -> Iterator[type]:
 def _check_file(
     make: Callable[[ComponentConfig], Any], cache_key: Callable[[Any], Any], setting: _FileSetting, what: str
 ) -> None:
-    """Check the cache key with two contents of a file, and with a copy of the second content under another name.
+    """Check that the cache key depends on the content of a file, and not on its name.
 
     Do nothing if the setting rejects such a file or the component cannot be created with it.
     """

@@ -116,8 +116,9 @@ class LocalizerRules(Rules[Localizer]):
     def workers_give_the_same_answers(self) -> None:
         """Check answers of two instances, each built from the JSON of the settings as in a worker process of a run.
 
-        They share the queries, in reversed order and each query twice: no answer may depend on those before. Processes
-        are not started, because this takes seconds and a component of a test may not be importable there.
+        The queries are divided among the instances, in reversed order and each query twice. No answer may depend on
+        earlier queries. No processes are started, because this takes seconds, and a worker may be unable to import the
+        component of a test.
         """
         for random in self._random_maps:
             for first in range(2):
@@ -240,7 +241,7 @@ def _index(
 
 
 def _expect_same(checked: str, before: Localization, after: Localization, world: np.ndarray | None = None) -> None:
-    """Check that an answer did not change; with `world`, that its pose moved with the world."""
+    """Check that two answers are equal. With `world`, the pose must have moved by this transform."""
     expect(after.status == before.status, checked, f"the status '{after.status}'", f"'{before.status}' as before")
     tolerance = _ROUNDING if world is None else _MOVED
     fields = ("out_of_map_probability", *(("covariance",) if world is None else ()))

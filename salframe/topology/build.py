@@ -140,7 +140,7 @@ class _FloorMap:
 
     def _snap(self, frame: ReferenceFrame) -> np.ndarray | None:
         """Return the clear pixel position nearest to a frame, within the region of the frame's place where the floor
-        has that region; None where it is farther than `snap_m`."""
+        has that region; None if it is farther than `snap_m`."""
         grid, max_distance_m = self._grid, self._settings.snap_m
         labels = [label for label, name in self._names.items() if name == frame.place]
         position = grid.to_pixel(frame.T_world_pano[:2, 3])

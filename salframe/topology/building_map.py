@@ -55,7 +55,7 @@ def build_map(
     method: str | None = None,
     *,
     topology: bool = True,
-    choose: bool = False,
+    central_nodes: bool = False,
     data_dir: str | Path | None = None,
     overrides: Sequence[str] = (),
     engine: str | None = None,
@@ -72,7 +72,7 @@ def build_map(
         output: folder to write the map to.
         method: name of a preset or localizer (default: the default of `salframe build`).
         topology: whether to build the topology of the floors.
-        choose: place one scene node in the widest part of each region, instead of one at each reference frame.
+        central_nodes: place one scene node in the widest part of each region, instead of one at each reference frame.
         data_dir: folder with the files of the dataset.
         overrides: settings, "key.path=value" each; settings of data and engine start with "data." and "engine.".
         engine: name of the component that renders and describes.
@@ -80,29 +80,28 @@ def build_map(
         tell: called with messages for the user, one line each.
 
     Raises:
-        ConfigError: `output` holds something other than a map, or `choose` was combined with no topology.
-        DataError: The data have neither reference frames nor usable floors, or no usable floors with `choose`.
+        ConfigError: `output` holds something other than a map, or `central_nodes` was combined with `topology=False`.
+        DataError: The data have neither reference frames nor usable floors, or no usable floors with `central_nodes`.
         InputMissing: None of the components that `auto` may select can run.
     """
     output = Path(output)
-    if choose and not topology:
+    if central_nodes and not topology:
         raise ConfigError(
-            "received the option `choose` without `topology`: `choose` sets the positions of the scene nodes of the "
-            "topology; enable `topology`, or omit `choose`"
+            "received --central-nodes and --no-topology: the nodes belong to the topology, so remove one of the options"
         )
     check_output(output)
     name, dataset, localizer = prepare(data, method, data_dir, overrides, engine, progress, tell)
     floors, frames = dataset.floors() if topology else (), reference_frames(dataset)
-    if choose and not floors:
+    if central_nodes and not floors:
         raise DataError(
             f"the dataset {dataset.name} has no floor masks, expected a dataset with floor masks to build the topology"
         )
     topological_map = None
     if floors:
         try:
-            topological_map = build_topology(floors, by_place(frames), TopologySettings(choose=choose))
+            topological_map = build_topology(floors, by_place(frames), TopologySettings(choose=central_nodes))
         except DataError as error:
-            if choose or not frames:
+            if central_nodes or not frames:
                 raise
             tell(f"warning: the map has no topology: {error}")
     localization = None

@@ -97,7 +97,7 @@ def cell(position: np.ndarray) -> tuple[int, int]:
 
 def nearest_pixel(allowed: np.ndarray, position: np.ndarray) -> np.ndarray | None:
     """Return the position (row, column) itself where its pixel is allowed, else the centre of the nearest allowed
-    pixel; None where no pixel is allowed."""
+    pixel; None if no pixel is allowed."""
     if allowed[cell(position)]:
         return position
     centres = np.argwhere(allowed) + 0.5

@@ -32,7 +32,7 @@ class Step:
         to: Id of the node where the step ends, None for a corner.
         length_m: Length of the walk.
         azimuth_rad: Azimuth of the walk in the world frame.
-        turn_rad: Turn before the walk, positive to the left; None where the heading is unknown.
+        turn_rad: Turn before the walk, positive to the left; None if the heading is unknown.
     """
 
     to: str | None
@@ -54,7 +54,7 @@ def directions(route: Route, heading_rad: float | None = None) -> list[Step]:
 
     Args:
         route: The route.
-        heading_rad: Azimuth in the world frame before the first step, None where unknown. Each further step turns from
+        heading_rad: Azimuth in the world frame before the first step, None if unknown. Each further step turns from
             the azimuth of the step before.
     """
     stretches: list[tuple[str | None, float, float]] = []

@@ -32,7 +32,7 @@ class _Saved(Settings):
 
 
 def open_topology(directory: str | Path) -> TopologicalMap:
-    """Return the topological map in a folder, identical to the one that was written.
+    """Return the topological map in a folder, identical to the written map.
 
     Raises:
         DataError: The folder holds no topological map, or one that was edited or is incomplete.

@@ -20,7 +20,7 @@ class Doorway:
         labels: Labels of the two regions.
         width_m: Extent of the line, on the side where it is shorter.
         pixels: (N, 2), pixels of the line.
-        points: Transition points on the line, (row, column) of medoids; empty where the robot does not fit through.
+        points: Transition points on the line, (row, column) of medoids; empty if the robot does not fit through.
     """
 
     labels: tuple[int, int]

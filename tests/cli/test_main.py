@@ -6,8 +6,10 @@ import subprocess
 import sys
 
 import pytest
+import typer
 from command_line import run
 
+from salframe.cli import app
 from salframe.framework.components.registry import registry
 
 
@@ -184,3 +186,12 @@ def test_every_command_says_that_it_was_interrupted(ending, command):
     done = run(*command)
     assert (done.code, done.out) == (130, "")
     assert done.err == "interrupted: finished work is stored; run the same command again to resume\n"
+
+
+def test_the_paragraphs_of_help_have_no_line_breaks_of_their_own():
+    """Typer prints a line break inside a paragraph, and terminals have other widths than the source."""
+    group = typer.main.get_command(app)
+    for name in group.list_commands(None):
+        command = group.get_command(None, name)
+        for one in (command, *getattr(command, "commands", {}).values()):
+            assert "\n" not in one.help.replace("\n\n", ""), f"{name} {one.name}"

@@ -47,7 +47,7 @@ def test_build_writes_both_maps_whole(built, tmp_path):
     names = {"topology.json", "nodes", "edges", "floors.npz", "method.json", "frames", "scenes"}
     assert {path.name for path in parts.iterdir()} == names
     assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
-    assert run("map", "build", "doored", "-o", "map", "--method", "reader", "--choose").code == 0
+    assert run("map", "build", "doored", "-o", "map", "--method", "reader", "--central-nodes").code == 0
     assert open_topology(tmp_path / "map").parameters.choose
     assert run("localize", "map", "query-1-0", "--data", "doored").code == 0
 
@@ -194,7 +194,7 @@ def test_data_without_floors_give_a_map_without_topology(rooms):
     assert done.out.endswith("no route to room-3: the map has no topology: build it from data with floor masks\n")
 
 
-@pytest.mark.parametrize("options", [(), ("--choose",), ("--no-topology",)])
+@pytest.mark.parametrize("options", [(), ("--central-nodes",), ("--no-topology",)])
 def test_two_floors_of_one_height_are_refused(rooms, tmp_path, options):
     done = run("map", "build", "storeys", "-o", "map", "--method", "reader", "--set", "data.height_m=0", *options)
     error = "error: two floors with overlapping or adjacent masks are at z = 0 m, expected a different z_m for each\n"
@@ -234,12 +234,12 @@ def test_floors_above_each_other_are_said_to_be_apart(rooms):
     ("arguments", "message"),
     [
         (
-            ["build", "maskless", "-o", "new", "--method", "reader", "--choose"],
+            ["build", "maskless", "-o", "new", "--method", "reader", "--central-nodes"],
             "maskless has no floor masks, expected a dataset with floor masks",
         ),
         (
-            ["build", "doored", "-o", "new", "--method", "reader", "--choose", "--no-topology"],
-            "received the option `choose` without `topology`",
+            ["build", "doored", "-o", "new", "--method", "reader", "--central-nodes", "--no-topology"],
+            "received --central-nodes and --no-topology",
         ),
         (
             ["build", "crooked", "-o", "new", "--method", "reader"],

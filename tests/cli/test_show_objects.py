@@ -62,7 +62,7 @@ def test_without_range_there_are_bearings_alone(pictures):
 
 
 def test_a_photograph_is_drawn_in_its_own_pixels(pictures):
-    arguments = ("desk.png", *DETECTOR, "--fov", "60", "--pitch", "40", "--range", "desk.depth.png")
+    arguments = ("desk.png", *DETECTOR, "--fov", "60", "--elevation", "40", "--range", "desk.depth.png")
     assert run("show-objects", *arguments).out.startswith("desk.objects.png: 3 objects in ")
     drawn = np.asarray(Image.open("desk.objects.png"))
     assert drawn.shape[1] == 2 * 640
@@ -151,7 +151,7 @@ def test_only_pictures_of_ours_are_overwritten(pictures):
             2,
             "received 2 images with --range, expected one image",
         ),
-        (("hall.jpg", "--pitch", "10"), 2, "received --pitch without --fov"),
+        (("hall.jpg", "--elevation", "10"), 2, "received --elevation without --fov"),
         (("hall.jpg", "-o", "desk.png"), 2, "desk.png is a file, expected a folder"),
         (("hall.jpg", "other/hall.png"), 2, "2 images would have the same picture hall.objects.png"),
         (("hall.jpg", "--fov", "180"), 2, "received --fov '180', expected a number from 5.0 to 170.0"),

@@ -14,7 +14,7 @@ from salframe_detectors.merging import suppress
 from salframe.framework.components.registry import registry
 from salframe.framework.errors import WeightsError
 
-REQUEST = DecodeRequest(width_px=96, height_px=64, classes=3, min_score=0.25)
+REQUEST = DecodeRequest(width_px=96, height_px=64, num_classes=3, min_score=0.25)
 BOXES = np.array([[10.0, 8.0, 30.0, 40.0], [50.0, 20.0, 90.0, 60.0]])
 LABEL, SCORE = np.array([2, 0]), np.array([0.9, 0.5])
 CENTRE, SIZE = (BOXES[:, :2] + BOXES[:, 2:]) / 2, BOXES[:, 2:] - BOXES[:, :2]

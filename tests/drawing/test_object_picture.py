@@ -55,7 +55,7 @@ def test_a_panorama_has_outlines_around_the_objects(label, centre_m, radius_m, s
         assert not ((columns > 200) & (columns < 2 * HEIGHT - 200)).any()
 
 
-UPWARDS = Camera.of_field_of_view(1300, 900, 80, pitch_deg=25)
+UPWARDS = Camera.of_field_of_view(1300, 900, 80, elevation_deg=25)
 BARREL = replace(UPWARDS, distortion_model="plumb_bob", distortion=(-0.2, 0.05, 0.001, 0.002, 0))
 
 

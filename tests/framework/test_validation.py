@@ -18,6 +18,9 @@ class Model(Settings):
     origin_m: tuple[float, float] = (0.0, 0.0)
     shares: dict[str, Any] = Field(default_factory=dict)
     seed: Seed = 0
+    pose: tuple[float, ...] | None = Field(None, min_length=16, max_length=16)
+    name: str = Field("a", min_length=1, pattern="^[a-z]*$")
+    enabled: bool = True
 
 
 @pytest.mark.parametrize(
@@ -29,13 +32,34 @@ class Model(Settings):
         ({"origin_m": [1e308, 0]}, r"model\.origin_m: 0: received 1e\+308, expected a number"),
         ({"shares": {"a": [-1e13]}}, r"model\.shares: a\.0: received -1e\+13, expected a number"),
         ({"spread_m": 1e-320}, r"model\.spread_m: received 9.99989e-321, expected at least 1e-12"),
-        ({"seed": -1}, r"model\.seed: received -1, expected greater than or equal to 0"),
-        ({"seed": True}, r"model\.seed: received True, expected a valid integer"),
+        ({"seed": -1}, r"model\.seed: received -1, expected a number greater than or equal to 0"),
+        ({"seed": True}, r"model\.seed: received True, expected an integer"),
     ],
 )
 def test_numbers_that_nothing_can_compute_with_are_refused(settings, message):
     with pytest.raises(ConfigError, match=message):
         validate(Model, settings, "model")
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"pose": [1, 0, 0]}, "model.pose: received [1, 0, 0] (3 items), expected at least 16 items"),
+        ({"origin_m": [1, 2, 3]}, "model.origin_m: received [1, 2, 3] (3 items), expected at most 2 items"),
+        ({"origin_m": 3}, "model.origin_m: received 3, expected a list"),
+        ({"shares": "half"}, "model.shares: received 'half', expected a dictionary"),
+        ({"length_m": "long"}, "model.length_m: received 'long', expected a number"),
+        ({"count": 1.5}, "model.count: received 1.5, expected an integer"),
+        ({"enabled": "perhaps"}, "model.enabled: received 'perhaps', expected true or false"),
+        ({"name": 3}, "model.name: received 3, expected a string"),
+        ({"name": ""}, "model.name: received '', expected at least 1 character"),
+        ({"name": "A"}, "model.name: received 'A', expected a string that matches ^[a-z]*$"),
+    ],
+)
+def test_errors_name_the_expected_value_in_plain_words(settings, message):
+    with pytest.raises(ConfigError) as caught:
+        validate(Model, settings, "model")
+    assert str(caught.value) == message
 
 
 def test_large_numbers_within_the_bounds_are_kept():

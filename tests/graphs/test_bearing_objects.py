@@ -109,6 +109,16 @@ def test_bearings_give_place_pose_and_height_of_the_camera(raised_m):
     assert (np.diag(covariance) > 0).all()
 
 
+@pytest.mark.parametrize("raised_m", [-0.22, 0.0, 0.22])
+def test_a_hypothesis_has_the_height_of_the_camera(raised_m):
+    """The initial poses, before they are fitted, include one near the pose at each height of the camera."""
+    points = room(3)
+    graph = bearings(LABELS, transform_points(invert_pose(pose_2d(0.6, -0.3, 2.2, raised_m)), points))
+    poses = best_poses(scorer_of([place(LABELS, points)], graph), 3)
+    offset_m = np.hypot(*(poses.shift_m - [0.6, -0.3]).T)
+    assert (offset_m + np.abs(poses.raised_m - raised_m)).min() < 0.1
+
+
 def test_bearings_from_several_positions_are_one_query():
     """Half of the objects seen from the pose, the others from a camera 1 m beside it."""
     points = room(5)

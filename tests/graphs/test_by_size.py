@@ -93,7 +93,9 @@ def test_a_map_built_with_numba_names_the_extra_where_that_is_missing(graphs, tm
     monkeypatch.setattr(by_size, "MAX_PLAIN", 10)
     BySize().build(graphs, tmp_path / "index")
     request.getfixturevalue("without_numba")
-    with pytest.raises(RequirementMissing, match=r"needs numba, not installed: pip install 'salframe\[fast\]'"):
+    with pytest.raises(
+        RequirementMissing, match=r"needs numba, which is not installed: pip install 'salframe\[fast\]'"
+    ):
         BySize().open(tmp_path / "index")
 
 

@@ -1,4 +1,4 @@
-"""Heights of cameras over the floor, in descriptions and in places, and what they change in the likelihood."""
+"""Heights of cameras above the floor, in descriptions and in places, and what they change in the likelihood."""
 
 import numpy as np
 import pytest

@@ -66,8 +66,8 @@ def test_the_weights_are_those_of_the_columns_listed():
             {"evidence": ["repainted", "paint"]},
             "two components of evidence have the column 'paint', expected each column once",
         ),
-        ({"weights": None}, "received None, expected a valid dictionary"),
-        ({"weights": {"outline": "heavy"}}, "received 'heavy', expected a valid number"),
+        ({"weights": None}, "received None, expected a dictionary"),
+        ({"weights": {"outline": "heavy"}}, "received 'heavy', expected a number"),
         ({"evidence": []}, r"received \[\], expected a list of at least one evidence"),
         ({"evidence": ["paintt"]}, "unknown evidence 'paintt', did you mean 'paint'"),
     ],
@@ -156,7 +156,7 @@ def test_joined_views_have_the_evidence_of_the_last():
     T_last_view = np.stack([invert_pose(T_world_query) @ frames[0].T_world_pano, np.eye(4)])
     joined = built.localizer.join(descriptions, T_last_view, built.localizer.odometry)
     np.testing.assert_array_equal(joined["paint"], descriptions[1]["paint"])
-    answer = built.answer_views(descriptions, T_last_view)
+    answer = built.localizer.match(joined)
     assert answer.places[0].place == truths[frames[1].id].place
 
 

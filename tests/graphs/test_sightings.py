@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from salframe.graphs.annotated import seen_objects
-from salframe.graphs.sightings import box_solid_angle, hidden_shares, sightings
+from salframe.graphs.boxes import box_solid_angle
+from salframe.graphs.sightings import hidden_shares, sightings
 from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
 
 HEIGHT = 64

@@ -150,7 +150,9 @@ def test_presets(name: str, rooms: int, style: str) -> None:
 
 
 def test_a_building_of_too_many_rooms_is_refused_at_once() -> None:
-    with pytest.raises(ConfigError, match=r"house-6\.rooms: received 100000000, expected less than or equal to 500"):
+    with pytest.raises(
+        ConfigError, match=r"house-6\.rooms: received 100000000, expected a number less than or equal to 500"
+    ):
         configure("dataset", "house-6", settings("dataset", "house-6"), [{"rooms": 100_000_000}])
 
 

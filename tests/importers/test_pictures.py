@@ -96,7 +96,7 @@ def test_places_from_folders_and_from_none(tmp_path, written):
         "hall/p1": "hall/p1",
         "kitchen/p0": "kitchen/p0",
     }
-    with pytest.raises(salframe.DataError, match=r"no place from the column .*places from: folder, none"):
+    with pytest.raises(salframe.DataError, match=r"no place from the source column .*recording: folder, none"):
         salframe.import_data("pictures", tmp_path / "home", tmp_path / "c", place_from="column")
 
 
@@ -137,7 +137,7 @@ def test_rows_without_a_picture_are_counted(written, tmp_path):
     root = shutil.copytree(written["pictures"], tmp_path / "home")
     write_poses(root, [["p0.jpg", *STANDS[0], 20], ["P1.JPG", *STANDS[1], 130]], HEADER)
     (note,) = salframe.import_data("pictures", root, tmp_path / "out").notes
-    assert note.startswith("1 of 2 rows of poses.csv name no picture (P1.JPG first)")
+    assert note.startswith("1 of 2 rows of poses.csv name no picture (such as P1.JPG)")
 
 
 @pytest.mark.parametrize(

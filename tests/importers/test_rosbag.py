@@ -243,7 +243,7 @@ def write_drive(path: Path) -> Path:
 def test_sequences_of_views(tmp_path):
     recording = read(write_drive(tmp_path / "a"), "num_views=3", "sequence_period=8", "view_distance_m=0.4")
     (note,) = recording.notes
-    assert note == "the poses are those of tf, in the frame map, not those of /odom: for those, pass poses=TOPIC"
+    assert note == "the poses are those of tf, in the frame map. To use the poses of /odom, pass --set poses=TOPIC"
     views = [record for record in recording.records if record.sequence]
     # A view every 0.5 m; the sixth to the eighth of every eight are a sequence.
     assert [record.t_s - START_S for record in views] == pytest.approx([2.5, 3.0, 3.5, 6.5, 7.0, 7.5])

@@ -234,7 +234,8 @@ def test_sift_needs_no_torch_and_xfeat_says_that_it_does(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     Keypoints.check(Keypoints.Config(features="sift"))
     with pytest.raises(
-        RequirementMissing, match=r"xfeat needs torch, kornia, not installed: pip install 'salframe\[keypoints\]'"
+        RequirementMissing,
+        match=r"xfeat needs torch and kornia, which are not installed: pip install 'salframe\[keypoints\]'",
     ):
         Keypoints.check(Keypoints.Config(features="xfeat"))
 

@@ -130,7 +130,7 @@ def test_a_folder_of_something_else_is_not_overwritten(saved, tmp_path):
         ({"version": "0"}, DataError, "was made by reader 0, expected reader 1: build it again"),
         ({"localizer": {"kind": "raeder"}}, UnknownName, "unknown localizer 'raeder', did you mean 'reader'"),
         ({"localizer": {"kind": "reader", "ofset": 1}}, ConfigError, "unknown key .*ofset"),
-        ({"localizer": None}, DataError, r"method\.json: localizer: received None, expected a valid dictionary"),
+        ({"localizer": None}, DataError, r"method\.json: localizer: received None, expected a dictionary"),
         ({"localizer": {}}, DataError, r"method\.json names no localizer: build the map again"),
         ({"described_by": "0"}, DataError, "was described with other settings, weights or files .*: build it again"),
     ],

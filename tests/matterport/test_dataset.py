@@ -7,6 +7,8 @@ from salframe_matterport.dataset import MatterportAnnotations
 from salframe_matterport.readers import boxes_path
 from salframe_matterport.scenes import read_scenes
 
+from salframe.framework.components.presets import configure_default
+from salframe.framework.components.registry import registry
 from salframe.framework.errors import ConfigError, DataError
 from salframe.framework.validation import validate
 from salframe.panoramas.frames import QueryFrame
@@ -47,6 +49,22 @@ def test_queries_carry_no_pose_and_no_place_not_even_inside(building):
         packed = pickle.dumps(query)
         assert b"region" not in packed
         assert dataset.truth(query.id).T_world_pano[:3, 3].tobytes() not in packed
+
+
+def test_queries_without_range_have_directions_and_solid_angles(building):
+    """The solid angle of a box is a quarter of its surface divided by the squared range (Cauchy's formula)."""
+    detector = registry().build("detector", configure_default("detector", "annotations"))
+    (ranged,), (query,) = (opened(building, query_range=known).folds()[0].queries for known in (True, False))
+    objects, detections = objects_of(ranged), detector.detect(query.load())
+    assert detections.labels == objects.labels
+    assert np.isnan(detections.centroid_m).all()
+    range_m = np.linalg.norm(objects.centroid_m, axis=1)
+    np.testing.assert_allclose(detections.bearing, objects.centroid_m / range_m[:, None], atol=1e-6)
+    length, width, height = objects.size_m.T
+    surface_m2 = 2 * (length * width + width * height + height * length)
+    np.testing.assert_allclose(detections.solid_angle_sr, surface_m2 / 4 / range_m**2, rtol=1e-6)
+    references = opened(building, query_range=False).folds()[0].references
+    assert all(np.isfinite(detector.detect(frame.load()).centroid_m).all() for frame in references)
 
 
 def test_objects_stand_where_they_are_in_the_world(building):

@@ -21,7 +21,7 @@ EDGES = ("ab", "ac")
 
 @pytest.fixture
 def world(building):
-    """a joined to b and c; cameras 1.5 m, 1.6 m and 1.5 m up, 1.4 m over the floor."""
+    """a joined to b and c; cameras 1.5 m, 1.6 m and 1.5 m up, 1.4 m above the floor."""
     path = building.root / "connectivity" / "fake_connectivity.json"
     listed = json.loads(path.read_text())
     names = [viewpoint["image_id"] for viewpoint in listed]

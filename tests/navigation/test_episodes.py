@@ -93,7 +93,7 @@ def test_goals_that_what_was_moved_shuts_off_are_not_asked_for():
     ("content", "line"),
     [
         ("nonsense", "episodes.json is not JSON"),
-        ({"start": "b"}, "episodes.json: received {'start': 'b'}, expected a valid list"),
+        ({"start": "b"}, "episodes.json: received {'start': 'b'}, expected a list"),
         ([{"start": "b"}], "episodes.json: 0.goal is missing"),
         ([{"start": "b", "goal": "a-west", "yaw": 3}], "unknown key .*episodes.json: 0.yaw"),
     ],

@@ -91,8 +91,8 @@ def test_a_level_camera_sees_its_field_of_view():
     assert (inside * weight).sum() / weight.sum() == pytest.approx(1 / 6, abs=1e-3)
 
 
-def test_pitch_looks_up():
-    up = Camera.of_field_of_view(200, 100, 60, pitch_deg=30)
+def test_a_positive_elevation_looks_up():
+    up = Camera.of_field_of_view(200, 100, 60, elevation_deg=30)
     np.testing.assert_allclose(up.rotation[:, 2], [np.cos(np.radians(30)), 0, 0.5], atol=1e-12)
     np.testing.assert_allclose(up.rotation[:, 0], [0, -1, 0], atol=1e-12)  # its right stays level
     np.testing.assert_allclose(up.project(up.rotation[:, 2]), [99.5, 49.5])
@@ -164,8 +164,8 @@ def test_implausible_calibrations_are_refused(change, message):
 def test_fields_of_view_that_no_pinhole_has(fov_deg):
     with pytest.raises(DataError, match="expected 5 to 170"):
         Camera.of_field_of_view(640, 480, fov_deg)
-    with pytest.raises(DataError, match="a pitch of 100 deg, expected -90 to 90"):
-        Camera.of_field_of_view(640, 480, 60, pitch_deg=100)
+    with pytest.raises(DataError, match="an elevation of 100 deg, expected -90 to 90"):
+        Camera.of_field_of_view(640, 480, 60, elevation_deg=100)
     assert (options.MIN_FOV_DEG, options.MAX_FOV_DEG) == (cameras.MIN_FOV_DEG, cameras.MAX_FOV_DEG)
 
 
@@ -193,7 +193,7 @@ def test_a_camera_is_read_from_its_file(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"width": 640.5}, "a.json: width: received 640.5, expected a valid integer"),
+        ({"width": 640.5}, "a.json: width: received 640.5, expected an integer"),
         ({"K": [1] * 9}, r"unknown key .*a\.json: K .*fx"),
         ({"distortion_model": "omni"}, r"a\.json: distortion_model is 'omni', expected one of none"),
         ({"T_base_camera": [[1, 0], [0, 1]]}, r"a\.json: .*T_base_camera has shape \(2, 2\), expected \(4, 4\)"),

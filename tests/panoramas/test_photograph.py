@@ -28,7 +28,7 @@ def test_a_wall_at_known_depth_has_the_range_of_a_plane(kind):
 
 
 def test_holes_stay_holes_and_labels_come_back():
-    camera = Camera.of_field_of_view(640, 480, 70, pitch_deg=-17)
+    camera = Camera.of_field_of_view(640, 480, 70, elevation_deg=-17)
     depth = np.full((480, 640), 2.0)
     depth[:, 320:] = np.nan
     panorama = photograph_panorama(camera, "hole", np.zeros((480, 640, 3), np.uint8), depth, height=512)

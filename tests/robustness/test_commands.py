@@ -81,7 +81,7 @@ def test_a_table_of_objects_that_says_nothing_is_refused(tmp_path, monkeypatch):
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path / "cache"))
     cases = {
         r"objects\.parquet has no row, expected one for each object": {"instance_id": range(0), "label": []},
-        r"objects\.parquet: 0\.instance_id: received '1', expected a valid integer": {
+        r"objects\.parquet: 0\.instance_id: received '1', expected an integer": {
             "instance_id": ["1"],
             "label": ["bed"],
         },

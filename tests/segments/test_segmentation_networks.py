@@ -78,7 +78,10 @@ def test_colours_are_normalized_as_the_card_says(tmp_path, channels):
             {"output": {"name": "gone", "layout": "nhwc", "values": "logits"}},
             "has no tensor 'gone', expected the output",
         ),
-        ({"output": {"layout": "nhwc", "values": "logits"}}, "gives int32 without quantization, expected scores"),
+        (
+            {"output": {"layout": "nhwc", "values": "logits"}},
+            "has the type int32 without quantization, expected class scores",
+        ),
         (
             {"input": {"layout": "nhwc", "size_px": [64, 96]}},
             r"takes float32 \(1, 96, 96, 3\) as input, expected float32 \(1, 96, 64, 3\)",

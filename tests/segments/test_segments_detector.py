@@ -213,7 +213,11 @@ def test_a_network_without_a_card_says_what_to_write(tmp_path):
             WeightsError,
             "not an ONNX network with a",
         ),
-        ({"output": {"layout": "nchw", "values": "logits"}}, WeightsError, "gives int64, expected scores as floats"),
+        (
+            {"output": {"layout": "nchw", "values": "logits"}},
+            WeightsError,
+            "has the type int64, expected class scores as floats",
+        ),
         ({"input": {"layout": "nhwc", "size_px": [96, 96]}}, WeightsError, r"takes views float32 \(1, 3, 96, 96\)"),
         ({"colour": 1}, ConfigError, "unknown key .*colour"),
     ],

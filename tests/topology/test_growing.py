@@ -199,7 +199,7 @@ def test_a_map_whose_last_floor_is_removed_has_no_topology_any_more(rooms):
 
 
 def test_how_the_topology_was_made_stays(rooms):
-    build_map("doored", "map", "reader", choose=True, overrides=("data.rooms=3",))
+    build_map("doored", "map", "reader", central_nodes=True, overrides=("data.rooms=3",))
     add_to_map("map", "doored", overrides=("data.rooms=5",))
     topology = open_topology("map")
     assert topology.parameters.choose

@@ -37,6 +37,9 @@ RANGE_ERROR_SHARE = 0.05
 that agree with elevation and solid angle."""
 ACROSS_ERROR_M = 0.07
 """Standard deviation of the position of a pair of objects across the bearing, metres."""
+RAISED_ERROR_SHARE = 2 / 3
+"""Standard deviation of the height of the camera in `pair_points`, relative to `camera_height_error_m`: hypotheses are
+made for several heights."""
 
 
 class BearingObjects(ObservedObjects):
@@ -153,7 +156,7 @@ class BearingObjects(ObservedObjects):
     def pair_log_odds(self, i: np.ndarray, relative: RelativeObjects) -> np.ndarray:
         return self._log_odds(i, relative)
 
-    def pair_points(self, i: np.ndarray, j: np.ndarray) -> PairPoints:
+    def pair_points(self, i: np.ndarray, j: np.ndarray, raised_m: float) -> PairPoints:
         """Return positions at the ranges that agree with elevation and solid angle.
 
         The range has the mean and the variance over RANGES_M, weighted by the likelihood of elevation and solid angle.
@@ -161,12 +164,12 @@ class BearingObjects(ObservedObjects):
         errors = self._errors
         _, side_m, log_area = (values[j, None] for values in self._map_size)
         sine, cosine = np.sin(self._elevation_rad[i]), np.cos(self._elevation_rad[i])
-        height_m = self._map_height_m[j] - self._origin_m[2, i]
+        height_m = self._map_height_m[j] - raised_m - self._origin_m[2, i]
         lift_m2 = (
             (errors.bearing_error_rad * RANGES_M) ** 2
             + errors.vertical_error_m**2
             + (errors.side_error_share * side_m * sine[:, None]) ** 2
-            + self._camera_error_m**2
+            + (RAISED_ERROR_SHARE * self._camera_error_m) ** 2
         )
         log_weight = -0.5 * (height_m[:, None] - RANGES_M * sine[:, None]) ** 2 / lift_m2 - 0.5 * np.log(lift_m2)
         expected = log_area - 2 * np.log(RANGES_M) + errors.size_bias_log

@@ -32,7 +32,7 @@ def rank_distant_views(
     groups: Sequence[ViewGroup],
     matched: np.ndarray,
 ) -> Ranking | None:
-    """Return the places of the last view, best first; None where there is no pose.
+    """Return the places of the last view, best first; None if there is no pose.
 
     All views together give the pose, in the windows of the places: views in several places need the objects of all of
     them. The place is that of the last view. Each group of views gives evidence for it under this pose, from the
@@ -45,7 +45,7 @@ def rank_distant_views(
         query: The joined graph of all views.
         description: Their joined description.
         groups: The groups of the views.
-        matched: (C,) numbers of the places to match, ascending.
+        matched: (C,) indices of the places to match, ascending.
     """
     places = evidence.places
     nodes = QueryObjects.of(query, places.index.vocabulary)
@@ -77,7 +77,7 @@ def _group_scores(
     evidence: PlaceEvidence, config: Any, group: ViewGroup, matched: np.ndarray, shift_m: np.ndarray, yaw_rad: float
 ) -> np.ndarray | None:
     """Return the score (C,) of places for a group of views, if (2,) `shift_m` and `yaw_rad` are the pose of the last
-    view; None where the map has none of the group's labels."""
+    view; None if the map has none of the group's labels."""
     places = evidence.places
     nodes = QueryObjects.of(graph_from_arrays(group.description), places.index.vocabulary)
     if not (nodes.label >= 0).any():

@@ -18,7 +18,7 @@ _MOTIONS = "T_last_group"
 
 
 class DistantViews(Settings):
-    """How views that were taken far apart are matched in a map without floor masks."""
+    """Settings for matching views that were taken far apart, in a map without floor masks."""
 
     near_m: float = Field(
         2.5,
@@ -61,7 +61,7 @@ class ViewGroup:
 
 
 def group_views(T_last_view: np.ndarray, near_m: float) -> list[range]:
-    """Return the numbers of the views of each group, in the order in which they were taken.
+    """Return the indices of the views of each group, in the order in which they were taken.
 
     Args:
         T_last_view: (V, 4, 4) motions of the views.
@@ -86,7 +86,7 @@ def groups_to_arrays(groups: Sequence[ViewGroup]) -> dict[str, np.ndarray]:
 
 
 def groups_from_arrays(arrays: Mapping[str, np.ndarray]) -> list[ViewGroup]:
-    """Return the groups of arrays of `groups_to_arrays`; none where there are none."""
+    """Return the groups of arrays of `groups_to_arrays`; none if there are none."""
     groups = []
     for number, T_last_group in enumerate(arrays.get(_MOTIONS, ())):
         prefix = f"{number}/"
@@ -103,7 +103,7 @@ def combine_groups(scores: Sequence[np.ndarray | None], distance_m: Sequence[flo
     the scores of the group.
 
     Args:
-        scores: The scores (K,) of the places for each group; None where a group gives no evidence.
+        scores: The scores (K,) of the places for each group; None if a group gives no evidence.
         distance_m: The distance of each group from the last view.
         same_place_m: Distance at which rho is 1/e.
     """

@@ -36,7 +36,7 @@ def shipped_weights() -> Mapping[str, float]:
 
 
 def columns_of(evidence: Sequence[ComponentConfig]) -> dict[str, EvidenceColumn]:
-    """Return the columns of configured components, by name. Raises ValueError where two have the same name."""
+    """Return the columns of configured components, by name. Raises ValueError if two have the same name."""
     columns: dict[str, EvidenceColumn] = {}
     models: list[Any] = [config.component for config in evidence]
     for model in models:
@@ -86,7 +86,7 @@ class PlaceEvidence:
     """The components of evidence, and the map that they are indexed for.
 
     Attributes:
-        uses: Parts of a panorama that the components read where they are present.
+        uses: Parts of a panorama that the components read if they are present.
         column_step: Least common multiple of the components' steps; None if one of them has none.
         places: The places of the map, after `index` or `open_index`.
     """
@@ -108,7 +108,7 @@ class PlaceEvidence:
         return self._added(joined, lambda model: model.join(descriptions, T_last_view))
 
     def pack(self, packed: Description, description: Description) -> Description:
-        """Return the packed description with what each component stores."""
+        """Return the packed description with the arrays of each component."""
         for model in self._models:
             packed = _merged(packed, model.pack(description), model.name)
         return packed
@@ -146,9 +146,9 @@ class PlaceEvidence:
         Args:
             nodes: The nodes of the query, with the vocabulary of the map.
             description: The description of the query.
-            rows: (H,) number of the place of each hypothesis.
+            rows: (H,) index of the place of each hypothesis.
             names: (H,) position in `places.names` of the name of each hypothesis.
-            poses: The C poses, with place numbers of the map.
+            poses: The C poses, with place indices of the map.
             likelihood: (H,) log likelihood ratio of objects and pose.
             of_poses: Whether to return only the columns that depend on the pose.
 
@@ -182,7 +182,7 @@ class PlaceEvidence:
 
 
 def _merged(description: Description, arrays: Description, name: str) -> Description:
-    """Return a description with more arrays. Raises InvalidAnswer where it has an array of the same name."""
+    """Return a description with more arrays. Raises InvalidAnswer if it has an array of the same name."""
     if taken := arrays.keys() & description.keys():
         raise InvalidAnswer(
             f"the evidence {name!r} returned the array {min(taken)!r}, which the description already has: "
@@ -192,7 +192,7 @@ def _merged(description: Description, arrays: Description, name: str) -> Descrip
 
 
 def _checked(model: EvidenceModel, columns: Mapping[str, np.ndarray], count: int) -> Mapping[str, np.ndarray]:
-    """Return the columns of a component. Raises InvalidAnswer where they are not those that it declares."""
+    """Return the columns of a component. Raises InvalidAnswer if they differ from the declared columns."""
     names = [column.name for column in model.columns]
     if columns.keys() != set(names):
         raise InvalidAnswer(

@@ -181,9 +181,9 @@ def label_evidence(label: np.ndarray, index: PlaceIndex, places: np.ndarray) -> 
     """Compare the labels of a query with those of places.
 
     Args:
-        label: (n,) labels of the query's objects as numbers of the index's vocabulary, -1 for other labels; n > 0.
-        index: The places of the map.
-        places: (K,) numbers of the places to compare with.
+        label: (n,) indices of the labels of the query's objects in the vocabulary of the index; -1: another label. n >
+        0. index: The places of the map.
+        places: (K,) indices of the places to compare with.
 
     Returns:
         The share (K,) of the query's labels that each place has, and the Jaccard index (K,) of both multisets of

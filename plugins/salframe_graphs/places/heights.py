@@ -1,4 +1,4 @@
-"""Heights of cameras over the floor that they see: in the description of a panorama, and of the places of a map."""
+"""Heights of cameras above the floor: of a panorama, stored in its description, and of the places of a map."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ _MAX_M = 65.535
 
 
 def measure_height(panorama: Panorama) -> dict[str, np.ndarray]:
-    """Return the height of the camera over the floor as an array (1,) of a description; {} where it is unknown.
+    """Return the height of the camera above the floor as an array (1,) of a description; {} if it is unknown.
 
-    Only measured ranges are used: those of a range model may have a wrong scale.
+    Estimated ranges are not used, because their scale may be wrong.
     """
     if panorama.range_m is None or panorama.range_by is not None:
         return {}
@@ -30,7 +30,7 @@ def measure_height(panorama: Panorama) -> dict[str, np.ndarray]:
 
 
 def height_of(description: Mapping[str, np.ndarray]) -> float:
-    """Return the height of the camera of a description over the floor in metres, NaN where it is unknown."""
+    """Return the height of the camera of a description above the floor in metres, NaN where it is unknown."""
     return float(description[HEIGHT][0]) if HEIGHT in description else np.nan
 
 
@@ -47,7 +47,7 @@ def join_heights(heights_m: Sequence[float], T_last_view: np.ndarray) -> dict[st
 
 
 def pack_height(description: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the height of a description as (1,) uint16 in millimetres; {} where it is unknown."""
+    """Return the height of a description as (1,) uint16 in millimetres; {} if it is unknown."""
     return {PACKED_HEIGHT: np.round(description[HEIGHT] * 1000).astype(np.uint16)} if HEIGHT in description else {}
 
 
@@ -57,7 +57,7 @@ def unpack_height(packed: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def at_map_height(query: SaliencyGraph, height_m: float, map_height_m: np.ndarray) -> SaliencyGraph:
-    """Return the graph of a query as seen from the height over the floor at which the map was taken.
+    """Return the graph of a query as seen from the height above the floor at which the map was taken.
 
     Args:
         query: The graph.
@@ -70,13 +70,13 @@ def at_map_height(query: SaliencyGraph, height_m: float, map_height_m: np.ndarra
 
 
 def place_heights(shown: ShownPlaces, frame_height_m: np.ndarray, frame_z_m: np.ndarray) -> np.ndarray:
-    """Return the height (K,) over the floor of a camera at the median height of each place's scene frames.
+    """Return the height (K,) above the floor of a camera at the median height of each place's scene frames.
 
     It is NaN where no frame of the place knows its height.
 
     Args:
         shown: The places.
-        frame_height_m: (S,) height of each frame's camera over the floor, NaN where it is unknown.
+        frame_height_m: (S,) height of each frame's camera above the floor, NaN where it is unknown.
         frame_z_m: (S,) z of each frame in the world.
     """
     floor_z_m = frame_z_m - frame_height_m

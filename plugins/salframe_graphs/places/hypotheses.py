@@ -21,6 +21,9 @@ MAX_SHIFT_M = 6.0
 """Maximum distance in metres of a query from the nearest scene frame of its place."""
 SLACK_SIGMAS = 2.0
 """Maximum difference of two equal distances, in standard deviations."""
+RAISED_SIGMAS = (-1.5, 0.0, 1.5)
+"""Heights of the camera for which hypotheses of objects without range are made, relative to the standard deviation of
+the height."""
 
 
 def best_poses(scorer: PlaceLikelihood, max_poses: int) -> Poses:
@@ -33,15 +36,35 @@ def best_poses(scorer: PlaceLikelihood, max_poses: int) -> Poses:
     i, j = np.nonzero(scorer.same_label & (scorer.log_ratio > MIN_LOG_RATIO))
     if not len(i):
         return Poses(np.zeros(0, int), np.zeros((0, 2)), np.zeros(0))
-    points = _points(scorer, i, j)
-    place = index.place[j]
+    value, place = _points(scorer, i, j, 0.0).value, index.place[j]
     order = np.lexsort((j, i, place))
     if np.bincount(place, minlength=1).max() > MAX_PAIRS:
-        order = order[np.sort(top_per_group(points.value[order], place[order], MAX_PAIRS))]
-    i, j, place, points = i[order], j[order], place[order], points.take(order)
-    first, second = pairs_within(starts(np.bincount(place, minlength=len(index))))
+        order = order[np.sort(top_per_group(value[order], place[order], MAX_PAIRS))]
+    i, j = i[order], j[order]
+    first, second = pairs_within(starts(np.bincount(place[order], minlength=len(index))))
     is_base = (i[first] != i[second]) & (j[first] != j[second])
     first, second = first[is_base], second[is_base]
+    heights_m = np.multiply(RAISED_SIGMAS, scorer.likelihood.camera_height_error_m) if scorer.has_bearings else [0.0]
+    poses = Poses.concatenate([_hypotheses(scorer, i, j, first, second, raised_m) for raised_m in heights_m])
+    poses = poses.take(np.argsort(poses.place, kind="stable"))
+    return poses.take(top_per_group(_support(scorer, i, j, poses), poses.place, max_poses))
+
+
+def _hypotheses(
+    scorer: PlaceLikelihood, i: np.ndarray, j: np.ndarray, first: np.ndarray, second: np.ndarray, raised_m: float
+) -> Poses:
+    """Return at most MAX_HYPOTHESES poses of each place, sorted by place.
+
+    Args:
+        scorer: The likelihood of the query.
+        i: (P,) query object of each pair of similar objects.
+        j: (P,) map object of each pair.
+        first: (H,) first pair of each hypothesis.
+        second: (H,) second pair, of the same place.
+        raised_m: Height of the camera above its expected height.
+    """
+    index = scorer.index
+    points, place = _points(scorer, i, j, raised_m), index.place[j]
     map_point, variance = index.position[j], index.variance_m2[j]
     base, map_base = points.position[second] - points.position[first], map_point[second] - map_point[first]
     length, map_length = np.abs(base), np.abs(map_base)
@@ -67,16 +90,16 @@ def best_poses(scorer: PlaceLikelihood, max_poses: int) -> Poses:
     middle = (points.position[first] + points.position[second]) / 2
     shift = (map_point[first] + map_point[second]) / 2 - scale * turn * middle
     shift_m = np.array([shift.real, shift.imag]).T
-    poses = Poses(place[first], shift_m, np.angle(turn), np.zeros(len(shift)), scale)
+    poses = Poses(place[first], shift_m, np.angle(turn), np.full(len(shift), raised_m), scale)
     camera_offset = as_complex(index.cameras_m)[poses.place] - shift[:, None]
-    poses = poses.take(np.flatnonzero(np.abs(camera_offset).min(1, initial=np.inf) < MAX_SHIFT_M))
-    return poses.take(top_per_group(_support(scorer, i, j, poses), poses.place, max_poses))
+    return poses.take(np.flatnonzero(np.abs(camera_offset).min(1, initial=np.inf) < MAX_SHIFT_M))
 
 
-def _points(scorer: PlaceLikelihood, i: np.ndarray, j: np.ndarray) -> PairPoints:
-    """Return the positions of the query objects of pairs of query objects i (P,) and map objects j (P,)."""
+def _points(scorer: PlaceLikelihood, i: np.ndarray, j: np.ndarray, raised_m: float) -> PairPoints:
+    """Return the positions of the query objects of pairs of query objects i (P,) and map objects j (P,), for a camera
+    that is `raised_m` above its expected height."""
     parts = scorer.rows_of(i)
-    points = [part.pair_points(row, j[position]) for part, position, row in parts]
+    points = [part.pair_points(row, j[position], raised_m) for part, position, row in parts]
     if len(points) == 1:
         return points[0]
     order = np.argsort(np.concatenate([np.arange(len(i))[position] for _, position, _ in parts]))

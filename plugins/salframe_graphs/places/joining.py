@@ -19,7 +19,7 @@ def add_bearings(
     """Return the joined objects of views with range, and after them the objects of views without range.
 
     Args:
-        joined: The joined graph of the views with range; None where there are none.
+        joined: The joined graph of the views with range; None if there are none.
         graphs: The graphs of all V views.
         T_last_view: (V, 4, 4) motions that map coordinates of the views to those of the last view.
     """

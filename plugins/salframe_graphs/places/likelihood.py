@@ -35,12 +35,15 @@ MIN_PAIR_SHARE = 1e-3
 class PlaceLikelihood:
     """Scores a query's objects against the places of a map.
 
-    The score of place r and pose T is the sum over query objects i of
-    log(1 + sum_j o_j p(i | j, T) / (c p(i | clutter))) and over the place's objects j of log(1 - P_j), where P_j is the
-    probability that j is detected from T, o_j = P_j / (1 - P_j), and c is the rate of clutter. Query objects that
-    compete for the same object of the place share its odds. The second sum is over objects that the query should show:
-    in its sectors, and not behind walls. The height of the camera and the scale of the ranges are unknown too: their
-    normal priors are part of the score.
+    The score of a place and a pose T is the sum of two sums:
+
+    - over the query objects i: log(1 + sum_j o_j p(i | j, T) / (c p(i | clutter)))
+    - over the objects j of the place: log(1 - P_j)
+
+    P_j is the probability that j is detected from T, o_j = P_j / (1 - P_j), and c is the rate of clutter. If several
+    query objects match the same object of the place, its odds are divided among them. The second sum contains only
+    objects that the query should show: in its sectors, and not behind walls. The height of the camera and the scale of
+    the ranges are also unknown. Their normal priors are terms of the score.
 
     Attributes:
         query: The n objects of the query, first those with range.
@@ -67,7 +70,7 @@ class PlaceLikelihood:
             rates: Error rates of the detector.
             likelihood: Constants of the likelihood.
             sectors: Sectors that the query shows; None: all of them.
-            camera_height_m: Height of the query's camera over the floor; NaN: unknown, equal to that of the map.
+            camera_height_m: Height of the query's camera above the floor; NaN: unknown, equal to that of the map.
         """
         self.query, self.index, self.rates, self.likelihood = query, index, rates, likelihood
         self.sectors = sectors
@@ -75,7 +78,7 @@ class PlaceLikelihood:
         self.parts: list[ObservedObjects] = []
         if query.num_ranged:
             self.parts.append(RangedObjects(query.ranged, index, rates, likelihood, camera_height_m))
-        if query.num_ranged < len(query):
+        if self.has_bearings:
             self.parts.append(BearingObjects(query.bearings, index, rates, likelihood, self._map_height_m))
         self.same_label = np.concatenate([part.same_label for part in self.parts])
         self.log_ratio = np.concatenate([part.log_ratio for part in self.parts])
@@ -85,6 +88,11 @@ class PlaceLikelihood:
             bearings = likelihood.bearings
             self._detection_logit = bearings.detection_logit + bearings.detection_per_logit * index.detection_logit
             self._detection_per_distance = bearings.detection_per_distance
+
+    @property
+    def has_bearings(self) -> bool:
+        """Whether any object of the query has no range."""
+        return self.query.num_ranged < len(self.query)
 
     def rows_of(self, i: np.ndarray) -> list[tuple[ObservedObjects, np.ndarray | slice, np.ndarray]]:
         """Return for each part with any of the query objects i (P,): the part, the positions of its objects in `i`,

@@ -69,8 +69,8 @@ class _Hypotheses:
     Attributes:
         name: (H,) position of each hypothesis's place in MapPlaces.names.
         evidence: The evidence for each hypothesis.
-        poses: The C poses, with place numbers of the map.
-        search: The C poses, with place numbers of the searched places.
+        poses: The C poses, with place indices of the map.
+        search: The C poses, with place indices of the searched places.
     """
 
     name: np.ndarray
@@ -101,7 +101,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
 
     @property
     def uses(self) -> frozenset[str]:  # type: ignore[override]
-        """Parts of a panorama that the graph or the evidence reads where they are present."""
+        """Parts of a panorama that the graph or the evidence reads if they are present."""
         return super().uses | self._evidence.uses
 
     def describe_identity(self) -> dict[str, Any]:
@@ -223,13 +223,13 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         if (share.sum(1) > 0.5).sum() < MIN_EXPLAINED:
             return self._without_pose(places, names[0])
         pose, covariance = settle(ranking.search.scorer, best, share, MIN_DEVIATION_M)
-        camera_z_m = self._map.camera_z_m(int(ranking.poses.place[pose_row[0]]), height_of(description))
-        camera_z_m += pose.raised_m[0]
+        height_m = height_of(description) * pose.scale[0]  # it was measured by the same ranges
+        camera_z_m = self._map.camera_z_m(int(ranking.poses.place[pose_row[0]]), height_m) + pose.raised_m[0]
         T_world_query = pose_2d(pose.shift_m[0, 0], pose.shift_m[0, 1], pose.yaw_rad[0], camera_z_m)
         return Localization(places, T_world_query, LocalizationStatus.OK, covariance)
 
     def _rank(self, query: SaliencyGraph, description: Description) -> Ranking | None:
-        """Return the places of a query, best first; None where no place has any of the query's labels."""
+        """Return the places of a query, best first; None if no place has any of the query's labels."""
         groups = groups_from_arrays(description)
         if groups:
             raised = at_map_height(query, height_of(description), self._map.index.camera_height_m)
@@ -253,7 +253,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
 
     def _without_pose(self, places: tuple[RankedPlace, ...], name: int) -> Localization:
         """Return an answer without a pose. It has a note if the frames of the first place lie on several storeys;
-        `name` is the number of the place's name."""
+        `name` is the index of the place's name."""
         heights_m = self._map.heights_m(name)
         divided = np.diff(heights_m).max(initial=0) > MAX_STEP_M
         note = (
@@ -278,7 +278,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
     def _hypotheses(self, query: SaliencyGraph, description: Description) -> _Hypotheses | None:
         """Return the hypotheses of a query: candidates under their best pose, and other places by their labels only.
 
-        None where no place has any of the query's labels.
+        None if no place has any of the query's labels.
         """
         places = self._map
         nodes = QueryObjects.of(query, places.index.vocabulary)

@@ -35,7 +35,7 @@ class MapPlaces:
         shown: The places and their scene frames.
         index: The objects of the places.
         T_world_pano: (S, 3, 4) poses of the frames.
-        regions: The floor area of each place; None where it is unknown.
+        regions: The floor area of each place; None if it is unknown.
     """
 
     shown: ShownPlaces
@@ -59,7 +59,7 @@ class MapPlaces:
         Args:
             graphs: The graph of each frame.
             frames: The frames.
-            heights_m: (S,) height of each frame's camera over the floor, NaN where it is unknown.
+            heights_m: (S,) height of each frame's camera above the floor, NaN where it is unknown.
             regions: The floor area of each place, or None.
             rates: Error rates of the detector.
             likelihood: Constants of the likelihood.
@@ -97,7 +97,7 @@ class MapPlaces:
 
         Args:
             folder: The folder of `write`.
-            height_mm: The packed heights of the frames' cameras; None where no frame has one.
+            height_mm: The packed heights of the frames' cameras; None if no frame has one.
             num_frames: Number of reference frames, S.
             T_world_pano: (S, 3, 4) poses of the frames.
             regions: The floor area of each place, or None.
@@ -136,7 +136,7 @@ class MapPlaces:
 
     @cached_property
     def _name_of_region(self) -> np.ndarray:
-        """(R + 1,) name number of each region's place, -1 outside the map; the last one (-1) is for no region."""
+        """(R + 1,) index of the name of each region's place, -1 outside the map; the last one (-1) is for no region."""
         regions = self.regions.places if self.regions else ()
         return np.array([*(self.number.get(place, -1) for place in regions), -1])
 
@@ -158,7 +158,7 @@ class MapPlaces:
         return np.sort(self._frames_m[self.shown.of_name(name), 2])
 
     def camera_z_m(self, place: int, camera_height_m: float) -> float:
-        """Return the height in the world of a camera over the floor of a place.
+        """Return the height in the world of a camera above the floor of a place.
 
         Where a height is unknown, it is the median height of the cameras of the place.
         """
@@ -169,7 +169,7 @@ class MapPlaces:
         """Return the scene frame of each place that is nearest to a pose.
 
         Args:
-            names: (N,) numbers of names of places.
+            names: (N,) indices of names of places.
             poses: Poses in the world.
             row: (N,) the pose for each name, or -1 to return the first frame of the place.
 

@@ -22,7 +22,7 @@ class Place:
 
     Attributes:
         name: Name of the place.
-        frames: Numbers of the scene frames of the place in the map.
+        frames: Indices of the scene frames of the place in the map.
         labels: M labels.
         centroid_m: (M, 3) mean of the sightings in the world, weighted by inverse variance.
         variance_m2: (M,) variance of that mean along each axis.
@@ -57,7 +57,7 @@ def gather_places(
         graphs: The graph of each frame.
         frames: The reference frames of the map.
         rates: Error rates of the detector.
-        place_of: Returns the place at positions; None where the floor areas are unknown.
+        place_of: Returns the place at positions; None if the floor areas are unknown.
         merged: Whether to merge the frames of a place. Otherwise each scene frame is a separate place with only its own
             objects.
     """

@@ -69,7 +69,7 @@ class ObservedObjects(ABC):
 
     Attributes:
         same_label: (n, M) bool, whether both have the same label.
-        log_ratio: (n, M) float32, log ratio of what does not depend on the pose, such as the label.
+        log_ratio: (n, M) float32, log ratio of the observations that do not depend on the pose, such as the label.
     """
 
     same_label: np.ndarray
@@ -85,8 +85,9 @@ class ObservedObjects(ABC):
         """Return `log_odds` of pairs: of the query objects i (T,), each with one of the T map objects, (T,)."""
 
     @abstractmethod
-    def pair_points(self, i: np.ndarray, j: np.ndarray) -> PairPoints:
-        """Return the positions of query objects i (P,) that are the map objects j (P,)."""
+    def pair_points(self, i: np.ndarray, j: np.ndarray, raised_m: float) -> PairPoints:
+        """Return the positions of query objects i (P,) that are the map objects j (P,), for a camera that is `raised_m`
+        metres above its expected height."""
 
     @abstractmethod
     def residuals(self, i: np.ndarray, relative: RelativeObjects) -> Residuals:

@@ -15,9 +15,9 @@ from salframe_graphs.sectors import BINS, MIDDLES_RAD, azimuth_bins
 OUTLINE = "outline_m"
 """Key of the outline in a description."""
 LOWEST_M, HIGHEST_M = 1.85, 2.3
-"""Range of heights over the floor of the points of an outline: above most furniture and below lintels."""
+"""Range of heights above the floor of the points of an outline: above most furniture and below lintels."""
 USUAL_HEIGHT_M = 1.5
-"""Height of a camera over the floor where it is unknown."""
+"""Height of a camera above the floor if it is unknown."""
 ERROR_LOG, STRAY, PEAK, MAX_SQUARED = 0.1, 0.15, 3.0, 50.0
 """Standard deviation of the logarithm of a range, share of outlier bins, likelihood ratio of an inlier at its peak, and
 upper bound of the squared deviation in standard deviations."""
@@ -30,12 +30,12 @@ _MIDDLES = np.column_stack([np.cos(MIDDLES_RAD), np.sin(MIDDLES_RAD)])
 def free_outline(range_m: np.ndarray, camera_height_m: float = np.nan) -> np.ndarray:
     """Return the outline of free space of a panorama.
 
-    It is the median horizontal range of the points LOWEST_M to HIGHEST_M over the floor, by azimuth from +x,
+    It is the median horizontal range of the points LOWEST_M to HIGHEST_M above the floor, by azimuth from +x,
     counter-clockwise.
 
     Args:
         range_m: (H, 2H) range image in metres.
-        camera_height_m: Height of the camera over the floor; NaN: unknown, USUAL_HEIGHT_M.
+        camera_height_m: Height of the camera above the floor; NaN: unknown, USUAL_HEIGHT_M.
 
     Returns:
         (BINS,) float32 in metres; NaN for a bin without points.

@@ -37,14 +37,14 @@ class PlaceIndex:
             lacks.
         rarity: (L + 1,) smooth inverse document frequency over the places.
         count: (K,) number of objects of each place.
-        label: (M,) number of each object's label.
+        label: (M,) index of each object's label.
         xy_m: (M, 2) positions in the world.
         z_m: (M,) heights above the camera.
         variance_m2: (M,) variance of the position along each axis.
         log_size: (M, 3) logarithms of length, width and height.
         detection_logit: (M,) logit of the probability of detection from a distance of 2 m.
         cameras_m: (K, F, 2) positions of the scene frames; the last one is repeated.
-        camera_height_m: (K,) height over the floor of the camera that `z_m` refers to; NaN where it is unknown.
+        camera_height_m: (K,) height above the floor of the camera that `z_m` refers to; NaN where it is unknown.
     """
 
     vocabulary: dict[str, int]
@@ -70,7 +70,7 @@ class PlaceIndex:
 
     @cached_property
     def place(self) -> np.ndarray:
-        """(M,) int64 number of the place of each object."""
+        """(M,) int64 index of the place of each object."""
         return self.segments.spread(np.arange(len(self)))
 
     @cached_property
@@ -84,15 +84,17 @@ class PlaceIndex:
         return self.segments.sum(self.rarity[self.label])
 
     def raised_m(self, camera_height_m: float) -> np.ndarray:
-        """Return how much the camera of each place is above a camera at a height over the floor, (K,); 0 where a height
-        is unknown (NaN)."""
+        """Return the camera height of each place minus `camera_height_m`, (K,) in metres.
+
+        Both are heights above the floor. The difference is 0 if one of them is unknown (NaN).
+        """
         return np.nan_to_num(self.camera_height_m - camera_height_m)
 
     def appearance(self, camera_height_m: float) -> np.ndarray:
         """Return z, log length, log box height, their squares, and ones, (7, M) float64; for `PlaceLikelihood`.
 
-        z is relative to a camera at a height over the floor. Where that or the height of the place's camera is unknown
-        (NaN), the two are taken to be equal.
+        z is relative to a camera at `camera_height_m` above the floor. If this height or the camera height of a place
+        is unknown (NaN), the two heights are assumed to be equal.
         """
         height_m = self.z_m + self.segments.spread(self.raised_m(camera_height_m))
         values = np.stack([height_m, self.log_size[:, 0], self.log_size[:, 2]])

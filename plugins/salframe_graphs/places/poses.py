@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,7 @@ class Poses:
     """C poses of a query in the world.
 
     Attributes:
-        place: (C,) number of the place of each pose.
+        place: (C,) index of the place of each pose.
         shift_m: (C, 2) x and y in the world, metres.
         yaw_rad: (C,) heading in the world.
         raised_m: (C,) height of the camera above its expected height; by default 0.
@@ -36,12 +37,17 @@ class Poses:
     def __len__(self) -> int:
         return len(self.place)
 
+    @classmethod
+    def concatenate(cls, parts: Sequence[Poses]) -> Poses:
+        """Return the poses of all parts, one part after the other."""
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in cls.__dataclass_fields__))
+
     def take(self, rows: np.ndarray) -> Poses:
         """Return the poses of these rows."""
         return Poses(self.place[rows], self.shift_m[rows], self.yaw_rad[rows], self.raised_m[rows], self.scale[rows])
 
     def at(self, place: np.ndarray) -> Poses:
-        """Return the same poses with other numbers (C,) of their places."""
+        """Return the same poses with other indices (C,) of their places."""
         return Poses(place, self.shift_m, self.yaw_rad, self.raised_m, self.scale)
 
     def where(self, chosen: np.ndarray, other: Poses) -> Poses:
@@ -73,7 +79,7 @@ class PoseColumns:
     """The objects of the places of C poses, one pose after the other.
 
     Attributes:
-        objects: (T,) numbers of the objects in the index.
+        objects: (T,) indices of the objects in the index.
         poses: The objects grouped by pose.
     """
 
@@ -92,7 +98,7 @@ class RelativeObjects:
     """T objects of places relative to the camera of a query.
 
     Attributes:
-        objects: (T,) numbers of the objects in the index.
+        objects: (T,) indices of the objects in the index.
         offset: (T,) complex128, horizontal positions x + iy in the query frame, metres.
         height_m: (T,) heights above the query's camera.
         yaw_rad: (T,) heading of the query in the world.
@@ -117,7 +123,7 @@ class RefinedPoses:
     Attributes:
         poses: The poses.
         score: (C,) score of each pose.
-        rows: (R,) numbers of the refined poses, whose initial scores were near the best one.
+        rows: (R,) indices of the refined poses, whose initial scores were near the best one.
         refined: The columns of `share`, grouped by refined pose.
         share: (n, T) probability that each query object is each object of the pose's place.
     """
@@ -129,7 +135,7 @@ class RefinedPoses:
     share: np.ndarray
 
     def share_of(self, pose: int) -> np.ndarray | None:
-        """Return the shares (n, m) of a pose; None where it was not refined."""
+        """Return the shares (n, m) of a pose; None if it was not refined."""
         row = int(np.searchsorted(self.rows, pose))
         if row == len(self.rows) or self.rows[row] != pose:
             return None

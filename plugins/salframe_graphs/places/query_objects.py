@@ -16,7 +16,7 @@ class QueryObjects:
     """N objects of a query, first those with range.
 
     Attributes:
-        label: (N,) int64, numbers of labels in a vocabulary, -1 for a label that is not in it.
+        label: (N,) int64, indices of labels in a vocabulary, -1 for a label that is not in it.
         scores: (N,) float64.
         centroid_m: (N, 3) float64, in the query frame, NaN where the range is unknown.
         size_m: (N, 3) float64, length, width and height, NaN where the range is unknown.

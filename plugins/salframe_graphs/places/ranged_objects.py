@@ -46,7 +46,7 @@ class RangedObjects(ObservedObjects):
             index: The places.
             rates: Error rates of the detector.
             likelihood: Constants of the likelihood.
-            camera_height_m: Height of the query's camera over the floor; NaN: unknown, equal to that of the map.
+            camera_height_m: Height of the query's camera above the floor; NaN: unknown, equal to that of the map.
         """
         self._index, self._rates, self._likelihood = index, rates, likelihood
         self.position = as_complex(query.centroid_m)
@@ -116,7 +116,7 @@ class RangedObjects(ObservedObjects):
         along_m, across_m = offset.real - relative.scale * self.range_m[i], offset.imag
         return along_m * along_m * along[i, j] + across_m * across_m * across[j] + self.peak[i, j]  # type: ignore[no-any-return]
 
-    def pair_points(self, i: np.ndarray, j: np.ndarray) -> PairPoints:
+    def pair_points(self, i: np.ndarray, j: np.ndarray, raised_m: float) -> PairPoints:
         rates = self._rates
         variance_m2 = rates.position_error_m**2 + (rates.range_error_share * self.range_m[i]) ** 2
         return PairPoints(

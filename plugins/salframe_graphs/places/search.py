@@ -54,8 +54,8 @@ class Ranking:
         names: (P,) positions in MapPlaces.names, in the order of the map.
         score: (P,) score of each name.
         pose_row: (P,) row of `poses` with the pose of each name; -1 for none.
-        poses: Poses with place numbers of the map.
-        search: The same poses, with place numbers of the searched places.
+        poses: Poses with place indices of the map.
+        search: The same poses, with place indices of the searched places.
     """
 
     names: np.ndarray

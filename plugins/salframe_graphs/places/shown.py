@@ -40,7 +40,7 @@ class ShownPlaces(PlaceFrames):
         return self.frame[np.argsort(name, kind="stable")], starts(np.bincount(name, minlength=len(self.names)))
 
     def of_name(self, name: int) -> np.ndarray:
-        """Return the numbers in the map of the scene frames of all places with a name, (N,)."""
+        """Return the indices in the map of the scene frames of all places with a name, (N,)."""
         frame, start = self._of_names
         return frame[start[name] : start[name + 1]]
 
@@ -48,12 +48,12 @@ class ShownPlaces(PlaceFrames):
         """Return the frame of each name that is nearest to a position.
 
         Args:
-            names: (N,) numbers of names.
+            names: (N,) indices of names.
             frames_m: (S, 2) positions of all frames of the map in metres.
             xy_m: (N, 2) positions in metres. Where one is NaN, the first frame of the name is returned.
 
         Returns:
-            (N,) numbers of frames.
+            (N,) indices of frames.
         """
         frame, start = self._of_names
         count = start[names + 1] - start[names]

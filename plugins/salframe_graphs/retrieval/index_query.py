@@ -18,8 +18,8 @@ class IndexQuery:
     """The n objects of a query whose labels occur in the map, ordered by label. They have J distinct labels.
 
     Attributes:
-        node: (n,) int64 numbers of the objects in the query's graph.
-        object_label: (n,) int64 numbers of their labels.
+        node: (n,) int64 indices of the objects in the query's graph.
+        object_label: (n,) int64 indices of their labels.
         label: (J,) int64 distinct labels, in ascending order of the length of their lists.
         first: (J,) int64, number of the first object with each label.
         last: (J,) int64, number of the last object with each label, plus 1.

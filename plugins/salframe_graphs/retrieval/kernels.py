@@ -33,7 +33,7 @@ def scan_lists(lists, labels, similarities, totals, state, min_score, scenes, sc
         totals: The sum of the query's rarities, and the shared value of two identical objects.
         state: (2 + J,) int64, updated: the next scene, the number of results, and the position in each list.
         min_score: Results have scores above this.
-        scenes: (C,) numbers of the resulting scenes, in the order of the map. C is at least BLOCK more than the number
+        scenes: (C,) indices of the resulting scenes, in the order of the map. C is at least BLOCK more than the number
             of results.
         scores: (C,) scores of the results.
     """
@@ -117,7 +117,7 @@ def verify_scenes(lists, labels, query, limits, scenes, explained):  # type: ign
         query: Arrays over the query's n objects: xy_m (n, 2), range_m (n,), weight (n,), and similarities (n, 3, 256)
             from 0 to 1.
         limits: tolerance_m, tolerance_share, max_shift_m, min_similarity.
-        scenes: (K,) numbers of scenes, ascending.
+        scenes: (K,) indices of scenes, ascending.
         explained: (K,) output, the support of each scene.
     """
     scene, code, position, height_m, position_m = lists
@@ -158,7 +158,7 @@ def verify_scenes(lists, labels, query, limits, scenes, explained):  # type: ign
 
 @_compile
 def _explain_best(pair, place, xy_m, weight, max_shift_m):  # type: ignore[no-untyped-def]
-    """Return the support of the pose of a scene that explains the largest part of the query; 0 where there is no pose.
+    """Return the support of the pose of a scene that explains the largest part of the query; 0 if there is no pose.
 
     Args:
         pair: (C, 2) numbers of a query object and a scene object, ordered by query object.

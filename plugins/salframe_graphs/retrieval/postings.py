@@ -53,12 +53,12 @@ class Postings:
     Attributes:
         labels: Name -> number l.
         start: (L + 1,) int64, position of each label's first object, and P.
-        scene: (P,) uint32, number of the scene of each object.
+        scene: (P,) uint32, index of the scene of each object.
         code: (P, 3) uint8 codes of height, length and box height, see CODE_LOW.
         rarity: (L + 1,) int64, smooth inverse document frequency ln((1 + S) / (1 + s)) + 1 in units of 1 / RARITY_UNIT.
             The last one is for labels that no scene has.
         weight: (S,) uint32, sum of the rarities of a scene's objects.
-        position: (P, 2) uint8 codes of x and y, see POSITION_M; None where positions are not stored.
+        position: (P, 2) uint8 codes of x and y, see POSITION_M; None if positions are not stored.
     """
 
     labels: dict[str, int]

@@ -56,12 +56,12 @@ def as_json(value: Any) -> str:
 
 
 def number(value: Any, digits: int = 3) -> float | None:
-    """Return a rounded number for JSON; None where it is not finite or None."""
+    """Return a rounded number for JSON; None if it is not finite or None."""
     return round(float(value), digits) if value is not None and math.isfinite(value) else None
 
 
 def numbers(values: np.ndarray, digits: int = 3) -> list[Any]:
-    """Return an array as rounded lists for JSON, with None where it is not finite."""
+    """Return an array as rounded lists for JSON, with None if it is not finite."""
     rounded = np.round(np.asarray(values, float), digits)
     values_or_none = rounded.astype(object)
     values_or_none[~np.isfinite(rounded)] = None

@@ -38,11 +38,11 @@ class PagedTask(Task[Piece, Surveyed, PieceRowT, LineT]):
     def view(
         self, result: Result[LineT], records: Sequence[Record[PieceRowT]], survey: Surveyed
     ) -> RunView[PieceRowT, LineT]:
-        """Return what the HTML page shows of a run."""
+        """Return the content of the HTML page for a run."""
 
     @classmethod
     def part(cls, views: Sequence[Any], arms: Sequence[Arm]) -> dict[str, Any]:
-        """Return the content of the HTML page that only this task has, as JSON; empty by default.
+        """Return further content of the HTML page, specific to this task, as JSON; empty by default.
 
         Keys: "figures" (as in `figures.Figure`: title, data, layout), and those that the scripts of the page read.
         """
@@ -52,7 +52,7 @@ class PagedTask(Task[Piece, Surveyed, PieceRowT, LineT]):
     def islands(
         cls, views: Sequence[Any], arms: Sequence[Arm], full: bool, progress: Progress | None = None
     ) -> Islands | None:
-        """Return what the HTML page shows of each query, pair or episode; None: nothing (default).
+        """Return the content of the HTML page for each query, pair or episode; None: no content (default).
 
         `full` shows panoramas in full resolution instead of thumbnails.
         """

@@ -28,8 +28,8 @@ def parts_needed(method: Any, dataset: Dataset) -> frozenset[str]:
 def input_parts(method: Component, dataset: Dataset) -> tuple[str, ...]:
     """Return the parts of a data set's panoramas that a method receives as input.
 
-    These are the parts that it needs or uses, with the noise that a detector adds, and ESTIMATED_RANGE where its range
-    model estimates the range.
+    These are the parts that it needs or uses, and the noise that a detector adds. If its range model estimates the
+    range, ESTIMATED_RANGE is among them.
     """
     used = method.uses & dataset.provides if isinstance(method, Localizer) else frozenset[str]()
     parts = sorted(parts_needed(method, dataset) | used, key=ORDER.index)

@@ -51,10 +51,10 @@ NO_LIMITS = Limits()
 
 
 class Guard:
-    """Records the piece that a process works on, and kills the process and its children where they exceed the limits.
+    """Records the current piece of work of a process, and kills the process and its children if they exceed the limits.
 
-    The memory limit holds from the start, the time limit during a piece. A process that hangs in a library cannot
-    raise, so it is killed by another process, which a plugin does not know. `Death.of` returns the reason.
+    The memory limit applies from the start, the time limit to each piece. A process that hangs in a library cannot
+    raise an exception, so another process kills it. `Death.of` returns the reason.
 
     Args:
         folder: The method's folder.
@@ -104,7 +104,7 @@ class Death:
     """The death of a process.
 
     Attributes:
-        piece: Key fields of the piece that the process worked on; None where it worked on none.
+        piece: Key fields of the piece that the process worked on; None if it worked on none.
         reason: Why the process died.
         by_limit: Whether it exceeded a limit.
     """
@@ -115,7 +115,7 @@ class Death:
 
     @classmethod
     def of(cls, folder: Path, limits: Limits, error: WorkerDied) -> Death:
-        """Return the death that an engine reports, with the record that the process left in its folder."""
+        """Return the death of a process as the engine reports it, with the record in the folder of the process."""
         piece = read_json(folder / AT_WORK) if (folder / AT_WORK).exists() else None
         log = (folder / LOG).read_text(encoding="utf-8", errors="replace") if (folder / LOG).exists() else ""
         if log:

@@ -18,7 +18,7 @@ from salframe.framework.files.reading import check_as
 
 @dataclass(frozen=True, kw_only=True)
 class MethodRow(ABC):
-    """The row of a method in the table of a task. Numbers are None where there is nothing to measure.
+    """The row of a method in the table of a task. Numbers are None if there is nothing to measure.
 
     Attributes:
         method: Label of the method.

@@ -184,8 +184,8 @@ def decide(
 ) -> ComponentConfig:
     """Return the configuration of a method, with the components of its `auto` slots chosen by the data.
 
-    A slot that no component can fill stays undecided, so that the row of the method reports it. Raises InputMissing
-    where such a slot has settings.
+    If no component can fill a slot, the slot stays undecided, and the row of the method reports this. Raises
+    InputMissing if such a slot has settings.
     """
     try:
         return configure(role, name, content, overrides, choice)
@@ -239,7 +239,7 @@ def stand_in(
 def why_not(config: ComponentConfig) -> str | None:
     """Return why a configured component cannot run here.
 
-    None where it can, and where its check raises another error, which its row reports.
+    None if it can run. Also None if its check raises another error, because its row reports this error.
     """
     try:
         config.component.check(config)

@@ -24,7 +24,7 @@ Amount = Annotated[float, Field(ge=0, le=MAX_NUMBER)]
 
 
 class PieceStatus(StrEnum):
-    """How the work on one piece, such as a query, ended.
+    """The outcome of one piece of work, such as a query.
 
     The work is done, the panorama lacks an input that the method needs, the panorama cannot be read, or the method
     crashed.
@@ -120,7 +120,7 @@ class LineCounter:
         self._counts: dict[Path, tuple[int, int]] = {}
 
     def count(self, path: Path) -> int:
-        """Return the current number of lines of a file; 0 where it is missing."""
+        """Return the current number of lines of a file; 0 if it is missing."""
         offset, lines = self._counts.get(path, (0, 0))
         try:
             if path.stat().st_size < offset:  # the file was replaced

@@ -40,7 +40,7 @@ MAX_NAME_BYTES = 200
 
 
 class MethodStatus(StrEnum):
-    """How a method's work ended."""
+    """The outcome of a method's work."""
 
     DONE = "done"
     UNAVAILABLE = "unavailable"
@@ -56,10 +56,10 @@ class Outcome:
     """The outcome of a method's work.
 
     Attributes:
-        status: How the work ended.
-        reason: Why the work ended in this way, or a warning.
+        status: The outcome.
+        reason: Reason for this outcome, or a warning.
         input: Parts of panoramas that the method received as input.
-        seconds: Duration of the work; None where it was resumed.
+        seconds: Duration of the work; None if it was resumed.
     """
 
     status: MethodStatus
@@ -162,7 +162,7 @@ class Run:
 
     @classmethod
     def load(cls, directory: Path) -> Run:
-        """Open an existing run folder. Raises ConfigError where it is none."""
+        """Open an existing run folder. Raises ConfigError if it is none."""
         path = directory / REQUEST
         if not path.exists():
             raise ConfigError(f"{directory} is no run folder: it has no {REQUEST}")
@@ -192,7 +192,7 @@ class Run:
         return tuple(self.content.get("changes", {}).get(label, ()))
 
     def data(self) -> ComponentConfig:
-        """Return the configuration of the data set. Raises ConfigError, and UnknownName where it is not installed."""
+        """Return the configuration of the data set. Raises ConfigError, and UnknownName if it is not installed."""
         return self._component("dataset", self.content["data"], "data")
 
     def method(self, label: str, role: str, choice: Choice | None = None) -> ComponentConfig:
@@ -230,7 +230,7 @@ class Run:
         return list(read_rows(self.folder(label) / ROWS, kind))
 
     def outcome(self, label: str) -> Outcome | None:
-        """Return the outcome of a method; None where its work has not ended."""
+        """Return the outcome of a method; None if its work has not ended."""
         path = self.folder(label) / OUTCOME
         if not path.exists():
             return None
@@ -249,7 +249,7 @@ class Run:
         write_json(self.folder(label) / OUTCOME, {**asdict(outcome), "input": list(outcome.input)})
 
     def bind(self, fingerprint: str) -> None:
-        """Bind the run to the fingerprint of its data, and write env.json. Raises DataError where the data changed."""
+        """Bind the run to the fingerprint of its data, and write env.json. Raises DataError if the data changed."""
         path = self.directory / "env.json"
         if not path.exists():
             write_json(path, {"date": date.today().isoformat(), "dataset_fingerprint": fingerprint, **environment()})
@@ -262,7 +262,7 @@ class Run:
     def environment(self) -> Mapping[str, Any]:
         """Return the content that `bind` wrote: the date, the fingerprint of the data, versions and the machine.
 
-        Raises DataError where env.json is not as `bind` writes it.
+        Raises DataError if env.json is not as `bind` writes it.
         """
         return read_model(self.directory / "env.json", _Environment).model_dump()
 
@@ -273,7 +273,7 @@ class Run:
         return [*(read_as(path, list[str]) if path.exists() else []), *reused]
 
     def _reused(self, label: str) -> str | None:
-        """Return a note on the run that a method's answers were copied from; None where they are from this run."""
+        """Return a note on the run that a method's answers were copied from; None if they are from this run."""
         path = self.folder(label) / IDENTITY
         try:
             source = read_model(path, _Identity).source if path.exists() else None

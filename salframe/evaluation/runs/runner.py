@@ -238,7 +238,7 @@ def records_of(task: AnyTask, directories: Sequence[Path]) -> list[Part[Any, Any
 
 
 def _by_key(task: AnyTask, run: Run, label: str) -> dict[Key, PieceRow]:
-    """Return the rows by the key of their piece; the last row of a piece that was repeated."""
+    """Return the row of each piece of work, by its key. If a piece was repeated, its last row is returned."""
     return {tuple(getattr(row, field) for field in task.key_fields): row for row in run.rows(label, task.row)}
 
 

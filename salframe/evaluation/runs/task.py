@@ -54,7 +54,7 @@ class Worker(ABC, Generic[Piece]):
 
     @property
     def warning(self) -> str | None:
-        """Warning to the user about the work that was done; None where there is none."""
+        """Warning to the user about the work that was done; None if there is none."""
         return None
 
     def close(self) -> None:
@@ -119,7 +119,7 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
 
         Args:
             rows: A row for each method.
-            columns: Names of the columns; by default the usual ones, without per-seed ranges where there are none.
+            columns: Names of the columns; by default the usual ones, without per-seed ranges if there are none.
             leading: Text of each row by heading, left of the columns; the method's label by default.
         """
         return [draw_table(cls.select_columns(rows, columns), rows, leading)]
@@ -164,7 +164,7 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
 
     @abstractmethod
     def survey(self, dataset: Dataset) -> Surveyed:
-        """Return the task on an opened data set. Raises DataError or InputMissing where the data is unsuitable."""
+        """Return the task on an opened data set. Raises DataError or InputMissing if the data is unsuitable."""
 
     @abstractmethod
     def key(self, piece: Piece) -> tuple[Any, ...]:
@@ -198,7 +198,7 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
         """Return the row of each method in the table, in order, over one data set or pooled over several."""
 
     def write_page(self, result: Result[LineT], records: Sequence[Record[PieceRowT]], survey: Surveyed) -> Path | None:
-        """Write the page of a run into its folder and return its path; None where the task has no page (default)."""
+        """Write the page of a run into its folder and return its path; None if the task has no page (default)."""
         return None
 
     def write_files(self, run: Run, survey: Surveyed, records: Sequence[Record[PieceRowT]]) -> None:
@@ -236,7 +236,7 @@ class Result(Rows, Generic[LineT]):
         request: The content of the run folder's request.yaml.
         environment: Fingerprint of the data, versions and the machine.
         rows: A row for each method.
-        report: Path of the report; None where the task has no report.
+        report: Path of the report; None if the task has no report.
         notes: Notes on methods that replace others and on what was left out, one line each.
         reported: Figures that papers report, to show beside the rows.
     """
@@ -257,7 +257,7 @@ class Result(Rows, Generic[LineT]):
 
     @property
     def where(self) -> str:
-        """Path of the report, or of the run folder where there is no report."""
+        """Path of the report, or of the run folder if there is no report."""
         return f"run: {self.run}" if self.report is None else f"report: {self.report}"
 
     def tables(self, columns: Sequence[str] = ()) -> list[Table]:

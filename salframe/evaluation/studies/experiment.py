@@ -76,7 +76,7 @@ class TableResult:
         study: The study that the table shows.
         stored: The stored result of the table, of this run or an earlier run.
         skipped: Why the table was not measured.
-        fresh: The result of this run; None where the table was not measured now.
+        fresh: The result of this run; None if the table was not measured now.
     """
 
     name: str
@@ -219,7 +219,7 @@ def _run_again(study: Study, request: Request, *, progress: Progress | None) -> 
 def _with_data(study: Study, request: Request) -> Request:
     """Return the request, without its data folder if the study's data set needs none.
 
-    Raises InputMissing where the study needs a data folder and the request has none.
+    Raises InputMissing if the study needs a data folder and the request has none.
     """
     without = replace(request, data_dir=None)
     if request.data_dir is not None and study.options.in_data_folder:
@@ -247,7 +247,7 @@ def _cache_key(arms: Sequence[PooledRuns]) -> str:
 
 
 def in_quick(study: TableStudy, where: str) -> TableStudy | None:
-    """Return the table as `--quick` measures it; None where `--quick` skips it.
+    """Return the table as `--quick` measures it; None if `--quick` skips it.
 
     The methods that `quick` lists must be methods of the table.
     """

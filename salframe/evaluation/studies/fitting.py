@@ -43,7 +43,7 @@ class Tuning:
         name: Name of the data set.
         dataset: The data set.
         localizer: The localizer that is tuned.
-        descriptions: Description of each frame by id; None where the localizer cannot use the frame.
+        descriptions: Description of each frame by id; None if the localizer cannot use the frame.
     """
 
     name: str

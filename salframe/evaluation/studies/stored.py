@@ -37,7 +37,7 @@ class StoredTable(Settings):
         machine: Number of cores and architecture.
         settings: The varied settings of each row.
         rows: Fields of each row, without EXCLUDED_FIELDS.
-        seconds: Duration of the work of all methods; None where some of it was resumed.
+        seconds: Duration of the work of all methods; None if some of it was resumed.
     """
 
     cache_key: str
@@ -88,7 +88,7 @@ def store_table(result: StudyResult, cache_key: str) -> StoredTable:
 
 
 def _spent(directories: Sequence[Path]) -> float | None:
-    """Return the total duration of the work in runs; None where some of it was resumed or has not ended."""
+    """Return the total duration of the work in runs; None if some of it was resumed or has not ended."""
     runs = [Run.load(directory) for directory in directories]
     outcomes = [run.outcome(label) for run in runs for label in run.labels]
     spent = [outcome.seconds for outcome in outcomes if outcome and outcome.seconds is not None]
@@ -121,5 +121,5 @@ def stored_tables(study: Study, stored: StoredTable, columns: Sequence[str] = ()
 
 
 def read_results(file: Path) -> Results:
-    """Read a file of results; return empty results where it is missing. Raises DataError on invalid content."""
+    """Read a file of results; return empty results if it is missing. Raises DataError on invalid content."""
     return read_model(file, Results) if file.exists() else Results()

@@ -28,6 +28,8 @@ from salframe.framework.validation import Settings, validate
 from salframe.panoramas.opening import Progress
 
 DATA, ARM, SEED = "data", "arm", "data.seed"
+CONDITION = "condition"
+"""Heading of the column of arms."""
 
 
 class StudiedMethod(Settings):
@@ -207,7 +209,7 @@ def leading_columns(
 ) -> dict[str, list[str]]:
     """Return the leading columns of a study: the settings of the data, the method and its settings.
 
-    A cell is empty where a setting does not apply to the row.
+    A cell is empty if a setting does not apply to the row.
     """
     keys = list(dict.fromkeys(key for row_settings in settings for key in row_settings))
     texts_by_key = {
@@ -216,8 +218,9 @@ def leading_columns(
     }
     names = (DATA, ARM, *kind.Options.model_fields)
     of_data = {key: texts for key, texts in texts_by_key.items() if key in names or key.startswith(f"{DATA}.")}
+    of_method = {key: texts for key, texts in texts_by_key.items() if key not in of_data}
     methods = {METHOD: [with_changes(base_of(row.method), row.changes) for row in rows]}
-    return {**of_data, **methods, **{key: texts for key, texts in texts_by_key.items() if key not in of_data}}
+    return {**{CONDITION if key == ARM else key: texts for key, texts in of_data.items()}, **methods, **of_method}
 
 
 def read_study(file: Path) -> Study:

@@ -35,7 +35,7 @@ class Column(Generic[RowT]):
         cell: Returns the text of a row.
         value: Returns the number by which rows are ranked; None: the column does not rank rows.
         largest: Whether the largest number is the best; otherwise the smallest is.
-        cost: Whether it shows a cost of methods.
+        cost: Whether it shows a time, a size or memory.
         unmeasured: Whether rows of methods that were not measured have a text too.
     """
 
@@ -90,7 +90,7 @@ def bytes_column(heading: str, get: Callable[[RowT], float | None]) -> Column[Ro
 
 
 def p_value_column(get: Callable[[RowT], float | None]) -> Column[RowT]:
-    """Return the column of adjusted p-values, empty where there is no test."""
+    """Return the column of adjusted p-values, empty if there is no test."""
     return Column("p\n(Holm)", lambda row: "" if (p := get(row)) is None else f"{p:.2g}")
 
 

@@ -20,7 +20,7 @@ class Table:
         headings: Heading of each column. A line break may be printed as a space.
         rows: The cells of each row.
         best: (row, column) of the best cells.
-        costs: Indices of the columns that show costs.
+        costs: Indices of the columns with times, sizes or memory.
         leading: Number of columns at the left that name the row.
         title: Title of the table.
     """

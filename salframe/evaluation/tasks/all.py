@@ -38,7 +38,7 @@ def find_task(name: str) -> type[AnyTask]:
 
 
 def open_run(directory: str | Path) -> tuple[Run, AnyTask]:
-    """Return a run and its task. Raises ConfigError where `directory` is not a run of a known task."""
+    """Return a run and its task. Raises ConfigError if `directory` is not a run of a known task."""
     run = Run.load(Path(directory))
     name = run.task.get("name")
     if name not in TASKS:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 import json
 import types
 import typing
@@ -156,6 +157,12 @@ def _spell(annotation: Any) -> str:
         return " | ".join(map(str, arguments))
     if origin in (typing.Union, types.UnionType):
         return " | ".join("null" if argument is type(None) else _spell(argument) for argument in arguments)
+    if origin is typing.Annotated:
+        return _spell(arguments[0])
+    if isinstance(annotation, type) and issubclass(annotation, enum.Enum):
+        return " | ".join(str(member.value) for member in annotation)
+    if isinstance(annotation, type) and issubclass(annotation, Path):
+        return "path"
     if origin is not None:
         inside = ", ".join("..." if argument is Ellipsis else _spell(argument) for argument in arguments)
         return f"{_spell(origin)}[{inside}]"

@@ -1,4 +1,4 @@
-"""Rows of named arrays, stored as packed columns: one .npy file per name, memory-mapped where it is large."""
+"""Rows of named arrays, stored as packed columns: one .npy file per name, memory-mapped if it is large."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class _Declared(Settings):
     Attributes:
         name: The name of the column.
         shape: The shape of its arrays. None for an axis along which rows differ; shapes.npy has their lengths.
-        words: The words that the numbers of a column of strings stand for. None for a column of numbers.
+        words: The words to which the values of a column of strings are indices. None for a column of numbers.
         absent: The rows without an array of this name.
     """
 

@@ -93,7 +93,9 @@ def test_settings_that_the_stand_in_cannot_take_leave_it_as_it_is(faults, preset
     found = resolve(request("fancy", settings=("fancy.depth=3",)))
     assert found.methods["plain"].refuse_in == 4
     (note,) = found.notes
-    assert note.startswith("plain, not fancy: narrow needs no_such_package, not installed; it runs with its default ")
+    assert note.startswith(
+        "plain, not fancy: narrow needs no_such_package, which is not installed; it runs with its default "
+    )
     assert "does not accept the requested ones: unknown key plain.depth (known: offset," in note
 
 

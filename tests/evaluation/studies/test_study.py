@@ -119,4 +119,4 @@ def test_settings_of_an_arm_go_together(fakes):
         ("small", 2),
         ("large", 12),
     ]
-    assert result.tables()[0].headings[:2] == ("arm", "method")
+    assert result.tables()[0].headings[:2] == ("condition", "method")

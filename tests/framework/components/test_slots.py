@@ -117,9 +117,9 @@ def test_a_configuration_survives_json(models):
     [
         ({"modle": 1}, r"unknown key mine\.modle, did you mean 'model' \(known: model, judge, grid\)"),
         ({"grid": {"size": 1}}, r"unknown key mine\.grid\.size"),
-        ({"grid": {"size_m": 0}}, r"mine\.grid\.size_m: received 0, expected greater than 0"),
-        ({"grid": {"size_m": "wide"}}, r"mine\.grid\.size_m: received 'wide', expected a valid number"),
-        ({"model": {"share": 2}}, r"saliency\.share: received 2, expected less than or equal to 1"),
+        ({"grid": {"size_m": 0}}, r"mine\.grid\.size_m: received 0, expected a number greater than 0"),
+        ({"grid": {"size_m": "wide"}}, r"mine\.grid\.size_m: received 'wide', expected a number"),
+        ({"model": {"share": 2}}, r"saliency\.share: received 2, expected a number less than or equal to 1"),
         ({"model": 3}, r"mine\.model: received 3, expected the name of a saliency or a mapping with its settings"),
         ({"kind": "inner"}, r"mine: kind is 'inner', expected 'outer'"),
         (

@@ -21,7 +21,7 @@ SHARES = ("precision", "recall")
 class Counts:
     """Numbers of annotated objects, of detections, and of correct detections.
 
-    `precision` is relative to the detections and `recall` to the annotated objects; None where there are none.
+    `precision` is relative to the detections and `recall` to the annotated objects; None if there are none.
     """
 
     annotated: int
@@ -118,6 +118,6 @@ def what_is_right(rows: Sequence[DetectionRow]) -> list[str]:
     joined = {label: name for row in measured for label, name in row.joined.items()}
     pairs = ", ".join(f"{label} = {name}" for label, name in sorted(joined.items()))
     return [
-        f"right: an annotated object of the same label has its centroid within {NEAR_M} m",
-        *([f"one label in the shared vocabulary: {pairs}"] if joined else []),
+        f"correct: the centroid of an annotated object with the same label is at most {NEAR_M} m away",
+        *([f"labels with one name in the shared vocabulary: {pairs}"] if joined else []),
     ]

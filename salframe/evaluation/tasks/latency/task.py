@@ -35,7 +35,7 @@ from salframe.panoramas.frames import Fold, QueryFrame
 from salframe.panoramas.opening import open_dataset
 
 QUERIES = 100
-"""Maximum number of queries, evenly spread over those of the fold."""
+"""Maximum number of queries, evenly spread over the queries of the fold."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -176,6 +176,6 @@ def _query_program(query: str) -> Row:
 
 
 def _more(before_mb: float | None) -> float | None:
-    """Return the increase of the memory of this process (1e6 bytes); None where it is unknown."""
+    """Return the increase of the memory of this process (1e6 bytes); None if it is unknown."""
     now_mb = memory_mb("VmRSS")
     return None if before_mb is None or now_mb is None else max(now_mb - before_mb, 0.0)

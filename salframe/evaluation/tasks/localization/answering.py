@@ -97,7 +97,7 @@ class Answering(Worker[Query]):
     def _index(self, fold: Fold) -> LocalizationMap:
         """Index the reference frames of a fold; `warning` reports frames that cannot be used and are left out.
 
-        Raises InputMissing or DataError where these are too many.
+        Raises InputMissing or DataError if these are too many.
         """
         descriptions, frames = [], []
         left_out: dict[str, DataError | InputMissing] = {}

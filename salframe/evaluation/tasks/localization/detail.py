@@ -228,7 +228,7 @@ class _Method:
 
 
 def describe_objects(description: Mapping[str, np.ndarray]) -> Json | None:
-    """Return the objects of a described saliency graph for JSON; None where the description holds no graph.
+    """Return the objects of a described saliency graph for JSON; None if the description holds no graph.
 
     The keys are "labels", "saliency", "edges" and "box": x, y, z, length, width, height in metres and yaw in radians.
     Where only bearings are known, "bearing" replaces "box".

@@ -37,7 +37,7 @@ class ArmAnswers:
         arm: The arm.
         line: Row of the arm in the results table.
         accuracy: Accuracy of the arm.
-        rows: Answer to each query, None where there is none.
+        rows: Answer to each query, None if there is none.
         truths: Ground truth of each query.
         judged: Errors of the answers, from the comparison with the ground truth.
     """

@@ -39,7 +39,7 @@ class Judged:
         heading_deg: (Q,) float64: error of the heading; infinite and NaN as in `translation_m`. An answer may have a
             heading without a pose.
         true_place: Q names of places.
-        first_place: Q names of places; None where no place was answered.
+        first_place: Q names of places; None if no place was answered.
         right_type: (Q,) float64: 1 where the room type of the first place is correct, otherwise 0; NaN where it is
             unknown.
         statuses: Q statuses; "crashed" where no answer was recorded.
@@ -90,11 +90,11 @@ def judge(
     """Compare the answer to each query with its ground truth. Places and poses of failed answers do not count.
 
     Args:
-        answers: The answer to each query; None where there is none.
+        answers: The answer to each query; None if there is none.
         truths: The ground truth of each query.
         present: Whether the map contains the place of each query; None: all of them.
         doorways: Places of the map that are not scenes.
-        room_types: Room types of places, where they are known.
+        room_types: Room types of places, if they are known.
     """
     present = np.ones(len(truths), bool) if present is None else np.asarray(present, bool)
     correct, correct_scene, in_top_2, in_top_5 = np.zeros((4, len(truths)), bool)

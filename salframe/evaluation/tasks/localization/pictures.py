@@ -57,7 +57,7 @@ def make_islands(
 
 
 def draw_panorama(panorama: Panorama, full: bool) -> str | None:
-    """Return a panorama as a data URL; None where it has neither colour nor range.
+    """Return a panorama as a data URL; None if it has neither colour nor range.
 
     The range is drawn where there is no colour. Invalid pixels are grey. The picture is a thumbnail unless `full`.
     """

@@ -79,7 +79,7 @@ def objects_of_nodes(centroid_m: np.ndarray, panorama: Panorama) -> np.ndarray:
     """Return the instance ids (N,) int64 of the annotated objects that belong to nodes (N, 3); 0 for none.
 
     The position of an object is the centroid of its visible points. The assignment is one to one, maximizes the total
-    closeness, and pairs nothing beyond NODE_RADIUS_M. Raises InputMissing where the panorama has no instance image or
+    closeness, and pairs nothing beyond NODE_RADIUS_M. Raises InputMissing if the panorama has no instance image or
     no range.
     """
     from scipy.optimize import linear_sum_assignment

@@ -48,7 +48,7 @@ Share = tuple[np.ndarray, np.ndarray]
 def _points(rows: Sequence[PairRow], done: np.ndarray) -> tuple[dict[str, Share], dict[str, Any]]:
     """Return the accuracies of pairs of points, and other fields of the row.
 
-    The accuracy of a pair is the share of its judged matches within a threshold, 0 where there are none. `done` (P,)
+    The accuracy of a pair is the share of its judged matches within a threshold, 0 if there are none. `done` (P,)
     bool marks the pairs that have a row.
     """
     judged = np.array([row.judged for row in rows])
@@ -75,7 +75,7 @@ def _nodes(rows: Sequence[PairRow], done: np.ndarray) -> tuple[dict[str, Share],
 
 
 def _mean(share: np.ndarray, counts: np.ndarray, places: Sequence[str], seed: int) -> Estimate | None:
-    """Return the mean of the shares that count; None where none does."""
+    """Return the mean of the known shares; None without a known share."""
     if not counts.any():
         return None
     chosen = np.flatnonzero(counts).tolist()

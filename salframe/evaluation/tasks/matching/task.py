@@ -131,7 +131,7 @@ class _Matching(Worker[FramePair]):
 def choose_pairs(dataset: Dataset) -> list[FramePair]:
     """Return each query with the nearest scene frame of its place.
 
-    Raises DataError where there is no such pair, or the true pose of a query is unknown.
+    Raises DataError if there is no such pair, or the true pose of a query is unknown.
     """
     pairs = []
     for fold in dataset.folds():

@@ -12,7 +12,7 @@ from salframe.navigation.episodes import NumEpisodes
 WITHOUT = " without positioning"
 """Suffix of the label of a method that runs without its poses."""
 TRUE_PLACE = "true place"
-"""Label of the arm that knows its true place and has no method."""
+"""Label of the control: an agent that knows its true place and uses no method."""
 
 
 class Positioning(StrEnum):

@@ -36,14 +36,14 @@ class Published:
     def note(self) -> str:
         """Note on the figures."""
         return (
-            f"{self}: the agent knows the goal of each episode, so this is an upper bound; "
-            f"its answers: methods/METHOD/{SUBMISSION} in the folder of the run"
+            f"{self}: the agent knows the goal of each episode, so the results are upper bounds; "
+            f"the answers of a method are in methods/METHOD/{SUBMISSION} in the folder of the run"
         )
 
     def episodes(self, data: ComponentConfig) -> tuple[EpisodeRequest, ...]:
         """Return the episodes of the split.
 
-        Raises UnknownName, DataError, and InputMissing where the data has no folder or the task no episodes.
+        Raises UnknownName, DataError, and InputMissing if the data has no folder or the task no episodes.
         """
         return tuple(find_scorer(self.task).episodes(self.split, self._root(data)))
 
@@ -71,6 +71,6 @@ class Published:
 
 
 def find_published(episodes: object) -> Published | None:
-    """Return the split of a text "BENCHMARK:SPLIT"; None where BENCHMARK is not the name of a scorer."""
+    """Return the split of a text "BENCHMARK:SPLIT"; None if BENCHMARK is not the name of a scorer."""
     task, colon, split = str(episodes).partition(":")
     return Published(task, split) if colon and task in registry().names("scorer") else None

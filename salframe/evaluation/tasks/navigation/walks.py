@@ -55,7 +55,7 @@ def _episode(row: EpisodeRow) -> dict[str, Any]:
 
 
 def _plan(map: TopologicalMap) -> dict[str, Any]:
-    """Return the background of trajectories: the nodes with the floor plan, or with the edges where there is none."""
+    """Return the background of trajectories: the nodes with the floor plan, or with the edges if there is none."""
     nodes = {node.id: [round(node.xyz_m[0], 3), round(node.xyz_m[1], 3)] for node in map.nodes}
     if map.floors:
         return {**floor_plan(map.floors[0]), "edges": [], "nodes": nodes}

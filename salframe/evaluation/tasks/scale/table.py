@@ -16,7 +16,7 @@ class ScaleRow(MethodRow):
     Attributes:
         scenes: Number of scenes of the map.
         build_s: Time to save the map.
-        build_memory_mb: Peak memory while saving (1e6 bytes); None where the process is shared.
+        build_memory_mb: Peak memory while saving (1e6 bytes); None if the process is shared.
         bytes_per_scene: Size of the saved map per scene.
         open_s: Time to open the map.
         query_median_ms: Median time of a query, including the pose in the best match.

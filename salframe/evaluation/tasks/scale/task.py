@@ -68,7 +68,7 @@ class ScaleTask(Task[int, Survey[int], SceneRow, ScaleRow]):
     """The task `scale`: which of many scenes does a query show? The scenes are generated from the rooms of a data set
     (`City`).
 
-    A piece is the number of a scene.
+    A piece is the index of a scene.
     """
 
     scenes: int
@@ -228,7 +228,7 @@ class _Window:
 def rooms_of(method: Localizer, dataset: Dataset) -> tuple[SaliencyGraph, ...]:
     """Return the graphs of the scene frames of a data set that have at least MIN_OBJECTS, described by a localizer.
 
-    Raises DataError where there is none.
+    Raises DataError if there is none.
     """
     cache = Cache()
     frames = {frame.id: frame for fold in dataset.folds() for frame in fold.references if frame.kind is FrameKind.SCENE}

@@ -40,7 +40,7 @@ class Observations:
     Attributes:
         panoramas: Number of panoramas.
         shown: Visibility of the objects.
-        said: Label of the detection of each object; None where it was not detected.
+        said: Label of the detection of each object; None if it was not detected.
         bearing_rad: (M, 2) errors of the bearing of the M detected objects, to the left and up.
         range_log: (M,) errors of the logarithm of the range.
         size_log: (M,) errors of the logarithm of the size.
@@ -211,7 +211,7 @@ def fit_sensor(observations: Observations, provenance: Mapping[str, object]) -> 
 
 
 def robust_deviation(values: np.ndarray) -> float:
-    """Return 1.4826 times the median absolute deviation of the finite values; 0 where there are none."""
+    """Return 1.4826 times the median absolute deviation of the finite values; 0 if there are none."""
     values = values[np.isfinite(values)]
     return _rounded(1.4826 * np.median(np.abs(values - np.median(values)))) if len(values) else 0.0
 

@@ -44,7 +44,7 @@ def pack_look(look: SensorSample) -> Row:
 
 
 def unpack_look(row: LookRow) -> SensorSample | None:
-    """Return the annotations and detections in a row; None where the panorama could not be read."""
+    """Return the annotations and detections in a row; None if the panorama could not be read."""
     if row.truth is None or row.detections is None:
         return None
     truth, detections = _unpack_objects(row.truth), _unpack_objects(row.detections)
@@ -68,7 +68,7 @@ def _listed(values: np.ndarray) -> list[Any]:
 
 
 def looks_of(records: Sequence[Record[LookRow]]) -> list[SensorSample | None]:
-    """Return the annotations and detections of each panorama, in order; None where it could not be read."""
+    """Return the annotations and detections of each panorama, in order; None if it could not be read."""
     rows = [row for record in records for row in record.rows]
     return [None if row is None else unpack_look(row) for row in rows]
 

@@ -106,7 +106,7 @@ def measure_sensor(
 
     Args:
         detector: The detector.
-        data: Presets, data sets, YAML files or folders; the default data set where there are none.
+        data: Presets, data sets, YAML files or folders; the default data set if there are none.
         data_dir: The `root` of the data sets.
         settings: Settings as "data.KEY=value", "detector.KEY=value" and "engine.KEY=value".
         seeds: Seeds of the data sets; each is a separate run.
@@ -165,7 +165,7 @@ def _look_at(
 ) -> tuple[Record[LookRow], Sequence[str]]:
     """Run a detector on a data set, and return its record and notes.
 
-    Raises InputMissing or MethodFailed where the detector did not complete its work.
+    Raises InputMissing or MethodFailed if the detector did not complete its work.
     """
     result = run_task(task, request, resolved, progress=progress)
     run = Run.load(result.run)

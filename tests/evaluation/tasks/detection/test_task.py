@@ -150,7 +150,7 @@ def test_labels_of_detector_and_truth_are_compared_in_common_words(tiny, monkeyp
     assert {"couch": "sofa"}.items() <= row.joined.items()
     assert "couch" not in row.classes
     told = run("evaluate", result.run).out
-    assert re.search(r"one label in the shared vocabulary: .*couch = sofa", told), told
+    assert re.search(r"labels with one name in the shared vocabulary: .*couch = sofa", told), told
 
 
 def test_a_study_of_detectors_is_kept_with_its_precision_and_recall(tiny):
