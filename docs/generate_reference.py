@@ -40,6 +40,7 @@ PYTHON = {
     "score": "score",
     "data render": "find_dataset",
     "data import": "import_data",
+    "data labels": "list_labels",
     "map build": "build_map",
     "map add": "add_to_map",
     "map remove": "remove_from_map",

@@ -16,7 +16,9 @@ from salframe_house.frames import choose_frames
 from salframe_house.render import HouseRenderer
 from salframe_house.rendering import buildings, frames_of, render_frame
 
+from salframe import build_map, open_topology
 from salframe.drawing.floor_picture import draw_topology
+from salframe.drawing.import_preview import preview_import
 from salframe.evaluation.finished_runs import write_report
 from salframe.evaluation.runs.request import Request
 from salframe.evaluation.runs.run_folder import Run
@@ -27,12 +29,14 @@ from salframe.graphs.detections import Detections
 from salframe.graphs.graph import SaliencyGraph
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.geometry import pose_2d, rays_to_pixels
+from salframe.panoramas.importing import import_data
 from salframe.panoramas.opening import configure_dataset, find_dataset, reference_frames
 from salframe.panoramas.panorama import Annotations, Panorama
 from salframe.topology.build import build_topology
 
 RIGHT, WRONG = "#0072b2", "#d55e00"
 IMAGES = Path(__file__).with_name("images")
+SAMPLE = Path(__file__).parent / "tutorials" / "apartment"
 SEED = 7
 QUERY = 5
 FRAME = "map-bedroom-01-0"
@@ -224,6 +228,19 @@ def draw_map(path: Path) -> None:
     draw_topology(build_topology(dataset.floors(), reference_frames(dataset)), path)
 
 
+def draw_apartment(contact_sheet: Path, top_view: Path, plan: Path) -> None:
+    """The sample recording of the tutorials: its panoramas and its poses before the import, and its map."""
+    pictures, floors = SAMPLE / "pictures", SAMPLE / "floors.yaml"
+    with TemporaryDirectory() as name:
+        folder, saved = Path(name) / "apartment", Path(name) / "apartment.map"
+        preview = preview_import("pictures", pictures, folder, floors=floors)
+        for drawn, path in zip(preview.pictures, (contact_sheet, top_view), strict=True):
+            Image.open(drawn).convert("RGB").save(path, quality=82)
+        import_data("pictures", pictures, folder, floors=floors)
+        build_map(str(folder), saved, overrides=["detector.kind=panoseg"])
+        draw_topology(open_topology(saved), plan)
+
+
 def draw_report(path: Path) -> None:
     """A query of `house-6` as the report shows it, in headless Chromium."""
     request = Request(("proposed", "objects", "sovs"), "house-6", settings=(f"data.seed={SEED}",))
@@ -256,4 +273,5 @@ if __name__ == "__main__":
     draw_floor(IMAGES / "floor.png")
     draw_lost(IMAGES / "lost.jpg")
     draw_map(IMAGES / "topological-map.png")
+    draw_apartment(*(IMAGES / name for name in ("apartment-panoramas.jpg", "apartment-poses.png", "apartment-map.png")))
     draw_report(IMAGES / "report.jpg")

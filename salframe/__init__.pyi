@@ -49,6 +49,9 @@ from .graphs.boxes import detections_from_points as detections_from_points
 from .graphs.detections import Detections as Detections
 from .graphs.detector import Detector as Detector
 from .graphs.graph import SaliencyGraph as SaliencyGraph
+from .graphs.label_list import LabelList as LabelList
+from .graphs.label_list import ListedLabel as ListedLabel
+from .graphs.label_list import list_labels as list_labels
 from .graphs.matcher import GraphMatch as GraphMatch
 from .graphs.matcher import GraphMatcher as GraphMatcher
 from .graphs.matcher import RankedGraphs as RankedGraphs

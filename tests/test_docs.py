@@ -11,10 +11,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 import typer
 import yaml
 from command_line import run
+from PIL import Image
 
 import salframe
 from salframe.cli import app
@@ -107,17 +109,83 @@ def test_every_page_is_in_the_navigation():
     assert sorted(listed) == sorted(page.relative_to(DOCS).as_posix() for page in PAGES)
 
 
-def test_the_tutorial_on_your_own_panoramas_works(tmp_path, monkeypatch):
-    """Its script and its commands, against the pose that the script gives the query and the output that it shows."""
+SAMPLE = DOCS / "tutorials" / "apartment"
+QUERY_POSES = {"query-0013": ("corridor-01", 8.575, 0.525, -6.16), "query-0014": ("study-01", 2.525, 2.675, 146.55)}
+"""Place, x and y in metres and yaw in degrees of the queries of the sample recording, from its renderer."""
+
+
+def commands(page: str) -> list[list[str]]:
+    """The arguments of the commands that a page shows, in its order."""
+    return [
+        shlex.split(line, comments=True)[1:] for line in re.findall("^salframe .*", (DOCS / page).read_text(), re.M)
+    ]
+
+
+def test_the_tutorial_on_your_own_panoramas_works(tmp_path, monkeypatch, capsys):
+    """Its scripts and its three commands on the sample, against the poses of the renderer and the output it shows."""
     monkeypatch.chdir(tmp_path)
-    text = (DOCS / "tutorials/your-own-panoramas.md").read_text()
-    exec(re.search(r"```python\n(.*?)```", text, re.DOTALL)[1], {})
-    assert run("build", "flat", "-o", "flat.map").code == 0
-    assert run("localize", "flat.map", "flat/frames/query-1.range.png").out in text
-    answer = run("localize", "flat.map", "query-1", "--data", "flat", "--json").json
-    assert answer["places"][0]["place"] == "study"
-    pose = [answer["pose"][key] for key in ("x_m", "y_m", "yaw_deg")]
-    assert pose == pytest.approx([8.3, 0.4, 90], abs=0.1)
+    page = "tutorials/your-own-panoramas.md"
+    text = (DOCS / page).read_text()
+    copy, script = blocks(page, "python")
+    exec(copy, {})
+    assert sum(path.stat().st_size for path in Path("sample").rglob("*.*")) < 1e6
+    imported, build, query, _ = commands(page)
+    assert f"{run(*imported, '--dry-run').out.partition('pictures:')[0].strip()}\n```" in text
+    assert run(*imported).out.partition(", in ")[0] in text
+    built = run(*build)
+    assert built.out.splitlines()[0] in text
+    assert run(*query).out in text
+    for id, (place, *pose) in QUERY_POSES.items():
+        answer = run("localize", "apartment.map", f"apartment/frames/{id}.jpg", "--json").json
+        assert answer["places"][0]["place"] == place
+        assert [answer["pose"]["x_m"], answer["pose"]["y_m"]] == pytest.approx(pose[:2], abs=0.15)
+        assert answer["pose"]["yaw_deg"] == pytest.approx(pose[2], abs=1)
+    capsys.readouterr()
+    exec(script.replace('"apartment"', '"second"').replace("apartment.map", "second.map"), {})
+    assert capsys.readouterr().out.startswith("study-01 [[")
+
+
+@pytest.mark.slow
+def test_the_tutorial_on_a_phone_works(tmp_path, monkeypatch, capsys):
+    """Its commands on the pictures of the sample without range, against the pose of the renderer."""
+    monkeypatch.chdir(tmp_path)
+    page = "tutorials/phone.md"
+    copy, script = blocks(page, "python")
+    exec(copy, {})
+    _, imported, build, localize = commands(page)
+    assert run(*imported).code == run(*build).code == 0
+    place, *_, yaw_deg = QUERY_POSES["query-0014"]
+    answer = run(*localize, "--json").json
+    assert answer["places"][0]["place"] == place
+    assert answer["pose"]["yaw_deg"] == pytest.approx(yaw_deg, abs=3)
+    assert [line.split()[1] for line in run(*localize).out.splitlines()[1:3]] == [place, "kitchen-01"]
+    capsys.readouterr()
+    exec(script.replace('"home"', '"second"').replace("home.map", "second.map"), {})
+    assert capsys.readouterr().out.startswith(place)
+
+
+@pytest.mark.slow
+def test_the_sample_recording_can_be_made_again(cache, tmp_path, monkeypatch):
+    """The script renders the files of the sample, and the queries have the poses of the tutorial."""
+    monkeypatch.setenv("SALFRAME_CACHE", str(cache))
+    spec = importlib.util.spec_from_file_location("make_sample", DOCS / "make_sample.py")
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    script.write_sample(tmp_path)
+    names = sorted(path.relative_to(tmp_path) for path in tmp_path.rglob("*.*"))
+    assert names == sorted(path.relative_to(SAMPLE) for path in SAMPLE.rglob("*.*"))
+    for name in names:
+        if name.suffix in (".jpg", ".png"):  # encoders of other versions write other bytes
+            made, shipped = (np.asarray(Image.open(root / name), np.float64) for root in (tmp_path, SAMPLE))
+            assert np.abs(made - shipped).mean() < 0.5, name
+        else:
+            assert (tmp_path / name).read_text() == (SAMPLE / name).read_text()
+    dataset = find_dataset("house-6", overrides=script.DATA)
+    for id, (place, x_m, y_m, yaw_deg) in QUERY_POSES.items():
+        truth = dataset.truth(id)
+        assert truth.place == place
+        expected = salframe.pose_2d(x_m, y_m, np.radians(yaw_deg), truth.T_world_pano[2, 3])
+        assert truth.T_world_pano == pytest.approx(expected, abs=0.001)
 
 
 @pytest.mark.slow
@@ -126,10 +194,7 @@ def test_the_walk_from_photographs_to_an_answer_works(cache, tmp_path, monkeypat
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("SALFRAME_CACHE", str(cache))
     page = "how-to/photographs.md"
-    commands = [
-        shlex.split(line, comments=True)[1:] for line in re.findall("^salframe .*", (DOCS / page).read_text(), re.M)
-    ]
-    render, show, _, dry_run, imported, look, build, localize, *_ = commands
+    render, show, _, dry_run, imported, look, build, localize, *_ = commands(page)
     assert run(*render).code == 0
     stand_ins, show_one, again, ask = blocks(page, "python")
     exec(stand_ins, {})

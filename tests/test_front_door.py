@@ -37,6 +37,9 @@ DOOR = [
     "Limits", "run_experiment", "slot", "slots", "Variant", "Report", "write_report", "add_to_map", "merge_maps",
     "remove_from_map", "Track", "TrackedCamera", "TrackedPose", "Tracker", "TrackStatus", "TrackStep", "draw_trail",
     "open_tracker", "track", "EvidenceColumn", "EvidenceModel", "PlaceFrames", "PlaceHypotheses",
+    "list_labels", "LabelList", "ListedLabel",
+    "ImageFiles", "ImportPreview", "ImportResult", "Importer", "PanoramaRecord", "PlaceSource", "Recording",
+    "import_data", "preview_import",
 ]
 # fmt: on
 """Adding a name is a promise; removing one breaks whoever uses it."""

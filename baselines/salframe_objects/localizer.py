@@ -22,7 +22,7 @@ class ObjectSetLocalizer(DetectingLocalizer, WeightedLabels):
     """Jaccard index of the label sets of query and map; gives a place and no pose."""
 
     name = "objects"
-    version = "2"
+    version = "3"
 
     class Config(LevelledConfig):
         range: range_slot()  # type: ignore[valid-type]
@@ -63,7 +63,7 @@ class SalientObjectsLocalizer(SalientObjects, WeightedLabels):
     """
 
     name = "salient-objects"
-    version = "2"
+    version = "3"
 
     def describe_detections(self, detections: Detections, panorama: Panorama) -> Description:
         names = np.array(with_object_labels(detections).labels, dtype=np.str_)

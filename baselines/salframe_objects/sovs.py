@@ -33,7 +33,7 @@ class SalientVolumesLocalizer(SalientObjects):
     """
 
     name = "sovs"
-    version = "2"
+    version = "3"
 
     def describe_detections(self, detections: Detections, panorama: Panorama) -> Description:
         objects = with_object_labels(detections.take(np.flatnonzero(np.isfinite(detections.centroid_m).all(1))))

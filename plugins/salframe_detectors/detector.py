@@ -23,7 +23,7 @@ from salframe_detectors.coverage import MIN_FOV_DEG, Grid, Rig
 from salframe_detectors.depth import foreground
 from salframe_detectors.detection_decoder import DecodeRequest, DetectionDecoder, ImageDetections
 from salframe_detectors.merging import group, outline, suppress
-from salframe_detectors.zoo import COCO_80, ZOO
+from salframe_detectors.zoo import COCO_80, ZOO, read_class_names
 
 BATCH = 4
 """Number of views per run of a network with a free batch axis. Larger batches take more memory and save no time on a
@@ -49,10 +49,11 @@ class OnnxDetector(Detector):
             description=f"path of an ONNX file, or name of weights to download: {', '.join(ZOO)}",
         )
         decoder: slot("detection-decoder", "yolox", description="format of the outputs")  # type: ignore[valid-type]
-        labels: Literal["coco-80"] | tuple[str, ...] = Field(
+        labels: Literal["coco-80"] | tuple[str, ...] | SingleFile = Field(
             "coco-80",
-            description="list of the class labels in the order of the network's outputs, or coco-80 for the 80 "
-            "classes of COCO",
+            union_mode="left_to_right",
+            description="list of the class labels in the order of the network's outputs, coco-80 for the 80 classes "
+            "of COCO, or path of a YAML file with such a list under `names`",
         )
         size_px: tuple[int, int] | None = Field(
             None, description="width and height of the network's input (pixels); null: read from the file"
@@ -107,7 +108,7 @@ class OnnxDetector(Detector):
         super().__init__(config)
         self._path = _model_path(self.config.model)
         self._decoder: DetectionDecoder = registry().build("detection-decoder", self.config.decoder)
-        self._labels = COCO_80 if self.config.labels == "coco-80" else self.config.labels
+        self._labels = _class_labels(self.config.labels)
         width, height = self.config.size_px or (None, None)
         self._model = open_model(self._path, [(None, 3, height, width)])
         height, width = (
@@ -192,6 +193,13 @@ class OnnxDetector(Detector):
             except WeightsError as error:
                 raise WeightsError(f"{self._path}: {error}") from None
         return [suppress(view_detections, self.config.overlap) for view_detections in detections]
+
+
+def _class_labels(labels: str | tuple[str, ...] | SingleFile) -> tuple[str, ...]:
+    """Return the class labels of a network that a setting lists or names. Raises ConfigError."""
+    if isinstance(labels, SingleFile):
+        return read_class_names(labels)
+    return COCO_80 if isinstance(labels, str) else labels
 
 
 def _model_path(model: str | SingleFile) -> Path:

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+from salframe.framework.config import read_yaml
+from salframe.framework.errors import ConfigError, shorten
 from salframe.framework.files.weights import Download, NetworkWeights, WeightsFile
 
 YOLOX_RELEASE = Download(("https://github.com/Megvii-BaseDetection/YOLOX/releases/download/0.1.1rc0",))
@@ -126,3 +130,22 @@ COCO_80 = (
     "toothbrush",
 )
 """The 80 classes of COCO in its order."""
+
+
+def read_class_names(path: Path) -> tuple[str, ...]:
+    """Read the class labels of a network from the key `names` of a YAML file: a list, or a mapping from 0, 1, 2, ...
+
+    The dataset files of Ultralytics have this key.
+
+    Raises:
+        ConfigError: The file cannot be read, or has no such list.
+    """
+    names = read_yaml(path).get("names")
+    if isinstance(names, dict) and set(names) == set(range(len(names))):
+        names = [names[number] for number in range(len(names))]
+    if not (isinstance(names, list) and names and all(isinstance(name, str) for name in names)):
+        raise ConfigError(
+            f"{path}: names is {shorten(str(names))}, expected a list of labels in the order of the network's outputs, "
+            "or a mapping from 0, 1, 2, ... to labels"
+        )
+    return tuple(names)

@@ -22,7 +22,7 @@ class SaliencyGraphLocalizer(GraphLocalizer):
     """Matches the saliency graph of a query to those of the reference frames; the pose follows from aligned nodes."""
 
     name = "saliency-graph"
-    version = "3"
+    version = "4"
 
     class Config(GraphLocalizerConfig, PanoramaMatchingConfig):
         posterior: posterior_slot()  # type: ignore[valid-type]

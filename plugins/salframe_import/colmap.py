@@ -63,7 +63,7 @@ class ColmapImporter(Importer):
             "of COLMAP; null: import no depth",
         )
         depth_unit_m: float = Field(MILLIMETRE, gt=0, description="metres per unit of the values of a PNG depth image")
-        depth_kind: Literal["z", "ray", "cube"] | None = Field(
+        depth_kind: Literal["ray", "z", "cube"] | None = Field(
             None,
             description="quantity in a PNG depth image. z: depth along the optical axis; ray: along the ray; cube: "
             "along the axis of the cube face that shows a pixel; null: ray for equirectangular pictures, else z",
@@ -107,17 +107,19 @@ class ColmapImporter(Importer):
         rotation = upright_rotation(up_direction(poses))
         cameras_z = np.array([rotation[2] @ pose[:3, 3] for pose in poses])
         points_z = model.points @ rotation[2]
+        low_m, high_m = PLAUSIBLE_M
         if config.camera_height is not None:
             floor_z = floor_height(points_z, cameras_z)
             scale = config.camera_height / (float(np.median(cameras_z)) - floor_z)
             note = f"scale: {scale:.4g} m per unit of the model, by a camera {config.camera_height:g} m above the floor"
+            if not low_m <= config.camera_height <= high_m:
+                note += f", expected {low_m:g} to {high_m:g} m: check camera_height"
             return ModelWorld(rotation, scale, floor_z), [note]
         world = ModelWorld(rotation, config.scale)
         try:
             height_m = config.scale * (float(np.median(cameras_z)) - floor_height(points_z, cameras_z))
         except DataError:  # no floor in the points: the scale cannot be checked
             return world, []
-        low_m, high_m = PLAUSIBLE_M
         if low_m <= height_m <= high_m:
             return world, []
         return world, [

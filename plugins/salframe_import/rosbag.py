@@ -76,7 +76,7 @@ class RosBagImporter(Importer):
             0.02, gt=0, le=1, description="maximum difference of the stamps of messages that belong together (s)"
         )
         depth_unit_m: float = Field(MILLIMETRE, gt=0, description="metres per unit of 16-bit depth")
-        depth_kind: Literal["z", "ray", "cube"] | None = Field(
+        depth_kind: Literal["ray", "z", "cube"] | None = Field(
             None,
             description="quantity in the depth. z: along the optical axis; ray: along the ray; cube: along the axis of "
             "the cube face that shows a pixel; null: z for pinhole images, ray for equirectangular ones",
@@ -127,10 +127,8 @@ class RosBagImporter(Importer):
         if len(posed) < len(shots):
             notes.append(f"{len(shots) - len(posed)} of {len(shots)} pictures have no pose at their time: left out")
         notes += [*_delay_notes(shots, poses), *rig.notes(*posed[0])]
-        if rig.is_equirectangular and config.camera_axes == "auto":
-            rig = replace(rig, axes=_upright_axes(rig, [T for _, T in posed]))
-        elif rig.is_equirectangular:
-            rig = replace(rig, axes=config.camera_axes)
+        if rig.is_equirectangular:
+            rig = replace(rig, axes=_upright_axes(rig, [T for _, T in posed], config.camera_axes))
         if config.group_by == "motion":
             images = [image for shot, T in posed for image in rig.posed_images(shot, T)]
             groups, note = group_by_motion(images, config)
@@ -222,17 +220,29 @@ class RosBagImporter(Importer):
         return chosen, between
 
 
-def _upright_axes(rig: BagRig, T_world_frames: Sequence[np.ndarray]) -> CameraAxes:
-    """Return the axes under which equirectangular images are upright. Raises DataError if there are none."""
+def _upright_axes(rig: BagRig, T_world_frames: Sequence[np.ndarray], axes: CameraAxes | Literal["auto"]) -> CameraAxes:
+    """Return the axes of the frame of equirectangular images; "auto": those under which the images are upright.
+
+    Raises:
+        DataError: The images are not upright under these axes. Axes that are set are accepted if the images are upright
+            under no axes.
+    """
     poses = np.array(T_world_frames)
     up = {"body": float(poses[:, 2, 2].mean()), "optical": float((poses @ invert_pose(LEVEL))[:, 2, 2].mean())}
     best: CameraAxes = "body" if up["body"] > up["optical"] else "optical"
+    if axes != "auto" and (up[axes] >= MIN_UP or up[best] < MIN_UP):
+        return axes
+    where = f"the frame {rig.frame} of {rig.cameras[0].color.topic} is not upright by its poses"
+    if axes != "auto":
+        raise DataError(
+            f"{where}: the mean z of its up direction is {up[axes]:.2f} with the axes {axes}, expected {MIN_UP:.2f} to "
+            f"1: likely --set camera_axes={best}"
+        )
     if up[best] < MIN_UP:
         raise DataError(
-            f"the frame {rig.frame} of {rig.cameras[0].color.topic} is not upright by its poses: the mean z of its up "
-            f"direction is {up['optical']:.2f} with optical axes (y down) and {up['body']:.2f} with axes of the body "
-            f"(z up), expected {MIN_UP:.2f} to 1: check the transforms of this frame in /tf_static, and whether they "
-            "are inverted"
+            f"{where}: the mean z of its up direction is {up['optical']:.2f} with optical axes (y down) and "
+            f"{up['body']:.2f} with axes of the body (z up), expected {MIN_UP:.2f} to 1: check the transforms of this "
+            "frame in /tf_static, whether they are inverted, and the order of quaternions (x, y, z, w)"
         )
     return best
 

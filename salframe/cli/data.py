@@ -1,4 +1,4 @@
-"""The commands `data list`, `data info`, `data render` and `data import`."""
+"""The commands `data list`, `data info`, `data labels`, `data render` and `data import`."""
 
 from __future__ import annotations
 
@@ -85,6 +85,51 @@ def info(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, as
 
 
 @app.command()
+def labels(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, as_json: Json = False) -> None:
+    """List the labels of the annotated objects of a dataset, their names and their numbers.
+
+    The names are those that maps and queries compare. A label that the vocabulary does not have is listed with the
+    names that resemble it. The exit status is 1 if a panorama cannot be read.
+    """
+    from dataclasses import asdict
+
+    from salframe.cli.output import Bars, tell
+    from salframe.cli.tables import print_table
+    from salframe.graphs.label_list import LabelStatus, list_labels
+    from salframe.panoramas.opening import find_dataset
+
+    with Bars() as bars:
+        result = list_labels(find_dataset(data, data_dir, overrides or (), bars.update), bars.update)
+    notes = {
+        LabelStatus.KNOWN: "",
+        LabelStatus.UNKNOWN: "not in the vocabulary",
+        LabelStatus.NOT_OBJECT: "no class of objects",
+    }
+    if as_json:
+        print_json(asdict(result))
+    else:
+        rows = [
+            [
+                row.label,
+                row.name,
+                row.common if row.common != row.name else "",
+                str(row.objects),
+                notes[row.status] + (f"; similar: {', '.join(row.near)}" if row.near else ""),
+            ]
+            for row in result.labels
+        ]
+        print_table(("label", "name", "kind of", "objects", ""), rows)
+        counts = [
+            f"{sum(row.status is status for row in result.labels)} {note}" for status, note in notes.items() if note
+        ]
+        print(f"{len(rows)} labels: {', '.join(counts)}")
+    for id, error in result.failures.items():
+        tell(f"error: {id}: {error}")
+    if result.failures:
+        raise typer.Exit(1)
+
+
+@app.command()
 def render(
     data: DataArgument,
     data_dir: DataDir = None,
@@ -121,6 +166,9 @@ def import_(
     every: Annotated[
         str | None, typer.Option(metavar="Nm|Ns", help="Minimum distance or time between panoramas, as 0.5m or 2s")
     ] = None,
+    floors: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="YAML file with floor masks, for places and routes")
+    ] = None,
     overrides: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a setting of the importer")
     ] = None,
@@ -151,6 +199,7 @@ def import_(
             place_from=place_from,
             queries=queries,
             every=every,
+            floors=floors,
             progress=bars.update,
         )
     if as_json:

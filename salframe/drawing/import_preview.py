@@ -17,6 +17,7 @@ from salframe.panoramas import images
 from salframe.panoramas.camera_height import camera_height
 from salframe.panoramas.data_checks import fold_notes
 from salframe.panoramas.geometry import row_elevation
+from salframe.panoramas.import_floors import read_floors, with_regions
 from salframe.panoramas.import_selection import SelectedPanorama, select
 from salframe.panoramas.importer import PlaceSource
 from salframe.panoramas.importing import find_importer, read_recording, selected_fold
@@ -96,6 +97,7 @@ def preview_import(
     place_from: str | None = None,
     queries: str | Path | None = None,
     every: str | None = None,
+    floors: str | Path | None = None,
     progress: Progress | None = None,
 ) -> ImportPreview:
     """Read a sample of a recording, check its conventions and draw two pictures. No dataset is written.
@@ -110,6 +112,7 @@ def preview_import(
         place_from: As in `import_data`.
         queries: As in `import_data`.
         every: As in `import_data`.
+        floors: As in `import_data`.
         progress: Called with the number of panoramas that are read.
 
     Raises:
@@ -121,7 +124,8 @@ def preview_import(
     pictures = tuple(output.with_name(f"{output.name}-{name}.png") for name in ("contact-sheet", "top-view"))
     for picture in pictures:
         check_picture_output(picture)
-    recording = read_recording(find_importer(format, settings), source)
+    masks = [] if floors is None else read_floors(Path(floors))
+    recording = with_regions(read_recording(find_importer(format, settings), source), masks)
     place_source, selected = select(recording, place_from, queries, every)
     sample = [selected[i] for i in sorted({round(i) for i in np.linspace(0, len(selected) - 1, MAX_SHOWN)})]
     loaded: dict[str, Panorama] = {}
@@ -135,7 +139,7 @@ def preview_import(
             failures[panorama.record.id] = describe_error(error)
     fold = selected_fold(selected)
     try:
-        checks = fold_notes([fold])
+        checks = fold_notes([fold], masks)
     except DataError as error:  # building a map stops with it
         checks = [str(error)]
     ranges = [panorama for panorama in loaded.values() if panorama.range_m is not None]

@@ -2,26 +2,32 @@
 
 from __future__ import annotations
 
+import difflib
 import re
-import unicodedata
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from functools import cache, lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from salframe.framework.config import read_yaml
 from salframe.graphs.detections import Detections
+from salframe.panoramas.label_table import spelling
 
 NAMES = Path(__file__).with_name("vocabulary.yaml")
-"""YAML file that lists the synonyms and the kinds of each name."""
+"""YAML file that lists the synonyms and the kinds of each name, and labels that name no class of objects."""
 WRITTEN_LABELS = "written_labels"
 """Key of `written_labels` in the description of a panorama."""
 MAX_LABELS = 5
 """Maximum number of unknown labels to name in a note."""
-_AROUND_NUMBERS = " #.,:;()[]"
-"""Characters around a number at the end of a label, such as in chair#3, Chair.001 and chair (4)."""
+MAX_NEAR_NAMES = 3
+"""Maximum number of names that resemble an unknown label."""
+_MIN_SIMILARITY = 0.75
+"""Minimum similarity of an unknown label and a word of the vocabulary, as `difflib` computes it."""
+_BETWEEN_SYNONYMS = re.compile(r"; ?|, ")
+"""Separators in a label that lists synonyms, as in the classes of ADE20K ("sofa, couch, lounge")."""
 _PLURAL = re.compile(r"[a-z]{2,}[b-hj-rtv-z]s")
 """A plural outside the vocabulary. Words that end like bias, iris, glass and cactus are none."""
 
@@ -31,14 +37,17 @@ def object_label(label: str) -> str:
     """Return the name of a label of a detector or dataset: one name for all spellings and synonyms.
 
     Labels are compared without case, composition of characters, punctuation between words, a number at the end, and
-    the difference of singular and plural: "Potted_Plants 2" is a plant. A label that is not in the vocabulary is
+    the difference of singular and plural: "Potted_Plants 2" is a plant. Of a label that lists synonyms
+    ("sofa, couch, lounge"), the first word that is in the vocabulary decides. A label that is not in the vocabulary is
     returned in lower case and, if it is an English word, in the singular.
     """
-    spelling, names = _spelling(label), _names()
-    for form in (spelling, *_singular_forms(spelling)):
-        if name := names.get(form) or names.get(form.replace(" ", "")):
-            return name
-    return _singular(spelling)
+    words, names = spelling(label), _names()
+    synonyms = _BETWEEN_SYNONYMS.split(words)
+    for word in (words, *(synonyms if all(synonyms) else ())):
+        for form in (word, *_singular_forms(word)):
+            if name := names.get(form) or names.get(form.replace(" ", "")):
+                return name
+    return _singular(words)
 
 
 def common_label(label: str) -> str:
@@ -64,6 +73,22 @@ def written_labels(detections: Detections) -> dict[str, np.ndarray]:
     return {WRITTEN_LABELS: np.unique(np.array(detections.labels, np.str_))}
 
 
+def is_object(name: str) -> bool | None:
+    """Return whether an `object_label` names a class of objects, as opposed to a surface of the building or anything
+    without a class of its own; None if it is not in the vocabulary."""
+    vocabulary = _vocabulary()
+    if name in vocabulary["not_objects"]:
+        return False
+    return True if name in vocabulary["synonyms"] or name in _broader() else None
+
+
+def near_names(label: str) -> tuple[str, ...]:
+    """Return the names of the words of the vocabulary that resemble a label, best first, at most MAX_NEAR_NAMES."""
+    names = _names()
+    close = difflib.get_close_matches(object_label(label), names, MAX_NEAR_NAMES, _MIN_SIMILARITY)
+    return tuple(dict.fromkeys(names[word] for word in close))
+
+
 def unknown_labels(description: Mapping[str, np.ndarray], known: Collection[str]) -> tuple[str, ...]:
     """Return the labels of a description with `written_labels` whose object label is not known."""
     return tuple(str(label) for label in description.get(WRITTEN_LABELS, ()) if object_label(str(label)) not in known)
@@ -76,48 +101,36 @@ def unknown_labels_note(labels: Collection[str]) -> str:
     return f"no object of the map has the label {named}{more}"
 
 
-def _spelling(label: str) -> str:
-    """Return a label in lower case, with composed characters, single spaces between words, and no number at the end."""
-    visible = "".join(char for char in label if unicodedata.category(char) != "Cf")
-    composed = unicodedata.normalize("NFKC", unicodedata.normalize("NFKC", visible).casefold())
-    # Underscores, dashes and control characters separate words.
-    spaced = "".join(" " if unicodedata.category(char) in ("Pc", "Pd", "Cc") else char for char in composed)
-    return _without_number(" ".join(spaced.split())) or composed
-
-
-def _without_number(words: str) -> str:
-    """Return a label without the numbers at its end, which count objects; a label of numbers only is unchanged."""
-    end = len(words.rstrip(" )]"))
-    if not words[:end][-1:].isdecimal():
-        return words
-    while end and (words[end - 1].isdecimal() or words[end - 1] in _AROUND_NUMBERS):
-        end -= 1
-    return words[:end] or words
-
-
-def _singular_forms(spelling: str) -> Iterator[str]:
+def _singular_forms(words: str) -> Iterator[str]:
     """Yield the forms that may be the singular of a label; most of them are no words."""
     for plural, endings in (("s", ("",)), ("es", ("",)), ("ies", ("y",)), ("ves", ("f", "fe"))):
-        if spelling.endswith(plural):
-            yield from (spelling.removesuffix(plural) + ending for ending in endings)
+        if words.endswith(plural):
+            yield from (words.removesuffix(plural) + ending for ending in endings)
 
 
-def _singular(spelling: str) -> str:
+def _singular(words: str) -> str:
     """Return a label outside the vocabulary in the singular, where its last word is an English plural."""
-    if not _PLURAL.fullmatch(spelling.rpartition(" ")[2]):
-        return spelling
-    if spelling.endswith(("sses", "shes", "ches", "xes", "zzes")):
-        return spelling.removesuffix("es")
-    if spelling.endswith("ies") and len(spelling.rpartition(" ")[2]) > 4:
-        return spelling.removesuffix("ies") + "y"
-    return spelling.removesuffix("s")
+    if not _PLURAL.fullmatch(words.rpartition(" ")[2]):
+        return words
+    if words.endswith(("sses", "shes", "ches", "xes", "zzes")):
+        return words.removesuffix("es")
+    if words.endswith("ies") and len(words.rpartition(" ")[2]) > 4:
+        return words.removesuffix("ies") + "y"
+    return words.removesuffix("s")
+
+
+@cache
+def _vocabulary() -> dict[str, Any]:
+    """Return the content of vocabulary.yaml."""
+    return read_yaml(NAMES)
 
 
 @cache
 def _names() -> dict[str, str]:
     """Return the name for each word of the vocabulary, and for each without its spaces (tvmonitor)."""
-    vocabulary = read_yaml(NAMES)
-    words = {kind: kind for kinds in vocabulary["kinds"].values() for kind in kinds}
+    vocabulary = _vocabulary()
+    words = {word: word for word in vocabulary["not_objects"]}
+    words |= {kind: kind for kinds in vocabulary["kinds"].values() for kind in kinds}
     words |= {word: name for name, synonyms in vocabulary["synonyms"].items() for word in (name, *synonyms)}
     return {word.replace(" ", ""): name for word, name in words.items()} | words
 
@@ -125,4 +138,4 @@ def _names() -> dict[str, str]:
 @cache
 def _broader() -> dict[str, str]:
     """Return the name for each kind of it."""
-    return {kind: name for name, kinds in read_yaml(NAMES)["kinds"].items() for kind in kinds}
+    return {kind: name for name, kinds in _vocabulary()["kinds"].items() for kind in kinds}

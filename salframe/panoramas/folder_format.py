@@ -125,6 +125,7 @@ class Manifest(RangeKeys):
     frames: tuple[FrameEntry, ...]
     truth: str | None = None
     objects: str | None = None
+    labels: str | None = None
     floors: tuple[FloorEntry, ...] = ()
     rendered: bool = False
     odometry: str | None = None
@@ -150,6 +151,8 @@ class Manifest(RangeKeys):
             raise ValueError(
                 "frames have instance images, expected also `objects`: the table with the labels of their objects"
             )
+        if self.labels is not None and self.objects is None:
+            raise ValueError("labels names a table that translates the labels of `objects`, expected also `objects`")
         return self
 
 
@@ -197,6 +200,16 @@ def write_floor(root: Path, name: str, masks: FloorMasks) -> FloorEntry:
     images.write_ids(root / entry.region, masks.region)
     images.write_mask(root / entry.obstacle, masks.obstacle)
     return entry
+
+
+def read_floor(root: Path, entry: FloorEntry, z_m: float) -> FloorMasks:
+    """Read the masks of a floor at a height in metres. Raises DataError where they cannot be read or differ in size."""
+    free, obstacle = (images.read_mask(root / name) for name in (entry.free, entry.obstacle))
+    region = images.read_ids(root / entry.region)
+    if not free.shape == obstacle.shape == region.shape:
+        shapes = ", ".join(f"{image.shape[1]} x {image.shape[0]}" for image in (free, region, obstacle))
+        raise DataError(f"{root}: the masks free, region and obstacle of a floor are {shapes}, expected equal sizes")
+    return FloorMasks(free, region, obstacle, entry.resolution_m, entry.origin_m, entry.regions, z_m)
 
 
 def image_names(stem: str, parts: Iterable[str]) -> dict[str, Any]:

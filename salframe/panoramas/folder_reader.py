@@ -15,7 +15,6 @@ from salframe.framework.errors import DataError, TruthMissing
 from salframe.framework.files.hashes import file_sha256
 from salframe.framework.files.reading import read_model, read_table
 from salframe.framework.validation import Settings
-from salframe.panoramas import images
 from salframe.panoramas.camera_height import USUAL_M
 from salframe.panoramas.dataset import MANIFEST
 from salframe.panoramas.floors import MAX_CAMERA_M, SAME_FLOOR_M, FloorMasks, check_heights
@@ -27,8 +26,10 @@ from salframe.panoramas.folder_format import (
     TruthEntry,
     TruthFile,
     pose_matrix,
+    read_floor,
 )
 from salframe.panoramas.frames import FrameKind, QueryFrame, ReferenceFrame, Truth
+from salframe.panoramas.label_table import LabelTable
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.panorama_files import load_panorama
 from salframe.panoramas.pose_conventions import convert_pose
@@ -59,8 +60,14 @@ class Folder:
 
     @cached_property
     def labels(self) -> dict[int, str]:
-        """Label of each instance id, from the table of objects."""
-        return {} if self.manifest.objects is None else read_labels(self.root / self.manifest.objects)
+        """Label of each instance id, from the table of objects, translated by the table of labels."""
+        if self.manifest.objects is None:
+            return {}
+        labels = read_labels(self.root / self.manifest.objects)
+        if self.manifest.labels is None:
+            return labels
+        table = LabelTable.read(self.root / self.manifest.labels)
+        return {id: table.name(label) for id, label in labels.items()}
 
     @cached_property
     def _truth(self) -> dict[str, TruthEntry]:
@@ -162,16 +169,8 @@ class Folder:
 
     def floors(self) -> list[FloorMasks]:
         """Read the floor masks."""
-        floors = []
-        for floor, z_m in zip(self.manifest.floors, self._floor_heights(), strict=True):
-            free, obstacle = (images.read_mask(self.root / name) for name in (floor.free, floor.obstacle))
-            region = images.read_ids(self.root / floor.region)
-            if not free.shape == obstacle.shape == region.shape:
-                shapes = ", ".join(f"{image.shape[1]} x {image.shape[0]}" for image in (free, region, obstacle))
-                raise DataError(
-                    f"{self.root}: the masks free, region and obstacle of a floor are {shapes}, expected equal sizes"
-                )
-            floors.append(FloorMasks(free, region, obstacle, floor.resolution_m, floor.origin_m, floor.regions, z_m))
+        heights_m = self._floor_heights()
+        floors = [read_floor(self.root, entry, z_m) for entry, z_m in zip(self.manifest.floors, heights_m, strict=True)]
         check_heights(floors)
         return floors
 
@@ -208,7 +207,7 @@ class Folder:
         """SHA-256 of the manifest and of every file that it names."""
         names = [
             MANIFEST,
-            *(name for name in (self.manifest.truth, self.manifest.objects, self.manifest.odometry) if name),
+            *filter(None, (self.manifest.truth, self.manifest.objects, self.manifest.labels, self.manifest.odometry)),
         ]
         names += [name for floor in self.manifest.floors for name in (floor.free, floor.region, floor.obstacle)]
         names += [name for frame in self.manifest.frames for key in IMAGE_KEYS if (name := getattr(frame, key))]

@@ -28,8 +28,9 @@ _ID = re.compile(r"[^\s/\\.][^/\\]*(/[^\s/\\.][^/\\]*)*")
 class PlaceSource(StrEnum):
     """Where the place of a panorama comes from.
 
-    COLUMN: a column or field of the format. REGION: the room of a building model. FOLDER: the folder of the picture.
-    NONE: no place is known, and each reference panorama is a place of its own, named by its id.
+    COLUMN: a column or field of the format. REGION: the room of a building model, or the region of the floor masks.
+    FOLDER: the folder of the picture. NONE: no place is known, and each reference panorama is a place of its own, named
+    by its id.
     """
 
     COLUMN = "column"

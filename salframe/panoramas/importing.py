@@ -17,7 +17,8 @@ from salframe.framework.config import nest, parse_override
 from salframe.framework.errors import ConfigError, DataError, describe_error
 from salframe.framework.files.reading import read_json
 from salframe.framework.files.writing import alone, atomic_path, write_json, write_text
-from salframe.panoramas.data_checks import fold_notes
+from salframe.panoramas.data_checks import data_notes
+from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.folder import FolderDataset
 from salframe.panoramas.folder_format import (
     FrameEntry,
@@ -25,11 +26,13 @@ from salframe.panoramas.folder_format import (
     TruthEntry,
     image_names,
     is_written,
+    write_floor,
     write_manifest,
     write_objects,
     write_panorama,
 )
 from salframe.panoramas.frames import Fold, ReferenceFrame
+from salframe.panoramas.import_floors import read_floors, with_regions
 from salframe.panoramas.import_selection import SelectedPanorama, select
 from salframe.panoramas.importer import ImageFiles, Importer, PlaceSource, Recording
 from salframe.panoramas.motion_file import COLUMNS
@@ -110,6 +113,7 @@ def import_data(
     place_from: str | None = None,
     queries: str | Path | None = None,
     every: str | None = None,
+    floors: str | Path | None = None,
     progress: Progress | None = None,
 ) -> ImportResult:
     """Write a recording of another format as a folder of panoramas, which every command accepts as a dataset.
@@ -127,6 +131,8 @@ def import_data(
         queries: "every:N" makes every Nth panorama with a pose a query; otherwise a text file with the ids of queries,
             one a line. Panoramas without a pose are queries in any case.
         every: Minimum distance ("0.5m") or time ("2s") between panoramas with poses.
+        floors: YAML file with floor masks in the world of the poses, as in the manifest (`import_floors.read_floors`).
+            Panoramas have the place of the region where they stand, with the source "region".
         progress: Called with the number of panoramas that are written.
 
     Raises:
@@ -136,7 +142,8 @@ def import_data(
     """
     start, output = time.perf_counter(), Path(output)
     importer = find_importer(format, settings)
-    recording = read_recording(importer, source)
+    masks = [] if floors is None else read_floors(Path(floors))
+    recording = with_regions(read_recording(importer, source), masks)
     place_source, selected = select(recording, place_from, queries, every)
     _claim(output, importer, Path(source))
     with alone(output, "name another folder"):
@@ -147,17 +154,18 @@ def import_data(
             writer.write(panorama)
         if progress is not None:
             progress(f"import {format}", len(selected), len(selected))
-        writer.finish()
-    folds = FolderDataset(FolderDataset.Config(root=output)).folds()
-    references = folds[0].references
+        writer.finish(masks)
+    dataset = FolderDataset(FolderDataset.Config(root=output))
+    (fold,) = dataset.folds()
+    references = fold.references
     try:
-        checks = fold_notes(folds)
+        checks = data_notes(dataset)
     except DataError as error:  # building a map stops with it
         checks = [str(error)]
     return ImportResult(
         output,
         len(references),
-        len(folds[0].queries),
+        len(fold.queries),
         len({frame.place for frame in references}),
         place_source,
         writer.failures,
@@ -239,8 +247,8 @@ class _Writer:
             pose = None if record.T_world_pano is None else tuple(record.T_world_pano.ravel().tolist())
             self._truth[record.id] = TruthEntry(place=panorama.place, pose=pose, instances=instances)
 
-    def finish(self) -> None:
-        """Write the manifest and the tables. Raises DataError if no reference frame was written."""
+    def finish(self, floors: Sequence[FloorMasks]) -> None:
+        """Write the manifest, the tables and the floor masks. Raises DataError if no reference frame was written."""
         if not any(entry.role == "map" for entry in self._entries):
             first = next(iter(self.failures.values()), "none was selected")
             raise DataError(f"no reference panorama of {len(self.failures)} could be read: {first}")
@@ -255,6 +263,7 @@ class _Writer:
             self._entries,
             self._truth,
             None if objects is None else OBJECTS,
+            [write_floor(self._folder, f"floor-{number}", floor) for number, floor in enumerate(floors, 1)],
             odometry=None if odometry is None else ODOMETRY,
         )
 

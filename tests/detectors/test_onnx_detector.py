@@ -316,3 +316,20 @@ def test_networks_to_fetch_are_told_where_they_are_not_at_hand(monkeypatch, tmp_
     for name in ZOO:
         with pytest.raises(WeightsError, match=f"get it with: salframe weights fetch {name}"):
             OnnxDetector.check(configure("detector", "onnx", {"model": name}))
+
+
+@pytest.mark.parametrize("names", ["[red, green, blue]", "{0: red, 1: green, 2: blue}"])
+def test_class_labels_from_a_file(network, tmp_path, names):
+    path = tmp_path / "data.yaml"
+    path.write_text(f"train: images\nnames: {names}\n")
+    panorama, _ = scene(("red", 0, 0, 20, 16, 2.0))
+    assert build(network, labels=str(path)).detect(panorama).labels == ("red",)
+
+
+@pytest.mark.parametrize("names", ["", "red", "[]", "[1, 2]", "{1: red, 2: green}"])
+def test_a_file_without_class_labels_is_one_line(network, tmp_path, names):
+    path = tmp_path / "data.yaml"
+    path.write_text(f"names: {names}\n")
+    with pytest.raises(ConfigError, match=r"data.yaml: names is .*, expected a list of labels in the order") as caught:
+        build(network, labels=str(path))
+    assert "\n" not in str(caught.value)

@@ -1,10 +1,13 @@
 from collections import Counter
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from salframe.framework.config import read_yaml
-from salframe.graphs.vocabulary import NAMES, common_label, object_label, unknown_labels_note
+from salframe.graphs.vocabulary import NAMES, common_label, is_object, near_names, object_label, unknown_labels_note
+
+CLASS_LISTS = read_yaml(Path(__file__).with_name("class_lists.yaml"))
 
 SPELLINGS = [
     *("chair 2", "chair_02", "chair#3", "Chair.001", "chair (4)", "chair2", "chairs-12", "CHAIR", " chair\t"),
@@ -71,7 +74,7 @@ def test_detectors_share_the_name_of_all_kinds_and_maps_tell_them_apart(kind, na
 
 
 def test_the_name_of_a_name_is_itself():
-    rng, parts = np.random.default_rng(0), [*"abexyz_- #.(2)ßİé椅\u0308\u200b", "es", "ies", "ss", "chair", "shelves"]
+    rng, parts = np.random.default_rng(0), [*"abexyz_- #.,;(2)ßİé椅\u0308\u200b", "es", "ies", "ss", "chair", "shelves"]
     for _ in range(5000):
         label = "".join(rng.choice(parts, rng.integers(1, 9)))
         name, shared = object_label(label), common_label(label)
@@ -88,8 +91,67 @@ def test_every_word_stands_for_one_thing():
     assert {kind for kind, count in every_kind.items() if count > 1} == set()
     assert all(object_label(kind) == kind for kind in every_kind)
     assert kinds.keys() <= synonyms.keys()
+    assert set(vocabulary["not_objects"]).isdisjoint({*words, *every_kind})
     assert kinds.keys().isdisjoint(every_kind)
     assert all(word == word.lower() for word in (*words, *every_kind))
+
+
+@pytest.mark.parametrize("name", CLASS_LISTS)
+def test_the_vocabulary_knows_every_class_of_published_lists(name):
+    labels = CLASS_LISTS[name].values() if name == "scannet20" else CLASS_LISTS[name]
+    assert [label for label in labels if is_object(object_label(label)) is None] == []
+
+
+@pytest.mark.parametrize(("name", "count"), [("nyu40", 40), ("scannet20", 20), ("scannet200", 200), ("ade20k", 150)])
+def test_the_lists_are_complete(name, count):
+    assert len(CLASS_LISTS[name]) == count
+
+
+def test_lists_of_the_same_classes_agree():
+    """NYU40 is the list of Structured3D, in the same order, and ScanNet numbers its 20 classes as NYU40 does."""
+    nyu40 = CLASS_LISTS["nyu40"]
+    assert list(map(object_label, nyu40)) == list(map(object_label, CLASS_LISTS["structured3d"]))
+    scannet = CLASS_LISTS["scannet20"]
+    assert {number: object_label(nyu40[number - 1]) for number in scannet} == {
+        number: object_label(label) for number, label in scannet.items()
+    }
+
+
+def test_the_names_of_coco_and_of_a_ros_detector_agree():
+    from salframe_detectors.zoo import COCO_80
+
+    assert list(map(object_label, CLASS_LISTS["darknet_ros"])) == list(map(object_label, COCO_80))
+
+
+def test_the_categories_of_matterport_are_those_of_nyu40():
+    """Where one category of objects is one class, by the table of Matterport3D, detectors share the label."""
+    pairs = {category: classes[0] for category, classes in CLASS_LISTS["mpcat40"].items() if len(classes) == 1}
+    objects = {category for category in pairs if is_object(object_label(category)) and category != "appliances"}
+    assert len(objects) == 20
+    assert {c: common_label(pairs[c]) for c in objects} == {c: common_label(c) for c in objects}
+
+
+def test_a_list_of_synonyms_has_the_name_of_its_class():
+    """The classes of ADE20K, with all their synonyms, have the names that the cards of its networks give them."""
+    names = read_yaml(Path(NAMES).parents[2] / "plugins/salframe_segments/cards/names/ade20k.yaml")
+    objects = names["objects"] | names["fixed"]
+    classes = {label: objects[label.split(",")[0]] for label in CLASS_LISTS["ade20k"] if label.split(",")[0] in objects}
+    assert len(classes) > 95
+    assert {label for label, name in classes.items() if common_label(label) != common_label(name)} == set()
+    assert object_label("Sofa;couch;lounge") == object_label("divan, couch") == "sofa"
+    assert object_label("harpsichord, spinet") == "harpsichord, spinet"
+
+
+def test_labels_without_a_class_are_no_objects():
+    assert [is_object(object_label(label)) for label in ("Walls", "other_furniture", "unlabeled")] == [False] * 3
+    assert is_object("dining table")
+    assert is_object("harpsichord") is None
+
+
+def test_misspelt_labels_resemble_a_name():
+    assert near_names("refrigirator")[0] == "refrigerator"
+    assert near_names("tellevision")[0] == "television"
+    assert near_names("Kühlschrank") == ()
 
 
 def test_the_vocabulary_knows_every_label_of_house():
