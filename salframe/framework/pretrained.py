@@ -21,6 +21,8 @@ Device = Literal["auto", "cpu", "cuda", "mps"]
 CONFIG, WEIGHTS = "config.json", ("model.safetensors", "model.safetensors.index.json")
 GPU_BATCH = 8
 """Number of images per run on a GPU. On a CPU, larger batches take more memory and save no time."""
+MAX_NAMED = 6
+"""Maximum number of architectures to name in an error."""
 DEFAULT_SIDE_PX = 512
 """Width and height of images for a network whose image processor states no size."""
 
@@ -117,6 +119,7 @@ class PretrainedModel:
         size_px: tuple[int, int] | None = None,
         *,
         takes_text: bool = False,
+        **processing: Any,
     ) -> None:
         """Load a model.
 
@@ -126,30 +129,35 @@ class PretrainedModel:
             device: The processor that runs the network.
             size_px: Width and height of the images; None: those of the image processor.
             takes_text: Whether the model needs its tokenizer.
+            processing: Settings of the image processor that replace those of the model.
 
         Raises:
             WeightsError: A file is missing, or the model has another architecture.
             ConfigError: This machine does not have the device.
         """
         self.folder = folder
+        self.tokenizer: Any = None
         self.architecture = read_architecture(folder, architectures)
         self.device = _choose_device(device)
         self.batch = 1 if self.device == "cpu" else GPU_BATCH
         self.image_processor = _load_part("AutoImageProcessor", folder, backend="pil", **_no_metadata(folder))
-        self.tokenizer = _load_part("AutoTokenizer", folder) if takes_text else None
+        if takes_text:
+            self.tokenizer = _load_part("AutoTokenizer", folder)
         self._network, report = load_network(folder, self.architecture)
         self._missing = sorted(map(str, report["missing_keys"]))
         _fill_with_nan(self._network, self._missing)
         self._network.to(self.device)
         self.config = self._network.config
-        self._sized = {} if size_px is None else {"size": {"width": size_px[0], "height": size_px[1]}}
         self.size_px = _input_size(self.image_processor) if size_px is None else size_px
+        self._processing = dict(processing)
+        if size_px is not None:
+            self._processing["size"] = {"width": size_px[0], "height": size_px[1]}
         if getattr(self.image_processor, "do_center_crop", None) is not None:
-            self._sized["do_center_crop"] = False  # the border of a view belongs to it
+            self._processing["do_center_crop"] = False  # the border of a view belongs to it
 
     def prepare(self, images: np.ndarray) -> dict[str, Any]:
         """Return the inputs of the network for images (n, height, width, 3) uint8 RGB."""
-        return dict(self.image_processor(images=list(images), return_tensors="pt", **self._sized))
+        return dict(self.image_processor(images=list(images), return_tensors="pt", **self._processing))
 
     def run(self, inputs: Mapping[str, Any]) -> Any:
         """Return the output of the network for tensors, as float32 tensors on the CPU. On a GPU, in half precision.
@@ -191,7 +199,8 @@ def read_architecture(folder: Path, architectures: Collection[str]) -> str:
     names = [name for name in received if name in architectures] if isinstance(received, Sequence) else []
     if not names:
         raise WeightsError(
-            f"{folder / CONFIG} has the architectures {received!r}, expected one of {', '.join(sorted(architectures))}"
+            f"{folder / CONFIG} has the architectures {received!r}, expected one for this task, "
+            f"such as {', '.join(sorted(architectures)[:MAX_NAMED])}"
         )
     return str(names[0])
 

@@ -170,16 +170,17 @@ def fetch_hub_model(name: str, progress: ByteProgress = lambda done, total: None
         info = api.model_info(
             reference.repository, revision=reference.commit or reference.revision, files_metadata=True
         )
-    if not re.fullmatch(_COMMIT, info.sha or ""):
-        raise WeightsError(f"{api.endpoint} gave {info.sha!r} as the commit of {reference}, expected 40 hex digits")
+    commit = info.sha or ""
+    if not re.fullmatch(_COMMIT, commit):
+        raise WeightsError(f"{api.endpoint} gave {commit!r} as the commit of {reference}, expected 40 hex digits")
     files = _select(reference, info.siblings or [])
-    folder = reference.folder / info.sha
+    folder = reference.folder / commit
     shutil.rmtree(folder, ignore_errors=True)  # incomplete or damaged, else it would have been found
     with new_folder(folder) as temporary:
-        hashes = _download(api, reference, info.sha, files, temporary, progress)
+        hashes = _download(api, reference, commit, files, temporary, progress)
         manifest = {
             "repository": reference.repository,
-            "commit": info.sha,
+            "commit": commit,
             "licence": _licence(info),
             "files": [
                 {"name": file.rfilename, "sha256": sha256, "size_bytes": file.size}
@@ -187,7 +188,7 @@ def fetch_hub_model(name: str, progress: ByteProgress = lambda done, total: None
             ],
         }
         write_json(temporary / MANIFEST, manifest)
-    write_json(reference.folder / REVISIONS, {**_read_revisions(reference.folder), reference.revision: info.sha})
+    write_json(reference.folder / REVISIONS, {**_read_revisions(reference.folder), reference.revision: commit})
     return _read_model(folder)
 
 
