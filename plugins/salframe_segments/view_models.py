@@ -19,6 +19,10 @@ PROMPT = "a photo of a {}"
 """Text that OWL-ViT and OWLv2 were trained with (Minderer et al., arXiv 2205.06230)."""
 
 
+MASK_PROBABILITY, MIN_VISIBLE = 0.5, 0.8
+"""Minimum probability of a mask at its pixels, and minimum share of a mask that no other mask covers."""
+
+
 class Task(Enum):
     """What a network predicts for an image."""
 
@@ -120,22 +124,15 @@ class BoxModel(_ClosedSetModel):
 class SegmentModel(_ClosedSetModel):
     """Panoptic, instance and universal segmentation: objects with masks, such as from Mask2Former and OneFormer."""
 
-    def __init__(self, model: PretrainedModel, min_score: float) -> None:
-        from transformers import MaskFormerImageProcessorPil
-
-        super().__init__(model, min_score)
-        self._is_oneformer = model.config.model_type == "oneformer"
-        # OneFormer's own processor does the same as MaskFormer's, but needs torchvision.
-        self._reader = MaskFormerImageProcessorPil() if self._is_oneformer else model.image_processor
-
     def _detect_batch(self, views: np.ndarray) -> list[ImageDetections]:
         inputs = self._model.prepare(views)
-        if self._is_oneformer:
+        if self._model.config.model_type == "oneformer":
             inputs["task_inputs"] = self._task_tokens(len(views))
-        results = self._reader.post_process_panoptic_segmentation(
-            self._model.run(inputs), threshold=self._min_score, target_sizes=_sizes(views)
-        )
-        return [self._segments(result["segmentation"].numpy(), result["segments_info"]) for result in results]
+        output = self._model.run(inputs)
+        has_queries = "class_queries_logits" in output
+        logits = output["class_queries_logits" if has_queries else "logits"]
+        masks = output["masks_queries_logits" if has_queries else "pred_masks"]
+        return [self._segments(*pair, views.shape[1:3]) for pair in zip(logits, masks, strict=True)]
 
     def _task_tokens(self, count: int) -> Any:
         """Return OneFormer's task (count, tokens), with zeros after the text as in its own processor."""
@@ -148,29 +145,44 @@ class SegmentModel(_ClosedSetModel):
         )
         return tokens["input_ids"] * tokens["attention_mask"]
 
-    def _segments(self, segment_id: np.ndarray, segments: Sequence[dict[str, Any]]) -> ImageDetections:
-        """Return the segments of a view.
+    def _segments(self, logits: Any, mask_logits: Any, size: tuple[int, int]) -> ImageDetections:
+        """Return the segments of a view by the panoptic inference of MaskFormer (Cheng et al., NeurIPS 2021, 3.4).
+
+        A pixel belongs to the query with the largest product of score and mask probability, if that mask probability
+        is at least 0.5. A query whose mask is mostly covered by others is left out. Unlike this, the library's own
+        function also gives the pixels of no mask to a query, and leaves out all scores below 0.5.
 
         Args:
-            segment_id: Segment (height, width) int of each pixel.
-            segments: id, label_id and score of each segment.
+            logits: Class logits (queries, C + 1), the last for no object.
+            mask_logits: Mask logits (queries, h, w).
+            size: Height and width of the view.
         """
-        masks = np.array([segment_id == segment["id"] for segment in segments], bool).reshape(-1, *segment_id.shape)
-        shown = np.array([mask.any() for mask in masks], bool)
+        from torch.nn.functional import interpolate
+
+        scores, classes = logits.softmax(-1).max(-1)
+        is_kept = (classes < logits.shape[-1] - 1) & (scores >= self._min_score)
+        scores, classes = scores[is_kept].numpy().astype(float), classes[is_kept].numpy()
+        if not len(scores):
+            return self._objects(np.zeros((0, 4)), scores, classes, np.zeros((0, *size), bool))
+        probability = interpolate(mask_logits[is_kept][None], size, mode="bilinear")[0].sigmoid().numpy()
+        owner = (scores[:, None, None] * probability).argmax(0)
+        is_inside = probability >= MASK_PROBABILITY
+        masks = is_inside & (owner == np.arange(len(scores))[:, None, None])
+        visible, area = masks.sum((1, 2)), is_inside.sum((1, 2))
+        shown = np.flatnonzero((visible > 0) & (visible > MIN_VISIBLE * area))
         masks = masks[shown]
-        rows, columns = np.any(masks, axis=2), np.any(masks, axis=1)
-        height, width = segment_id.shape
-        boxes = [
-            columns.argmax(1),
-            rows.argmax(1),
-            width - columns[:, ::-1].argmax(1),
-            height - rows[:, ::-1].argmax(1),
-        ]
-        scores, classes = (
-            np.array([segment[name] for segment in segments], kind)[shown]
-            for name, kind in (("score", float), ("label_id", int))
+        rows, columns = masks.any(axis=2), masks.any(axis=1)
+        height, width = size
+        boxes = np.stack(
+            [
+                columns.argmax(1),
+                rows.argmax(1),
+                width - columns[:, ::-1].argmax(1),
+                height - rows[:, ::-1].argmax(1),
+            ],
+            -1,
         )
-        return self._objects(np.stack(boxes, -1).reshape(-1, 4).astype(float), scores, classes, masks)
+        return self._objects(boxes.astype(float), scores[shown], classes[shown], masks)
 
 
 class PromptedModel(ViewModel):

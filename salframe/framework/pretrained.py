@@ -31,10 +31,12 @@ def find_model_folder(model: str | Path) -> Path:
     """Return the folder of a model: a local folder, or that of a downloaded model of the hub (hf:ORG/MODEL).
 
     Raises:
-        WeightsError: There is no such folder, or the model was not downloaded.
+        WeightsError: There is no such folder, or the model was not downloaded, or one of its files has changed.
     """
     if is_hub_name(str(model)):
-        return find_hub_model(str(model)).folder
+        weights = find_hub_model(str(model))
+        weights.paths()
+        return weights.folder
     folder = Path(model)
     if not folder.is_dir():
         raise WeightsError(
