@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from pydantic import Field
@@ -11,9 +11,16 @@ from pydantic import Field
 from salframe.framework.component import ComponentConfig
 from salframe.framework.components.identity import UserFile
 from salframe.framework.errors import ConfigError, InputMissing, WeightsError
-from salframe.framework.files.hub import EXTRA, PATTERN, find_hub_model, is_hub_name
+from salframe.framework.files.hub import EXTRA
 from salframe.framework.files.weights import NetworkWeights
-from salframe.framework.pretrained import Device, PretrainedModel, find_model_folder, read_model_config
+from salframe.framework.pretrained import (
+    PretrainedConfig,
+    PretrainedModel,
+    check_model,
+    find_model_folder,
+    hub_weights,
+    read_model_config,
+)
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
 from salframe.graphs.image_detections import ImageDetections, merge_views, suppress
@@ -51,21 +58,12 @@ class TransformersDetector(Detector):
     requires = ("torch", "transformers")
     extra = EXTRA
 
-    class Config(ComponentConfig):
-        model: Annotated[str, Field(pattern=PATTERN)] | UserFile | None = Field(
-            None,
-            union_mode="left_to_right",
-            description="folder of the model with config.json and model.safetensors, or hf:ORG/MODEL[@REVISION] of the "
-            "Hugging Face hub, downloaded by `salframe weights fetch` (required)",
-        )
+    class Config(PretrainedConfig):
         labels: tuple[str, ...] | UserFile | None = Field(
             None,
             union_mode="left_to_right",
             description="labels that a zero-shot network searches for: a list, or the folder of a saved map whose "
             "labels are used; null: the names of salframe's vocabulary. Other networks have labels of their own",
-        )
-        size_px: tuple[int, int] | None = Field(
-            None, description="width and height of each view (pixels); null: those of the model's image processor"
         )
         fov_deg: float = Field(
             90.0,
@@ -74,9 +72,6 @@ class TransformersDetector(Detector):
             description="field of view across the shorter side of each perspective view (degrees)",
         )
         min_score: float = Field(0.3, gt=0, le=1, description="minimum confidence score of an object (0 to 1)")
-        device: Device = Field(
-            "auto", description="processor that runs the network; on a GPU it runs in half precision"
-        )
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         """Load the network and run it once.
@@ -106,17 +101,12 @@ class TransformersDetector(Detector):
     @classmethod
     def weights_in_use(cls, config: Any) -> tuple[NetworkWeights, ...]:
         """Return the downloaded model of the hub that `model` names; none if it is a folder."""
-        return (find_hub_model(config.model),) if config.model is not None and is_hub_name(str(config.model)) else ()
+        return hub_weights(config)
 
     @classmethod
     def check(cls, config: Any) -> None:
         super().check(config)
-        if config.model is None:
-            raise WeightsError(
-                f"the detector {cls.name!r} has no network, expected the folder of a model as `model`, or hf:ORG/MODEL",
-                "model=FOLDER",
-            )
-        read_model_config(find_model_folder(config.model))
+        check_model(f"the detector {cls.name!r}", config)
 
     @from_near_side
     def detect(self, panorama: Panorama) -> Detections:

@@ -174,12 +174,7 @@ class SegmentModel(_ClosedSetModel):
         rows, columns = masks.any(axis=2), masks.any(axis=1)
         height, width = size
         boxes = np.stack(
-            [
-                columns.argmax(1),
-                rows.argmax(1),
-                width - columns[:, ::-1].argmax(1),
-                height - rows[:, ::-1].argmax(1),
-            ],
+            [columns.argmax(1), rows.argmax(1), width - columns[:, ::-1].argmax(1), height - rows[:, ::-1].argmax(1)],
             -1,
         )
         return self._objects(boxes.astype(float), scores[shown], classes[shown], masks)

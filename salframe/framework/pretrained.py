@@ -8,13 +8,17 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import Field
 
+from salframe.framework.component import ComponentConfig
+from salframe.framework.components.identity import UserFile
 from salframe.framework.errors import ConfigError, DataError, WeightsError, one_line, shorten
-from salframe.framework.files.hub import find_hub_model, is_hub_name
+from salframe.framework.files.hub import PATTERN, find_hub_model, is_hub_name
 from salframe.framework.files.reading import read_json
+from salframe.framework.files.weights import NetworkWeights
 
 Device = Literal["auto", "cpu", "cuda", "mps"]
 """Processor that runs a network. auto: the first of cuda, mps and cpu that this machine has."""
@@ -25,6 +29,35 @@ MAX_NAMED = 6
 """Maximum number of architectures to name in an error."""
 DEFAULT_SIDE_PX = 512
 """Width and height of images for a network whose image processor states no size."""
+
+
+class PretrainedConfig(ComponentConfig):
+    """Settings of components that run a network of transformers."""
+
+    model: Annotated[str, Field(pattern=PATTERN)] | UserFile | None = Field(
+        None,
+        union_mode="left_to_right",
+        description="folder of the model with config.json and model.safetensors, or hf:ORG/MODEL[@REVISION] of the "
+        "Hugging Face hub, downloaded by `salframe weights fetch` (required)",
+    )
+    size_px: tuple[int, int] | None = Field(
+        None, description="width and height of each view (pixels); null: those of the model's image processor"
+    )
+    device: Device = Field("auto", description="processor that runs the network; on a GPU it runs in half precision")
+
+
+def hub_weights(config: PretrainedConfig) -> tuple[NetworkWeights, ...]:
+    """Return the downloaded model of the hub that `model` names; none if it is a folder. Raises WeightsError."""
+    return (find_hub_model(str(config.model)),) if config.model is not None and is_hub_name(str(config.model)) else ()
+
+
+def check_model(component: str, config: PretrainedConfig) -> None:
+    """Raise WeightsError if `model` names no model on this machine. `component` begins the message."""
+    if config.model is None:
+        raise WeightsError(
+            f"{component} has no network, expected the folder of a model as `model`, or hf:ORG/MODEL", "model=FOLDER"
+        )
+    read_model_config(find_model_folder(config.model))
 
 
 def find_model_folder(model: str | Path) -> Path:

@@ -134,7 +134,7 @@ def test_turning_turns_the_objects_and_nothing_else(semantic):
 
 
 def test_conformance(models):
-    settings = {"model": str(models(tiny.segformer)), "min_score": 0.15}
+    settings = {"model": str(models(tiny.segformer)), "min_score": 0.15, "size_px": (32, 32)}
     assert conforms(TransformersDetector, configure("detector", "transformers", settings))
 
 
