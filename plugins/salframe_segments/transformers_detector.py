@@ -30,7 +30,7 @@ from salframe.panoramas.coverage import MIN_FOV_DEG, RINGS, Rig
 from salframe.panoramas.panorama import Panorama
 from salframe_segments.network_labels import fixed_names, graph_name
 from salframe_segments.semantic import UNSEEN, Classes, classify, find_objects
-from salframe_segments.view_models import Task, class_probabilities, open_view_model, tasks
+from salframe_segments.view_models import NetworkTask, class_probabilities, open_view_model, tasks
 from salframe_segments.voting import Views
 
 LEVEL_VIEWS = 6
@@ -83,17 +83,17 @@ class TransformersDetector(Detector):
         super().__init__(config)
         folder = find_model_folder(self.config.model)
         content, known = read_model_config(folder), tasks()
-        zero_shot = any(known.get(name) is Task.ZERO_SHOT for name in content.get("architectures") or ())
+        zero_shot = any(known.get(name) is NetworkTask.ZERO_SHOT for name in content.get("architectures") or ())
         if self.config.labels is not None and not zero_shot:
             raise ConfigError(
                 f"{folder} has labels of its own, expected labels: null; only zero-shot networks search for a list"
             )
         takes_text = zero_shot or content.get("model_type") in TEXT_MODELS
         model = PretrainedModel(folder, known, self.config.device, self.config.size_px, takes_text=takes_text)
-        self._objects: SemanticObjects | ViewObjects = (
-            SemanticObjects(model, self.config.fov_deg, self.config.min_score)
-            if known[model.architecture] is Task.SEMANTIC
-            else ViewObjects(
+        self._objects: VotedViews | MergedViews = (
+            VotedViews(model, self.config.fov_deg, self.config.min_score)
+            if known[model.architecture] is NetworkTask.SEMANTIC
+            else MergedViews(
                 model, self.config.fov_deg, self.config.min_score, _labels(self.config.labels) if zero_shot else ()
             )
         )
@@ -116,7 +116,7 @@ class TransformersDetector(Detector):
         return self._objects.detect(panorama.rgb, panorama.valid, panorama.range_m)
 
 
-class SemanticObjects:
+class VotedViews:
     """Objects from a semantic segmentation network: votes of six horizontal views, as in the detector `segments`."""
 
     def __init__(self, model: PretrainedModel, fov_deg: float, min_score: float) -> None:
@@ -141,7 +141,7 @@ class SemanticObjects:
         return self._classes.join_views(class_probabilities(self._model, views))
 
 
-class ViewObjects:
+class MergedViews:
     """Objects from boxes or masks in sixteen views that cover the sphere, merged as in the detector `onnx`."""
 
     def __init__(self, model: PretrainedModel, fov_deg: float, min_score: float, labels: Sequence[str]) -> None:
@@ -158,8 +158,8 @@ class ViewObjects:
             grid = self._rig.grid(len(rgb))
             shown = np.any(grid.visible[:, grid.thin(valid)], axis=1)
         detections = [EMPTY] * RING_VIEWS
-        found = self._model.detect(self._rig.cut(rgb)[shown])
-        for view, view_detections in zip(np.flatnonzero(shown), found, strict=True):
+        shown_detections = self._model.detect(self._rig.cut(rgb)[shown])
+        for view, view_detections in zip(np.flatnonzero(shown), shown_detections, strict=True):
             detections[view] = suppress(view_detections, OVERLAP)
         return merge_views(detections, self._model.names, self._rig, len(rgb), range_m)
 

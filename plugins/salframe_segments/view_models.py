@@ -23,7 +23,7 @@ MASK_PROBABILITY, MIN_VISIBLE = 0.5, 0.8
 """Minimum probability of a mask at its pixels, and minimum share of a mask that no other mask covers."""
 
 
-class Task(Enum):
+class NetworkTask(Enum):
     """What a network predicts for an image."""
 
     SEMANTIC = "semantic segmentation"
@@ -41,18 +41,18 @@ ZERO_SHOT_ARCHITECTURES = (
 
 
 @cache
-def tasks() -> dict[str, Task]:
+def tasks() -> dict[str, NetworkTask]:
     """Return the task of each architecture of transformers that a detector can use."""
     from transformers.models.auto import modeling_auto as auto
 
     mappings = (
-        (Task.DETECTION, auto.MODEL_FOR_OBJECT_DETECTION_MAPPING_NAMES),
-        (Task.PANOPTIC, auto.MODEL_FOR_UNIVERSAL_SEGMENTATION_MAPPING_NAMES),
-        (Task.SEMANTIC, auto.MODEL_FOR_SEMANTIC_SEGMENTATION_MAPPING_NAMES),
+        (NetworkTask.DETECTION, auto.MODEL_FOR_OBJECT_DETECTION_MAPPING_NAMES),
+        (NetworkTask.PANOPTIC, auto.MODEL_FOR_UNIVERSAL_SEGMENTATION_MAPPING_NAMES),
+        (NetworkTask.SEMANTIC, auto.MODEL_FOR_SEMANTIC_SEGMENTATION_MAPPING_NAMES),
     )
     return {
         **{architecture: task for task, mapping in mappings for architecture in mapping.values()},
-        **dict.fromkeys(ZERO_SHOT_ARCHITECTURES, Task.ZERO_SHOT),
+        **dict.fromkeys(ZERO_SHOT_ARCHITECTURES, NetworkTask.ZERO_SHOT),
     }
 
 
@@ -257,18 +257,18 @@ class GroundedModel(ViewModel):
         detections = []
         for result in results:
             label = label_of_token[result["labels"].numpy()]
-            found = ImageDetections(*_boxes(result, views), label)
-            detections.append(found.take(np.flatnonzero(label >= 0)))
+            boxes = ImageDetections(*_boxes(result, views), label)
+            detections.append(boxes.take(np.flatnonzero(label >= 0)))
         return detections
 
 
 def open_view_model(model: PretrainedModel, min_score: float, labels: Sequence[str]) -> ViewModel:
     """Return the view model for an architecture that detects objects; `labels` are for zero-shot networks."""
     task = tasks()[model.architecture]
-    if task is Task.ZERO_SHOT:
+    if task is NetworkTask.ZERO_SHOT:
         zero_shot = PromptedModel if model.architecture.startswith("Owl") else GroundedModel
         return zero_shot(model, min_score, labels)
-    return (SegmentModel if task is Task.PANOPTIC else BoxModel)(model, min_score)
+    return (SegmentModel if task is NetworkTask.PANOPTIC else BoxModel)(model, min_score)
 
 
 def _sizes(views: np.ndarray) -> list[tuple[int, int]]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -16,7 +16,7 @@ from pydantic import Field
 from salframe.framework.component import ComponentConfig
 from salframe.framework.components.identity import UserFile
 from salframe.framework.errors import ConfigError, DataError, WeightsError, one_line, shorten
-from salframe.framework.files.hub import PATTERN, find_hub_model, is_hub_name
+from salframe.framework.files.hub import HubName, find_hub_model, is_hub_name
 from salframe.framework.files.reading import read_json
 from salframe.framework.files.weights import NetworkWeights
 
@@ -34,7 +34,7 @@ DEFAULT_SIDE_PX = 512
 class PretrainedConfig(ComponentConfig):
     """Settings of components that run a network of transformers."""
 
-    model: Annotated[str, Field(pattern=PATTERN)] | UserFile | None = Field(
+    model: HubName | UserFile | None = Field(
         None,
         union_mode="left_to_right",
         description="folder of the model with config.json and model.safetensors, or hf:ORG/MODEL[@REVISION] of the "
@@ -48,7 +48,7 @@ class PretrainedConfig(ComponentConfig):
 
 def hub_weights(config: PretrainedConfig) -> tuple[NetworkWeights, ...]:
     """Return the downloaded model of the hub that `model` names; none if it is a folder. Raises WeightsError."""
-    return (find_hub_model(str(config.model)),) if config.model is not None and is_hub_name(str(config.model)) else ()
+    return (find_hub_model(config.model),) if isinstance(config.model, HubName) else ()
 
 
 def check_model(component: str, config: PretrainedConfig) -> None:

@@ -80,7 +80,7 @@ def test_a_colour_gives_a_depth_in_metres(models):
 
 @pytest.mark.parametrize("make", [*RELATIVE, tiny.metric_depth_anything, tiny.glpn])
 def test_outputs_are_those_of_the_pipeline(models, make):
-    model = build(models(make), camera_height_m=1.5)
+    model = build(models(make), camera_height_m=1.5, size_px=(SIDE_PX, SIDE_PX))
     rng = np.random.default_rng(0)
     width, height = model.size_px
     pipeline = tiny.transformers.pipeline("depth-estimation", model=str(models(make)), device="cpu")

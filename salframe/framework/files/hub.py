@@ -12,9 +12,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import Field
+from pydantic_core import core_schema
 
 from salframe.framework.errors import DataError, RequirementMissing, WeightsError, one_line, shorten
 from salframe.framework.files.cache import cache_home
@@ -24,17 +25,27 @@ from salframe.framework.files.weights import ByteProgress, Download, NetworkWeig
 from salframe.framework.files.writing import new_folder, write_json
 from salframe.framework.validation import Settings
 
+if TYPE_CHECKING:
+    from pydantic import GetCoreSchemaHandler
+
 PREFIX = "hf:"
 """Start of the name of a model on the hub: hf:ORG/MODEL or hf:ORG/MODEL@REVISION."""
-PATTERN = r"^hf:[\w.-]+/[\w.-]+(@[\w./-]+)?$"
-"""Regular expression of such a name."""
 MANIFEST, REVISIONS = "salframe-hub.json", "revisions.json"
 """Names of the file that lists the files of a downloaded model, and of the file that pins revisions to commits."""
+_NAME = re.compile(r"^hf:[\w.-]+/[\w.-]+(@[\w./-]+)?$")
 _COMMIT = r"[0-9a-f]{40}"
 _WEIGHTS = re.compile(r"model\.safetensors|model-\d+-of-\d+\.safetensors")
 _TEXTS = (".json", ".txt")
 """Suffixes of the other files that a model needs: configurations and vocabularies."""
 EXTRA = "salframe[transformers]"
+
+
+class HubName(str):
+    """Type of a setting that names a model of the hub: hf:ORG/MODEL or hf:ORG/MODEL@REVISION."""
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        return core_schema.no_info_after_validator_function(cls, core_schema.str_schema(pattern=_NAME.pattern))
 
 
 @dataclass(frozen=True)
@@ -52,7 +63,7 @@ class HubReference:
     @classmethod
     def parse(cls, name: str) -> HubReference:
         """Return the model with a name like hf:ORG/MODEL@REVISION. Raises WeightsError if it is no such name."""
-        if not re.match(PATTERN, name):
+        if not _NAME.match(name):
             raise WeightsError(f"received {shorten(name)!r} as a model of the hub, expected hf:ORG/MODEL[@REVISION]")
         return cls(*name.removeprefix(PREFIX).split("@"))
 
