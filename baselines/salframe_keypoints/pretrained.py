@@ -14,8 +14,7 @@ from salframe.framework.files.reading import read_json
 class Pretrained:
     """A model in the layout of the Hugging Face hub: a folder with config.json and model.safetensors.
 
-    The weights are read without executing code. `salframe weights fetch` does not download them, because there is no
-    published hash to verify a download.
+    The weights are read without executing code.
 
     Attributes:
         repository: Repository on the hub.
@@ -56,21 +55,12 @@ class Pretrained:
 
     def load(self, folder: Path | None) -> Any:
         """Load the model. Raises WeightsError if any tensor is missing, unexpected or of another shape."""
-        import transformers
+        from salframe.framework.pretrained import load_network
 
         config, weights = self.files(folder)
-        transformers.utils.logging.disable_progress_bar()
-        try:
-            model, report = getattr(transformers, self.model_class).from_pretrained(
-                config.parent, local_files_only=True, use_safetensors=True, output_loading_info=True
-            )
-        except Exception as error:  # the parsers of the library raise many types of exceptions
-            text = " ".join(str(error).split())
-            raise WeightsError(
-                f"{weights} does not fit {self.model_class}: {type(error).__name__} {text[:200]}"
-            ) from None
+        model, report = load_network(config.parent, self.model_class)
         for key in ("missing_keys", "unexpected_keys", "mismatched_keys"):
             if report[key]:
                 keys = sorted(map(str, report[key]))[:3]
                 raise WeightsError(f"{weights} does not fit {self.model_class}: {key.replace('_', ' ')} {keys}")
-        return model.eval()
+        return model

@@ -7,8 +7,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from salframe.framework.errors import WeightsError
+from salframe.graphs.image_detections import ImageDetections
 from salframe.testing.expectations import ConformanceError, ask, expect, same
-from salframe_detectors.detection_decoder import DecodeRequest, DetectionDecoder, ImageDetections
+from salframe_detectors.detection_decoder import DecodeRequest, DetectionDecoder
 
 REQUEST = DecodeRequest(width_px=96, height_px=64, num_classes=3, min_score=0.25)
 CELLS = sum((REQUEST.width_px // stride) * (REQUEST.height_px // stride) for stride in (8, 16, 32))

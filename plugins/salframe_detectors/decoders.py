@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from salframe.framework.errors import WeightsError
-from salframe_detectors.detection_decoder import DecodeRequest, DetectionDecoder, ImageDetections
+from salframe.graphs.image_detections import ImageDetections
+from salframe_detectors.detection_decoder import DecodeRequest, DetectionDecoder
 
 YOLOX_STRIDES_PX = (8, 16, 32)
 MASK_COEFFICIENTS = 32

@@ -9,33 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from salframe.framework.component import Role
-
-
-@dataclass(frozen=True, eq=False)
-class ImageDetections:
-    """Detections of a network in one image.
-
-    Attributes:
-        box_px: Boxes (n, 4): left, top, right, bottom; pixel centres at +0.5.
-        score: Scores (n,) in [0, 1].
-        label: Classes (n,) int.
-        mask: Masks (n, height, width) bool; None if only boxes are known.
-    """
-
-    box_px: np.ndarray
-    score: np.ndarray
-    label: np.ndarray
-    mask: np.ndarray | None = None
-
-    def take(self, index: np.ndarray) -> ImageDetections:
-        """Return the detections at these positions."""
-        return ImageDetections(
-            self.box_px[index], self.score[index], self.label[index], None if self.mask is None else self.mask[index]
-        )
-
-    def masks(self) -> Sequence[np.ndarray | None]:
-        """Return the mask of each detection, None if only boxes are known."""
-        return [None] * len(self.score) if self.mask is None else list(self.mask)
+from salframe.graphs.image_detections import ImageDetections
 
 
 @dataclass(frozen=True)

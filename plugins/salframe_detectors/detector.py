@@ -14,15 +14,13 @@ from salframe.framework.components.registry import registry
 from salframe.framework.components.slots import slot
 from salframe.framework.errors import ConfigError, InputMissing, WeightsError
 from salframe.framework.files.weights import NetworkWeights
-from salframe.graphs.boxes import MIN_POINTS, detections_where_known
-from salframe.graphs.detections import Detections, unit_vectors
+from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
+from salframe.graphs.image_detections import ImageDetections, merge_views, suppress
 from salframe.graphs.turning import from_near_side
+from salframe.panoramas.coverage import MIN_FOV_DEG, Rig
 from salframe.panoramas.panorama import Panorama
-from salframe_detectors.coverage import MIN_FOV_DEG, Grid, Rig
-from salframe_detectors.depth import foreground
-from salframe_detectors.detection_decoder import DecodeRequest, DetectionDecoder, ImageDetections
-from salframe_detectors.merging import group, outline, suppress
+from salframe_detectors.detection_decoder import DecodeRequest, DetectionDecoder
 from salframe_detectors.zoo import COCO_80, ZOO, read_class_names
 
 BATCH = 4
@@ -135,46 +133,8 @@ class OnnxDetector(Detector):
         image = panorama.rgb
         if panorama.valid is not None:
             image = np.where(panorama.valid[..., None], image, np.uint8(self.config.fill))
-        grid = self._rig.grid(len(image))
-        return self._join(
-            self._detect_views(self._rig.cut(image)),
-            grid,
-            None if panorama.range_m is None else grid.thin(panorama.range_m),
-        )
-
-    def _join(self, detections: list[ImageDetections], grid: Grid, range_m: np.ndarray | None) -> Detections:
-        """Merge the detections of all views to objects; range_m (P,): ranges in metres at the grid's pixels."""
-        view = np.repeat(np.arange(len(detections)), [len(view_detections.score) for view_detections in detections])
-        label, score = (
-            np.concatenate([getattr(view_detections, name) for view_detections in detections])
-            for name in ("label", "score")
-        )
-        cut = self._rig.cuts(np.concatenate([view_detections.box_px for view_detections in detections]))
-        marked = [
-            grid.footprint(v, box, mask)
-            for v, view_detections in enumerate(detections)
-            for box, mask in zip(view_detections.box_px, view_detections.masks(), strict=True)
-        ]
-        footprint = np.array(marked, bool).reshape(len(view), len(grid.rays))
-        # Boxes at a view's border with fewer pixels are ignored.
-        usable = ~cut | (footprint.sum(1) >= MIN_POINTS)
-        labels, scores, bearing, solid_angle_sr, masks, points = [], [], [], [], [], []
-        for kind in np.unique(label[usable]):
-            alike = np.flatnonzero(usable & (label == kind))
-            for members in group(footprint[alike], view[alike], cut[alike], grid.visible, grid.solid_angle_sr):
-                indices = alike[members]
-                labels.append(self._labels[kind])
-                scores.append(score[indices].max())
-                inside = np.flatnonzero(outline(footprint[indices], view[indices], grid.visible))
-                bearing.append(grid.solid_angle_sr[inside] @ grid.rays[inside])
-                solid_angle_sr.append(grid.solid_angle_sr[inside].sum())
-                masks.append(grid.rays[inside])
-                if range_m is not None:
-                    inside = inside[foreground(range_m[inside], grid.solid_angle_sr[inside])]
-                    points.append(grid.rays[inside] * range_m[inside, None])
-        towards, covered_sr = unit_vectors(np.reshape(bearing, (-1, 3))), np.array(solid_angle_sr, float)
-        clouds = None if range_m is None else points
-        return detections_where_known(labels, np.array(scores, float), clouds, towards, covered_sr, masks)
+        detections = self._detect_views(self._rig.cut(image))
+        return merge_views(detections, self._labels, self._rig, len(image), panorama.range_m)
 
     def _detect_views(self, views: np.ndarray) -> list[ImageDetections]:
         """Run the network on views (V, height, width, 3) uint8 RGB and return the detections of each view."""

@@ -1,4 +1,4 @@
-"""The detector `segments`: objects from semantic segmentation networks."""
+"""The detectors `segments` and `transformers`: objects from segmentation networks, and from published networks."""
 
 import salframe
 
@@ -6,5 +6,6 @@ import salframe
 @salframe.hookimpl
 def salframe_provides():
     from salframe_segments.detector import SegmentsDetector
+    from salframe_segments.transformers_detector import TransformersDetector
 
-    return [SegmentsDetector]
+    return [SegmentsDetector, TransformersDetector]

@@ -11,7 +11,9 @@ from salframe.cli.options import Json
 from salframe.cli.output import print_json
 
 app = typer.Typer(help="List, download and locate the weights of networks", no_args_is_help=True)
-Name = Annotated[str, typer.Argument(help="Name of the weights, as in `salframe weights list`")]
+Name = Annotated[
+    str, typer.Argument(help="Name as in `salframe weights list`, or hf:ORG/MODEL[@REVISION] for a model of the hub")
+]
 
 
 @app.command("list")
@@ -46,15 +48,22 @@ def fetch(name: Name) -> None:
     """Download weights to the cache of salframe and verify them.
 
     Weights that are in the cache are not downloaded again. Also prints the licence, and the terms of the training data
-    if they differ.
+    if they differ. For a model of the Hugging Face hub, downloads safetensors only, and prints the commit to which the
+    revision is pinned.
     """
     from salframe.cli.output import Bars
     from salframe.framework.components.installation import fetch_weights, find_weights
     from salframe.framework.components.registry import registry
+    from salframe.framework.files.hub import is_hub_name
 
-    typer.echo(f"{name}: {find_weights(name, registry()).terms}", err=True)
+    on_hub = is_hub_name(name)
+    if not on_hub:
+        typer.echo(f"{name}: {find_weights(name, registry()).terms}", err=True)
     with Bars() as bars:
         paths = fetch_weights(name, lambda done, total: bars.update(f"{name} (kB)", done // 1000, total // 1000))
+    if on_hub:
+        weights = find_weights(name, registry())
+        typer.echo(f"{weights.name}: {weights.terms}", err=True)
     for path in paths:
         print(path)
 

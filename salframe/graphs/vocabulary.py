@@ -57,6 +57,11 @@ def common_label(label: str) -> str:
     return _broader().get(name, name)
 
 
+def vocabulary_names() -> tuple[str, ...]:
+    """Return the names of the vocabulary: one for each kind of object, without synonyms and more special kinds."""
+    return tuple(read_yaml(NAMES)["synonyms"])
+
+
 def with_object_labels(detections: Detections) -> Detections:
     """Return the detections with labels that are equal for equal objects, for comparison with other panoramas."""
     return replace(detections, labels=tuple(map(object_label, detections.labels)))

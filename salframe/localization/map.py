@@ -452,6 +452,22 @@ def map_config(directory: str | Path) -> ComponentConfig:
     return read_map(Path(directory), MapParts.read_config)
 
 
+def map_labels(directory: str | Path) -> tuple[str, ...]:
+    """Return the distinct labels of the objects of a saved map, sorted.
+
+    Raises:
+        DataError: `directory` contains no map, or a map whose method does not store labels of objects.
+    """
+
+    def read(parts: MapParts) -> tuple[str, ...]:
+        column = parts.read_scenes()[0].columns.get("labels")
+        if column is None or column.words is None:
+            raise DataError(f"the map {directory} has no labels of objects, expected a map of a method with a detector")
+        return tuple(sorted(column.words))
+
+    return read_map(Path(directory), read)
+
+
 @contextmanager
 def _blaming(folder: Path | None, localizer: Localizer) -> Iterator[None]:
     """Raise DataError if the localizer cannot index the saved arrays in `folder`, or match with them.

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from conformance import conforms
 from painted_rooms import FOV_DEG, PLAIN, painted, write_network
-from salframe_depth import range_model
+from salframe_depth import monocular
 from salframe_depth.range_model import OnnxDepth
 from salframe_depth.views import DepthRig
 
@@ -55,7 +55,7 @@ def test_each_views_scale_and_shift_are_found_and_the_floor_gives_the_metre(netw
     assert np.median(off) < STEP
     assert np.quantile(off, 0.95) < 2 * STEP
     # Without alignment the same network is far off: its views do differ.
-    monkeypatch.setattr(range_model, "align", lambda terms: np.eye(1, terms.shape[-1]).repeat(len(terms), 0))
+    monkeypatch.setattr(monocular, "align", lambda terms: np.eye(1, terms.shape[-1]).repeat(len(terms), 0))
     assert np.median(errors(model, panorama)) > 0.05
 
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from conformance import breaks, conforms
 from salframe_detectors.decoders import Yolov5
-from salframe_detectors.detection_decoder import DecodeRequest, DetectionDecoder, ImageDetections
-from salframe_detectors.merging import suppress
+from salframe_detectors.detection_decoder import DecodeRequest, DetectionDecoder
 
 from salframe.framework.components.registry import registry
 from salframe.framework.errors import WeightsError
+from salframe.graphs.image_detections import ImageDetections, suppress
 
 REQUEST = DecodeRequest(width_px=96, height_px=64, num_classes=3, min_score=0.25)
 BOXES = np.array([[10.0, 8.0, 30.0, 40.0], [50.0, 20.0, 90.0, 60.0]])

@@ -16,6 +16,7 @@ from salframe.framework.components.presets import configure, names, preset_names
 from salframe.framework.components.registry import Failure, Registry, registry
 from salframe.framework.errors import RequirementMissing, SalframeError, UnknownName, WeightsError, failure_of, unknown
 from salframe.framework.files.cache import cache_home
+from salframe.framework.files.hub import fetch_hub_model, find_hub_model, is_hub_name, list_hub_models
 from salframe.framework.files.weights import ByteProgress, NetworkWeights
 
 
@@ -37,13 +38,20 @@ def environment() -> dict[str, Any]:
 
 
 def list_weights(plugins: Registry) -> list[NetworkWeights]:
-    """Return all weights that registered components declare, sorted by name."""
+    """Return all weights that registered components declare, sorted by name, then all downloaded models of the hub."""
     weights_by_name = {weights.name: weights for component, _ in plugins for weights in component.weights}
-    return [weights_by_name[name] for name in sorted(weights_by_name)]
+    return [*(weights_by_name[name] for name in sorted(weights_by_name)), *list_hub_models()]
 
 
 def find_weights(name: str, plugins: Registry) -> NetworkWeights:
-    """Return the weights of this name. Raises UnknownName."""
+    """Return the weights of this name, or the downloaded model of the hub hf:ORG/MODEL[@REVISION].
+
+    Raises:
+        UnknownName: No component declares weights of this name.
+        WeightsError: The model of the hub was not downloaded.
+    """
+    if is_hub_name(name):
+        return find_hub_model(name)
     weights_by_name = {weights.name: weights for weights in list_weights(plugins)}
     if name not in weights_by_name:
         raise UnknownName(unknown("weights", name, sorted(weights_by_name)))
@@ -54,7 +62,7 @@ def fetch_weights(name: str, progress: ByteProgress = lambda done, total: None) 
     """Download weights to the cache of salframe, unless they are installed, and verify them.
 
     Args:
-        name: The name of the weights.
+        name: The name of the weights, or hf:ORG/MODEL[@REVISION] for a model of the Hugging Face hub.
         progress: Called with the number of received bytes and the total.
 
     Returns:
@@ -63,7 +71,10 @@ def fetch_weights(name: str, progress: ByteProgress = lambda done, total: None) 
     Raises:
         UnknownName: No component declares weights of this name.
         WeightsError: The download failed, or a file is invalid.
+        RequirementMissing: huggingface_hub, which downloads models of the hub, is not installed.
     """
+    if is_hub_name(name):
+        return fetch_hub_model(name, progress).paths()
     return find_weights(name, registry()).fetch(progress)
 
 

@@ -1,10 +1,17 @@
-"""Merging of a network's detections to objects: suppression of overlapping boxes in a view, then fusion over views."""
+"""Detections of a network in perspective views, and their merging to objects: suppression of overlapping boxes in a
+view, then fusion over views."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
-from salframe_detectors.detection_decoder import ImageDetections
+from salframe.graphs.boxes import MIN_POINTS, detections_where_known
+from salframe.graphs.detections import Detections, unit_vectors
+from salframe.graphs.foreground import foreground
+from salframe.panoramas.coverage import Rig
 
 AGREEMENT = 0.2
 """Minimum intersection over union of detections of the same object in two views. It is low because the box in a tilted
@@ -18,6 +25,33 @@ MIN_SHARED = 0.1
 CANDIDATES, MAX_DETECTIONS = 1000, 100
 """Maximum number of boxes per view before and after suppression, the defaults of Detectron2. They bound the time for
 networks with more outputs."""
+
+
+@dataclass(frozen=True, eq=False)
+class ImageDetections:
+    """Detections of a network in one image.
+
+    Attributes:
+        box_px: Boxes (n, 4): left, top, right, bottom; pixel centres at +0.5.
+        score: Scores (n,) in [0, 1].
+        label: Classes (n,) int.
+        mask: Masks (n, height, width) bool; None if only boxes are known.
+    """
+
+    box_px: np.ndarray
+    score: np.ndarray
+    label: np.ndarray
+    mask: np.ndarray | None = None
+
+    def take(self, index: np.ndarray) -> ImageDetections:
+        """Return the detections at these positions."""
+        return ImageDetections(
+            self.box_px[index], self.score[index], self.label[index], None if self.mask is None else self.mask[index]
+        )
+
+    def masks(self) -> Sequence[np.ndarray | None]:
+        """Return the mask of each detection, None if only boxes are known."""
+        return [None] * len(self.score) if self.mask is None else list(self.mask)
 
 
 def suppress(detections: ImageDetections, overlap: float) -> ImageDetections:
@@ -99,3 +133,54 @@ def outline(footprint: np.ndarray, view: np.ndarray, visible: np.ndarray) -> np.
         visible: As in `group`.
     """
     return 2 * footprint.sum(0) > visible[view].sum(0)
+
+
+def merge_views(
+    detections: Sequence[ImageDetections],
+    names: Sequence[str],
+    rig: Rig,
+    height: int,
+    range_m: np.ndarray | None = None,
+) -> Detections:
+    """Merge the detections in the views of a panorama to objects, each once.
+
+    Args:
+        detections: Detections of each view of the rig.
+        names: Names of the classes.
+        rig: The views.
+        height: Height of the panorama in pixels.
+        range_m: Range image (height, 2 height) in metres; None if no range is known.
+    """
+    grid = rig.grid(height)
+    range_m = None if range_m is None else grid.thin(range_m)
+    view = np.repeat(np.arange(len(detections)), [len(view_detections.score) for view_detections in detections])
+    label, score = (
+        np.concatenate([getattr(view_detections, name) for view_detections in detections])
+        for name in ("label", "score")
+    )
+    cut = rig.cuts(np.concatenate([view_detections.box_px for view_detections in detections]))
+    marked = [
+        grid.footprint(v, box, mask)
+        for v, view_detections in enumerate(detections)
+        for box, mask in zip(view_detections.box_px, view_detections.masks(), strict=True)
+    ]
+    footprint = np.array(marked, bool).reshape(len(view), len(grid.rays))
+    # Boxes at a view's border with fewer pixels are ignored.
+    usable = ~cut | (footprint.sum(1) >= MIN_POINTS)
+    labels, scores, bearing, solid_angle_sr, masks, points = [], [], [], [], [], []
+    for kind in np.unique(label[usable]):
+        alike = np.flatnonzero(usable & (label == kind))
+        for members in group(footprint[alike], view[alike], cut[alike], grid.visible, grid.solid_angle_sr):
+            indices = alike[members]
+            labels.append(names[kind])
+            scores.append(score[indices].max())
+            inside = np.flatnonzero(outline(footprint[indices], view[indices], grid.visible))
+            bearing.append(grid.solid_angle_sr[inside] @ grid.rays[inside])
+            solid_angle_sr.append(grid.solid_angle_sr[inside].sum())
+            masks.append(grid.rays[inside])
+            if range_m is not None:
+                inside = inside[foreground(range_m[inside], grid.solid_angle_sr[inside])]
+                points.append(grid.rays[inside] * range_m[inside, None])
+    towards, covered_sr = unit_vectors(np.reshape(bearing, (-1, 3))), np.array(solid_angle_sr, float)
+    clouds = None if range_m is None else points
+    return detections_where_known(labels, np.array(scores, float), clouds, towards, covered_sr, masks)

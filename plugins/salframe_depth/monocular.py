@@ -1,0 +1,164 @@
+"""Range from monocular depth networks: alignment of overlapping views, and scale from the height of the camera."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from salframe.framework.component import ComponentConfig
+from salframe.framework.errors import ConfigError, InputMissing
+from salframe.panoramas.camera_height import camera_height
+from salframe.panoramas.geometry import equirectangular_rays
+from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.range_model import RangeModel, from_bright_side
+from salframe_depth.alignment import align
+from salframe_depth.views import MIN_FOV_DEG, MIN_VIEWS, DepthRig, ViewRays
+
+Quantity = Literal["inverse", "z-depth", "range", "points"]
+"""Output of a depth network. inverse: 1 / depth; z-depth: depth along the view's axis; range: distance along the ray;
+points: points (x, y, z)."""
+ALIGNED_ROWS, MERGED_ROWS = 64, 512
+"""Rows of the panorama on which views are aligned, and maximum number of rows on which they are merged: 0.35 deg per
+pixel, about the resolution of views of 518 pixels."""
+MAX_RANGE_M = 100.0
+"""Maximum range in metres. Larger ranges are set to unknown, since no room is that large."""
+UNSEEN = 128
+"""Grey value of the pixels that a partial panorama does not cover."""
+
+
+class DepthConfig(ComponentConfig):
+    """Settings of all monocular depth networks."""
+
+    camera_height_m: float | None = Field(
+        None,
+        gt=0,
+        description="height of the camera above the floor (m), from which the scale of the ranges is computed; "
+        "null: the network gives metres",
+    )
+    views: int = Field(
+        MIN_VIEWS,
+        ge=MIN_VIEWS,
+        le=24,
+        description="number of horizontal perspective views cut from the panorama, in addition to eight tilted ones",
+    )
+    fov_deg: float = Field(
+        90.0,
+        ge=MIN_FOV_DEG,
+        le=120,
+        description="field of view across the shorter side of each perspective view (degrees)",
+    )
+
+
+class MonocularDepth(RangeModel):
+    """Base of range models with a depth network for single images, on overlapping views of a panorama.
+
+    A subclass sets the attributes before the first estimate.
+
+    Attributes:
+        quantity: Quantity that the network outputs.
+        metric: Whether the output is in metres. If not, its scale is unknown and, for `inverse` and `z-depth`, its
+            shift.
+        size_px: Width and height of the network's input.
+    """
+
+    quantity: Quantity
+    metric: bool
+    size_px: tuple[int, int]
+
+    @abstractmethod
+    def _run_network(self, images: np.ndarray) -> np.ndarray:
+        """Run the network on images (N, height, width, 3) uint8 RGB: (N, h, w) float32; for points, their distance."""
+
+    def _check_scale(self, metric_network: str) -> None:
+        """Raise ConfigError if neither the network nor the settings give a metric scale.
+
+        Args:
+            metric_network: How a user chooses a metric network, for the message.
+        """
+        if not (self.metric or self.config.camera_height_m):
+            raise ConfigError(
+                f"the range model {self.name!r} has no metric scale, expected {metric_network}, or camera_height_m, "
+                "the height of the camera above the floor"
+            )
+
+    @from_bright_side
+    def estimate(self, panorama: Panorama) -> np.ndarray:
+        import cv2
+
+        if panorama.rgb is None:
+            raise InputMissing(f"{panorama.id} has no colour, which the range model {self.name!r} needs")
+        image, height = panorama.rgb, len(panorama.rgb)
+        if panorama.valid is not None:
+            image = np.where(panorama.valid[..., None], image, np.uint8(UNSEEN))
+        nearness = self._estimate_nearness(image, panorama.valid)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            range_m = np.where(nearness > 0, 1 / nearness, np.float32(np.nan)).astype(np.float32)
+        if self.config.camera_height_m is not None:
+            range_m = self._scale_to_floor(range_m)
+        range_m = np.where(range_m < MAX_RANGE_M, range_m, np.float32(np.nan))
+        return cv2.resize(range_m, (2 * height, height), interpolation=cv2.INTER_NEAREST)
+
+    def _scale_to_floor(self, range_m: np.ndarray) -> np.ndarray:
+        """Scale a range image so that the floor is camera_height_m below the camera.
+
+        If no floor is visible, a metric range image is returned unchanged, and any other with all ranges unknown.
+        """
+        height_m = camera_height(range_m)
+        if height_m is not None:
+            return range_m * np.float32(self.config.camera_height_m / height_m)
+        return range_m if self.metric else np.full_like(range_m, np.nan)
+
+    def _estimate_nearness(self, image: np.ndarray, valid: np.ndarray | None) -> np.ndarray:
+        """Estimate 1 / range (h, 2h) float32, in the network's scale, from overlapping views.
+
+        Args:
+            image: Panorama (H, 2H, 3).
+            valid: Pixels (H, 2H) that the panorama covers; None: all.
+        """
+        import cv2
+
+        rig = DepthRig.around(self.config.views, *self.size_px, np.radians(self.config.fov_deg))
+        rays = equirectangular_rays(ALIGNED_ROWS)
+        view_rays = [rig.project_rays(view, rays) for view in range(rig.count)]
+        valid_rays = np.ones(rays.shape[:2], bool)
+        if valid is not None:
+            valid_rays = cv2.resize(valid.astype(np.uint8), valid_rays.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
+        visible_views = [
+            view for view, rays_in_view in enumerate(view_rays) if (valid_rays & (rays_in_view.weight > 0)).any()
+        ]
+        rays = equirectangular_rays(min(len(image), MERGED_ROWS))
+        total, weights = np.zeros(rays.shape[:2], np.float32), np.zeros(rays.shape[:2], np.float32)
+        if not visible_views:
+            return total
+        depths = self._run_network(rig.cut(image)[visible_views])
+        terms = [self._terms(view_rays[view], depth) for view, depth in zip(visible_views, depths, strict=True)]
+        coefficients = align(
+            np.where(valid_rays[..., None], np.stack(terms), np.nan).reshape(len(visible_views), valid_rays.size, -1)
+        )
+        for view, depth, coefficient in zip(visible_views, depths, coefficients, strict=True):
+            rays_in_view = rig.project_rays(view, rays)
+            values = self._terms(rays_in_view, depth) @ coefficient.astype(np.float32)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                nearness = values if self.quantity == "inverse" else 1 / values
+            known = (nearness > 0) & np.isfinite(nearness)
+            total[known] += (rays_in_view.weight * nearness)[known]
+            weights[known] += rays_in_view.weight[known]
+        return np.divide(total, weights, where=weights > 0, out=np.zeros_like(total))
+
+    def _terms(self, rays_in_view: ViewRays, depth: np.ndarray) -> np.ndarray:
+        """Return the terms (h, w, K) whose weighted sum is the range along the rays, or 1 / range for `inverse`.
+
+        The first coefficient is the view's scale, the second its shift if it has one.
+
+        Args:
+            rays_in_view: Rays (h, w) in the view.
+            depth: Network output for the view, of any height and width.
+        """
+        value = rays_in_view.sample(depth)
+        if self.quantity in ("range", "points"):
+            return value[..., None]
+        along = rays_in_view.cosine if self.quantity == "inverse" else 1 / rays_in_view.cosine
+        return np.stack([value * along, along] if not self.metric else [value * along], -1)
