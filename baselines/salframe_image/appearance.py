@@ -18,13 +18,13 @@ from salframe.panoramas.geometry import pose_yaw
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.perspective import ViewRig, turned_similarity
 from salframe_image.image_network import ImageNetwork
-from salframe_image.network_input import cut_seen_views
+from salframe_image.network_input import cut_visible_views
 
-VIEWS, SEEN = "appearance", "appearance_seen"
-"""Keys of the descriptors of the views, and of their weights, in a description."""
+VIEWS, SHARE = "appearance", "appearance_seen"
+"""Keys of the descriptors of the views, and of their shares of valid pixels, in a description."""
 PACKED_VIEWS = "appearance_int8"
 """Key of the descriptors in a packed description."""
-MIN_SEEN = 0.02
+MIN_SHARE = 0.02
 """Minimum share of valid pixels of a view. With less, the descriptor is that of the grey around them."""
 MAX_DISTANCE_M = 2.5
 """Maximum distance of a view of a query from its last view, in metres. Farther views may show another place."""
@@ -52,7 +52,7 @@ class AppearanceEvidence(EvidenceModel):
             weight=78.0,
         ),
     )
-    arrays = (VIEWS, SEEN)
+    arrays = (VIEWS, SHARE)
     uses = frozenset({"rgb"})
     column_step: ClassVar[int | None] = None  # views of a rotated panorama show other parts of it
 
@@ -82,18 +82,18 @@ class AppearanceEvidence(EvidenceModel):
 
     def describe(self, panorama: Panorama, description: Description) -> Description:
         """Return `appearance` (V, C) float16, the descriptor of each view multiplied by its share of valid pixels, and
-        `appearance_seen` (V,) float32, these shares; 0 below MIN_SEEN."""
+        `appearance_seen` (V,) float32, these shares; 0 below MIN_SHARE."""
         if panorama.rgb is None:
             return {}
-        views, share = cut_seen_views(panorama, self._rig)
-        seen = np.where(share >= MIN_SEEN, share, 0).astype(np.float32)
-        if not seen.any():
+        views, share = cut_visible_views(panorama, self._rig)
+        share = np.where(share >= MIN_SHARE, share, 0).astype(np.float32)
+        if not share.any():
             return {}
-        visible = np.flatnonzero(seen)
+        visible = np.flatnonzero(share)
         unit = self._network.descriptors(views[visible], self.config.power)
-        weighted = np.zeros((len(seen), unit.shape[1]), np.float16)
-        weighted[visible] = unit * seen[visible, None]
-        return {VIEWS: weighted, SEEN: seen}
+        weighted = np.zeros((len(share), unit.shape[1]), np.float16)
+        weighted[visible] = unit * share[visible, None]
+        return {VIEWS: weighted, SHARE: share}
 
     def join(self, descriptions: Sequence[Description], T_last_view: np.ndarray) -> Description:
         """Return the sums over the views near the last one, each rotated by whole views of the rig to its heading."""
@@ -114,13 +114,13 @@ class AppearanceEvidence(EvidenceModel):
         """Return the directions of the descriptors as `appearance_int8` (V, C), and `appearance_seen`."""
         if VIEWS not in description:
             return {}
-        return {PACKED_VIEWS: _quantise(description[VIEWS]), SEEN: description[SEEN]}
+        return {PACKED_VIEWS: _quantise(description[VIEWS]), SHARE: description[SHARE]}
 
     def unpack(self, packed: Description) -> Description:
         if PACKED_VIEWS not in packed:
             return {}
-        weighted = _unit(packed[PACKED_VIEWS]) * packed[SEEN][:, None]
-        return {VIEWS: weighted.astype(np.float16), SEEN: packed[SEEN]}
+        weighted = _unit(packed[PACKED_VIEWS]) * packed[SHARE][:, None]
+        return {VIEWS: weighted.astype(np.float16), SHARE: packed[SHARE]}
 
     def index(self, descriptions: Sequence[Description], places: PlaceFrames, T_world_pano: np.ndarray) -> None:
         has_views = np.array([VIEWS in description for description in descriptions], bool)
@@ -148,7 +148,7 @@ class AppearanceEvidence(EvidenceModel):
         weighted = description[VIEWS].astype(np.float32)
         reference = _unit(self._vectors[self._row[frames]])
         similarity = np.full(len(self._row), -np.inf)
-        similarity[frames] = turned_similarity(weighted, reference).max(1) * len(weighted) / description[SEEN].sum()
+        similarity[frames] = turned_similarity(weighted, reference).max(1) * len(weighted) / description[SHARE].sum()
         of_place = self._places.max_of_frames(similarity)[hypotheses.place]
         is_known = np.isfinite(of_place)
         return {"appearance": np.where(is_known, of_place, of_place[is_known].mean())}

@@ -10,7 +10,7 @@ from salframe.framework.errors import InputMissing
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.perspective import ViewRig
 
-UNSEEN = np.uint8(127)
+HIDDEN_GREY = np.uint8(127)
 """Grey level of pixels that a partial panorama does not show. Most networks subtract about this value from an image."""
 
 
@@ -31,7 +31,7 @@ def cut_views(panorama: Panorama, rig: ViewRig) -> tuple[np.ndarray, np.ndarray]
     return views, rig.cut(panorama.valid.astype(np.uint8)).mean((1, 2)) >= 0.5
 
 
-def cut_seen_views(panorama: Panorama, rig: ViewRig) -> tuple[np.ndarray, np.ndarray]:
+def cut_visible_views(panorama: Panorama, rig: ViewRig) -> tuple[np.ndarray, np.ndarray]:
     """Cut perspective views from a panorama, with grey pixels where a partial panorama shows nothing.
 
     Returns:
@@ -43,8 +43,8 @@ def cut_seen_views(panorama: Panorama, rig: ViewRig) -> tuple[np.ndarray, np.nda
     views, _ = cut_views(panorama, rig)
     if panorama.valid is None:
         return views, np.ones(rig.count)
-    seen = rig.cut(panorama.valid.astype(np.uint8))
-    return np.where(seen[..., None] > 0, views, UNSEEN), seen.mean((1, 2))
+    valid = rig.cut(panorama.valid.astype(np.uint8))
+    return np.where(valid[..., None] > 0, views, HIDDEN_GREY), valid.mean((1, 2))
 
 
 def as_batch(views: np.ndarray, mean: Sequence[float], std: Sequence[float]) -> np.ndarray:
