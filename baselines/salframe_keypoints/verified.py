@@ -50,7 +50,7 @@ class Verified(Localizer):
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
         self._ranking: Localizer = registry().build(Localizer.role, self.config.ranking)
-        self._keypoints = Keypoints(Keypoints.Config(features=self.config.features))
+        self._keypoints = Keypoints(Keypoints.Config.model_validate({"features": self.config.features}))
         self.range_model, self.level = self._ranking.range_model, self._ranking.level
         self.odometry = self._ranking.odometry
 

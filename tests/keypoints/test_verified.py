@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from conformance import conforms
 from salframe_keypoints.verified import Verified
 
 from salframe.framework.components.registry import registry
+from salframe.framework.config import read_yaml
 from salframe.framework.validation import validate
 from salframe.localization.describing import describe_frame
 from salframe.localization.map import LocalizationMap
 from salframe.panoramas.geometry import pose_2d, pose_errors
 
+METHODS = Path(__file__).parents[2] / "configs" / "methods"
 QUERY = pose_2d(0.6, -0.4, 2.2, z_m=0.05)
 
 
@@ -65,9 +69,9 @@ def test_the_gain_is_the_weighted_logarithm_of_the_inliers(rooms, references):
     assert answer.places[0].place == "room 1"
 
 
-@pytest.mark.parametrize("settings", [{"places": 1}, {"weight": 0.0}])
-def test_without_verification_the_ranking_stays(rooms, references, settings):
-    answer = LocalizationMap.build(make(**settings), references).localize(rooms[2].query(QUERY))
+@pytest.mark.parametrize("changes", [{"places": 1}, {"weight": 0.0}])
+def test_without_verification_the_ranking_stays(rooms, references, changes):
+    answer = LocalizationMap.build(make(**changes), references).localize(rooms[2].query(QUERY))
     assert [place.place for place in answer.places] == ["room 0", "room 1", "room 2"]
     assert (answer.status, answer.T_world_query) == ("no-pose", None)
 
@@ -98,6 +102,12 @@ def test_a_saved_map_answers_alike(rooms, references, tmp_path):
     first, second = built.localize(query), opened.localize(query)
     assert first.places == second.places
     np.testing.assert_array_equal(first.T_world_query, second.T_world_query)
+
+
+def test_the_preset_ranks_like_proposed_appearance():
+    verified, preset = (read_yaml(METHODS / f"{name}.yaml") for name in ("verified", "proposed-appearance"))
+    for part in ("evidence", "weights"):
+        assert verified["ranking"][part] == preset[part]
 
 
 @pytest.mark.slow
