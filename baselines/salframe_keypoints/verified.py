@@ -1,4 +1,4 @@
-"""The localizer `verified`: another method ranks the places, and keypoint matches re-rank the first ones."""
+"""The localizer `verified-places`: another method ranks the places, and keypoint matches re-rank the first ones."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _RANKING, _KEYPOINTS = "ranking_", "keypoints_"
 """Prefixes of the keys of the arrays of the ranking, and of the keypoints, in a description."""
 
 
-class Verified(Localizer):
+class VerifiedPlaces(Localizer):
     """Ranks places by another localizer, and re-ranks the first ones by keypoint matches with their frames.
 
     The score of each of the first `places` places is its score by `ranking` plus weight * ln(1 + n / min_inliers). n is
@@ -33,7 +33,7 @@ class Verified(Localizer):
     Keypoints of joined views are those of the last view.
     """
 
-    name = "verified"
+    name = "verified-places"
     version = "1"
     column_step: ClassVar[int | None] = None  # views of a rotated panorama are sampled at other pixels
     uses_floors = True

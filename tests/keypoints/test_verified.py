@@ -1,4 +1,4 @@
-"""The localizer `verified` over a ranking by names, in three textured rooms."""
+"""The localizer `verified-places` over a ranking by names, in three textured rooms."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conformance import conforms
-from salframe_keypoints.verified import Verified
+from salframe_keypoints.verified import VerifiedPlaces
 
 from salframe.framework.components.registry import registry
 from salframe.framework.config import read_yaml
@@ -31,8 +31,8 @@ def plugins(monkeypatch):
     registry.cache_clear()
 
 
-def make(**settings) -> Verified:
-    return Verified(validate(Verified.Config, {"ranking": "alphabet", **settings}, "verified"))
+def make(**settings) -> VerifiedPlaces:
+    return VerifiedPlaces(validate(VerifiedPlaces.Config, {"ranking": "alphabet", **settings}, "verified-places"))
 
 
 @pytest.fixture
@@ -112,4 +112,4 @@ def test_the_preset_ranks_like_proposed_appearance():
 
 @pytest.mark.slow
 def test_it_keeps_the_rules_of_a_localizer():
-    assert conforms(Verified, make().config)
+    assert conforms(VerifiedPlaces, make().config)
