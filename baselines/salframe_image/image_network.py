@@ -43,3 +43,13 @@ class ImageNetwork(Role):
         """
         features = self.embed(views)
         return features if features.ndim == 2 else (np.maximum(features, 0) ** power).mean((2, 3)) ** (1 / power)
+
+    def descriptors(self, views: np.ndarray, power: float) -> np.ndarray:
+        """Return global descriptors of images: the pooled features, normalised to unit length, (V, C) float32.
+
+        Args:
+            views: (V, size_px, size_px, 3) uint8 RGB images.
+            power: Exponent of the generalised mean.
+        """
+        pooled = self.pooled(views, power)
+        return pooled / np.maximum(np.linalg.norm(pooled, axis=1, keepdims=True), 1e-9)

@@ -69,8 +69,7 @@ class ImageFeatures(Localizer):
     def describe(self, panorama: Panorama) -> Description:
         """Return `features` (V, C) float16 of unit length, zeros for a view with less than half valid pixels."""
         views, valid = cut_views(panorama, self._rig)
-        pooled = self._network.pooled(views, self.config.power)
-        unit = pooled / np.maximum(np.linalg.norm(pooled, axis=1, keepdims=True), 1e-9)
+        unit = self._network.descriptors(views, self.config.power)
         return {"features": (unit * valid[:, None]).astype(np.float16)}
 
     def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> None:

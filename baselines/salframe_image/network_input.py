@@ -10,6 +10,9 @@ from salframe.framework.errors import InputMissing
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.perspective import ViewRig
 
+HIDDEN_GREY = np.uint8(127)
+"""Grey level of pixels that a partial panorama does not show. Most networks subtract about this value from an image."""
+
 
 def cut_views(panorama: Panorama, rig: ViewRig) -> tuple[np.ndarray, np.ndarray]:
     """Cut perspective views from a panorama.
@@ -26,6 +29,22 @@ def cut_views(panorama: Panorama, rig: ViewRig) -> tuple[np.ndarray, np.ndarray]
     if panorama.valid is None:
         return views, np.ones(rig.count, bool)
     return views, rig.cut(panorama.valid.astype(np.uint8)).mean((1, 2)) >= 0.5
+
+
+def cut_visible_views(panorama: Panorama, rig: ViewRig) -> tuple[np.ndarray, np.ndarray]:
+    """Cut perspective views from a panorama, with grey pixels where a partial panorama shows nothing.
+
+    Returns:
+        (V, height, width, 3) uint8 views, and (V,) float64, the share of valid pixels of each view.
+
+    Raises:
+        InputMissing: The panorama has no colour.
+    """
+    views, _ = cut_views(panorama, rig)
+    if panorama.valid is None:
+        return views, np.ones(rig.count)
+    valid = rig.cut(panorama.valid.astype(np.uint8))
+    return np.where(valid[..., None] > 0, views, HIDDEN_GREY), valid.mean((1, 2))
 
 
 def as_batch(views: np.ndarray, mean: Sequence[float], std: Sequence[float]) -> np.ndarray:

@@ -14,12 +14,13 @@ from salframe_keypoints.loftr import Loftr
 from salframe_keypoints.loftr_compact import LoftrCompact
 from salframe_keypoints.sift import Sift
 from salframe_keypoints.superpoint import SuperPointNearest, SuperPointSuperGlue
+from salframe_keypoints.verified import VerifiedPlaces
 from salframe_keypoints.xfeat import XFeat, XFeatNearest
 
 
 @salframe.hookimpl
 def salframe_provides() -> list[type]:
-    """Return the role `feature-matcher`, its components, and the localizer `keypoints`."""
+    """Return the role `feature-matcher`, its components, and the localizers `keypoints` and `verified-places`."""
     return [
         FeatureMatcher,
         Sift,
@@ -34,4 +35,5 @@ def salframe_provides() -> list[type]:
         Loftr,
         LoftrCompact,
         Keypoints,
+        VerifiedPlaces,
     ]

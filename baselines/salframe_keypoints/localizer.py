@@ -151,6 +151,20 @@ class Keypoints(Localizer):
             LocalizationStatus.NO_POSE if best_pose is None else LocalizationStatus.OK,
         )
 
+    def verify(self, description: Description, frames: Sequence[int]) -> list[tuple[np.ndarray | None, int]]:
+        """Match a query with reference frames, as for a frame of the shortlist.
+
+        Args:
+            description: The description of the query.
+            frames: Numbers of F frames in the map.
+
+        Returns:
+            The pose (4, 4) of the query in each frame, None where it is unknown, and the number of inliers.
+        """
+        views, pooled = split_views(description), self._pool(description)
+        turns = turned_similarity(pooled, self._map_pooled[list(frames)]).argmax(1)
+        return [self._verify(views, frame, turn) for frame, turn in zip(frames, turns.tolist(), strict=True)]
+
     def correspond(self, query: Description, reference: Description) -> PointMatches:
         """Return the matches of two panoramas, as for a frame of the shortlist.
 

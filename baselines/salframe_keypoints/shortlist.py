@@ -70,8 +70,7 @@ class NetworkDescriptors:
 
     def describe(self, rgb: np.ndarray, valid: np.ndarray | None) -> dict[str, np.ndarray]:
         """Return `global` (V, C) float16 of unit length, zeros for a view with less than half valid pixels."""
-        pooled = self._network.pooled(self._rig.cut(rgb), POWER)
-        unit = pooled / np.maximum(np.linalg.norm(pooled, axis=1, keepdims=True), 1e-9)
+        unit = self._network.descriptors(self._rig.cut(rgb), POWER)
         if valid is not None:
             unit[self._rig.cut(valid.astype(np.uint8)).mean((1, 2)) < 0.5] = 0
         return {"global": unit.astype(np.float16)}

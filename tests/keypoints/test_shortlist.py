@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import numpy as np
+from salframe_image.image_network import ImageNetwork
 from salframe_keypoints.shortlist import NetworkDescriptors, Vlad
 
 
@@ -27,12 +28,14 @@ def test_the_vocabulary_is_the_same_each_time_and_empty_views_are_zero():
     assert np.isclose(np.linalg.norm(first.pool(features[0])), 1)
 
 
-class MeanColour:
+class MeanColour(ImageNetwork):
     """An image network of 8 x 8 pixels whose features are the mean colour."""
 
+    name = "mean-colour"
+    version = "1"
     size_px = 8
 
-    def pooled(self, views, power):
+    def embed(self, views):
         return views.mean((1, 2), dtype=np.float32)
 
 
