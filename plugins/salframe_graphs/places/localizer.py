@@ -89,7 +89,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
     """
 
     name = "saliency-places"
-    version = "9"
+    version = "10"
     uses_floors = True
 
     class Config(PlacesConfig):
