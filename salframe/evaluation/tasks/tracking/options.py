@@ -56,7 +56,7 @@ class TrackingOptions(TaskOptions):
         description="mapping from names to errors of the measured motion; each is a row of the table",
     )
     beliefs: dict[str, Belief] = Field(
-        {"tracker": Belief.model_validate({})},
+        default_factory=lambda: {"tracker": Belief.model_validate({})},
         min_length=1,
         description="mapping from names to beliefs that are made from the same answers; each is a row of the table",
     )
