@@ -18,7 +18,7 @@ _ENDING = re.compile(r"(-(merged|other|stuff))+$")
 
 
 @dataclass(frozen=True)
-class LabelTable:
+class NetworkLabels:
     """Meaning of the labels of a data set.
 
     Attributes:
@@ -63,10 +63,10 @@ def _forms(label: str) -> Iterator[str]:
 
 
 @cache
-def _tables() -> tuple[LabelTable, ...]:
+def _tables() -> tuple[NetworkLabels, ...]:
     contents = [read_yaml(SHIPPED / "names" / f"{name}.yaml") for name in TABLES]
     return tuple(
-        LabelTable(
+        NetworkLabels(
             frozenset(content["structure"]),
             {**content["objects"], **content["fixed"]},
             frozenset(content["fixed"].values()),
