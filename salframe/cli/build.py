@@ -26,6 +26,9 @@ def build(
     choose: Annotated[
         bool, typer.Option("--choose", help="Place the nodes of rooms in the widest part, not at reference frames")
     ] = False,
+    calibrate: Annotated[
+        bool, typer.Option("--calibrate/--no-calibrate", help="Calibrate the probabilities with the reference frames")
+    ] = True,
     data_dir: DataDir = None,
     overrides: Set = None,
     engine: EngineName = ENGINE,
@@ -35,6 +38,7 @@ def build(
 
     The map includes a topology (nodes and edges for routes) if the dataset has floor masks.
     """
+    from salframe.cli.calibration import describe_calibration
     from salframe.cli.output import Bars, tell
     from salframe.evaluation.tables.text import format_bytes
     from salframe.framework.components.installation import folder_bytes
@@ -47,6 +51,7 @@ def build(
             method,
             topology=topology,
             choose=choose,
+            calibrate=calibrate,
             data_dir=data_dir,
             overrides=with_workers(overrides, workers),
             engine=engine,
@@ -54,6 +59,8 @@ def build(
             tell=tell,
         )
     print(f"{output}: {format_bytes(folder_bytes(output))}, {_describe(result.topology)}")
+    if result.localization is not None and result.localization.calibration is not None:
+        print(f"  {describe_calibration(result.localization.calibration)}")
     for note in () if result.topology is None else result.topology.notes:
         print(f"  {note}")
 

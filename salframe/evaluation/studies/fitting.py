@@ -239,7 +239,7 @@ def _scored(tuning: Tuning, changes: Mapping[str, Any]) -> Iterator[ScoredAnswer
             names = [ranked.place for ranked in answer.places]
             scores = np.array([ranked.score for ranked in answer.places], np.float64)
             position = names.index(place) if place in names else None
-            yield ScoredAnswer(scores, position, here, localizer.count_objects(description))
+            yield ScoredAnswer(scores, position, here, tuning.name)
 
 
 def _summary(fit: Fit) -> list[str]:
