@@ -34,7 +34,7 @@ def test_the_file_holds_the_numbers_and_where_they_come_from(fitted):
     assert gain["here"]["answers"] == 32
     assert gain["here"]["before"] == pytest.approx(0.6931, abs=1e-4)  # ln 2: half are here
     assert gain["here"]["after"] < 0.1
-    assert fitted["posterior"]["head"]["top_score"] > 0
+    assert fitted["posterior"]["head"]["slope"] > 0
 
 
 def test_a_method_with_the_file_knows_what_it_does_not(fitted, read):
