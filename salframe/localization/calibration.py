@@ -1,4 +1,4 @@
-"""Calibrate the out-of-map probability with the reference frames of a map (docs/explanation/out-of-map.md)."""
+"""Calibrate the out-of-map probability with the reference frames of a map (docs/explanation/calibration.md)."""
 
 from __future__ import annotations
 

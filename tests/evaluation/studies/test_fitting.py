@@ -17,8 +17,8 @@ ROOMS = ("--data", "rooms", "--set", "data.rooms=8")
 
 @pytest.fixture
 def fitted(fakes, tmp_path):
-    """The Reader's score is 0 where its room is in the map and -1 where it is not: that tells the two apart."""
-    done = run("fit", "reader", *ROOMS, "-o", "fitted.yaml")
+    """The score of the first place is 1 above those of the others where the room is in the map, and equal where not."""
+    done = run("fit", "clear", *ROOMS, "-o", "fitted.yaml")
     assert done.code == 0, done.err
     assert "fitted.yaml" in done.out
     return yaml.safe_load((tmp_path / "fitted.yaml").read_text())
@@ -26,7 +26,7 @@ def fitted(fakes, tmp_path):
 
 def test_the_file_holds_the_numbers_and_where_they_come_from(fitted):
     told = fitted["provenance"]
-    assert told["method"]["localizer"] == "reader"
+    assert told["method"]["localizer"] == "clear"
     assert [(data["name"], data["queries"]) for data in told["data"]] == [("rooms", 32)]
     assert told["set"] == ["data.rooms=8"]
     gain = told["mean_negative_log_likelihood"]
@@ -40,13 +40,11 @@ def test_the_file_holds_the_numbers_and_where_they_come_from(fitted):
 def test_a_method_with_the_file_knows_what_it_does_not(fitted, read):
     plain, known = (
         compare(
-            Request(
-                ("reader",), "rooms", settings=("data.hide_query_place=true", *settings), engine="inline", name=name
-            )
+            Request(("clear",), "rooms", settings=("data.hide_query_place=true", *settings), engine="inline", name=name)
         )
         for name, settings in (("plain", ()), ("known", ("posterior=fitted.yaml",)))
     )
-    before, after = plain.row("reader"), known.row("reader")
+    before, after = plain.row("clear"), known.row("clear")
     assert (before.queries, before.absent_queries, before.accuracy.value) == (20, 10, 0.5)
     assert (before.present_accuracy.value, before.rejection_rate.value, before.calibration_error) == (1.0, 0.0, None)
     assert before.roc_area.value == 1.0  # 0 where the room is there, -1 where it is not
@@ -61,7 +59,7 @@ def test_a_method_with_the_file_knows_what_it_does_not(fitted, read):
     assert "Reliability" in titles[0]
     assert "Reliability" not in titles[1]
     assert "calibration\\nerror" in json.dumps(shown["tables"])
-    rows = [json.loads(line) for line in (known.run / "methods" / "reader" / "rows.jsonl").read_text().splitlines()]
+    rows = [json.loads(line) for line in (known.run / "methods" / "clear" / "rows.jsonl").read_text().splitlines()]
     for row in rows:
         assert sum(row["probabilities"]) + row["out_of_map_probability"] == pytest.approx(1, abs=1e-6)
 
