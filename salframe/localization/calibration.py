@@ -28,9 +28,11 @@ ABSENT_PRIOR = 10.0
 """Number of out-of-map answers that the mean and the deviation of the posterior count as."""
 ACCURACY_PRIOR = 4.0
 """Number of answers that the accuracy of the posterior counts as."""
-DISTANCE_EFFECT = 0.3
+DISTANCE_EFFECT = 0.5
 """Decrease of the log-odds of a right answer per unit of the logarithm of the distance to the nearest reference frame.
 Fitted on tuning data: ten buildings at half of their viewpoints, and `house-42` with the errors of two detectors."""
+CONTRAST_DIGITS = 3
+"""Number of decimals of the stored contrasts, which keeps maps small."""
 MIN_DISTANCE_M = 0.1
 """Smaller distances between frames count as this."""
 
@@ -176,7 +178,7 @@ def calibrate_posterior(
     return Calibration(
         head=head,
         present_frames=int((~answers.is_absent).sum()),
-        absent_contrasts=tuple(absent.tolist()),
+        absent_contrasts=tuple(absent.round(CONTRAST_DIGITS).tolist()),
         before=before,
         after=after,
     )

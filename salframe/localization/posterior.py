@@ -210,8 +210,8 @@ class Fit:
 def fit_posterior(answers: Sequence[ScoredAnswer]) -> Fit:
     """Fit temperature and head by maximum likelihood. The result is deterministic.
 
-    Mean and deviation of the head are those of the out-of-map answers, averaged over the tuning data. Bias and slope
-    are a logistic regression of the right answers against the out-of-map answers.
+    Mean and deviation of the head are those of the out-of-map answers. Bias and slope are a logistic regression of the
+    right answers against the out-of-map answers. Each tuning data set has the same weight in the head.
 
     Raises:
         DataError: All places of each answer have equal scores; there are no queries in the map that are answered
@@ -256,18 +256,18 @@ def _fit_head(answers: Sequence[ScoredAnswer], temperature: float) -> Head:
         absent_deviation=1,
         bias=0,
         slope=0,
-        accuracy=np.mean([answer.true_place == 0 for answer in answers if answer.here]),
+        accuracy=0.0,
         other_score=float(np.mean(others)) if others else 0.0,
     )
     neutral = Posterior(temperature=temperature, head=head)
     data = np.array([answer.data for answer in answers])
     here = np.array([answer.here for answer in answers])
     right = here & np.array([answer.true_place == 0 for answer in answers])
+    names = list(dict.fromkeys(data.tolist()))
+    accuracy = float(np.mean([right[rows].mean() for name in names if (rows := (data == name) & here).any()]))
     contrast = np.array([neutral.contrast(answer.scores) for answer in answers])
     moments = {
-        name: (contrast[rows].mean(), contrast[rows].std())
-        for name in dict.fromkeys(data.tolist())
-        if (rows := (data == name) & ~here).any()
+        name: (contrast[rows].mean(), contrast[rows].std()) for name in names if (rows := (data == name) & ~here).any()
     }
     mean, deviation = (
         float(np.mean([mean for mean, _ in moments.values()])),
@@ -275,7 +275,7 @@ def _fit_head(answers: Sequence[ScoredAnswer], temperature: float) -> Head:
     )
     if deviation == 0:
         raise DataError("all out-of-map answers have the same scores, expected scores that differ between queries")
-    head = head.model_copy(update={"absent_mean": mean, "absent_deviation": deviation})
+    head = head.model_copy(update={"absent_mean": mean, "absent_deviation": deviation, "accuracy": accuracy})
     if not right.any():
         return head
     z = np.array(
@@ -285,9 +285,10 @@ def _fit_head(answers: Sequence[ScoredAnswer], temperature: float) -> Head:
         ]
     )
     used = right | ~here
-    bias, slope = _fit_logistic(z[used], right[used].astype(float))
+    weight = np.array([1 / (used & (data == name)).sum() for name in data[used].tolist()])
+    bias, slope = _fit_logistic(z[used], right[used].astype(float), weight / weight.sum())
     # The ratio of the likelihoods does not depend on how frequent right and out-of-map answers are.
-    bias -= float(np.log(right.sum() / (~here).sum()))
+    bias -= float(np.log(weight[right[used]].sum() / weight[~right[used]].sum()))
     return head.model_copy(update={"bias": bias, "slope": max(slope, 0.0)})
 
 
@@ -310,22 +311,24 @@ def _place_nll(ranked: Sequence[ScoredAnswer], temperature: float) -> float:
     return float(total / len(ranked))
 
 
-def _fit_logistic(values: np.ndarray, outcome: np.ndarray) -> tuple[float, float]:
+def _fit_logistic(values: np.ndarray, outcome: np.ndarray, weight: np.ndarray) -> tuple[float, float]:
     """Fit a logistic regression with a ridge penalty; return the bias and the slope.
 
     Args:
         values: (N,) values.
         outcome: (N,) outcomes, 0 or 1.
+        weight: (N,) weights of the values, with the sum 1.
     """
     from scipy.optimize import minimize
 
-    mean, spread = values.mean(), values.std() or 1.0
+    mean = weight @ values
+    spread = np.sqrt(weight @ (values - mean) ** 2) or 1.0
     standardized = (values - mean) / spread
 
     def loss(parameters: np.ndarray) -> tuple[float, np.ndarray]:
         logit = parameters[0] + standardized * parameters[1]
-        residual = (0.5 * (1 + np.tanh(0.5 * logit)) - outcome) / len(outcome)
-        value = float(np.mean(np.logaddexp(0, logit) - outcome * logit)) + RIDGE * parameters[1] ** 2
+        residual = weight * (0.5 * (1 + np.tanh(0.5 * logit)) - outcome)
+        value = float(weight @ (np.logaddexp(0, logit) - outcome * logit)) + RIDGE * parameters[1] ** 2
         return value, np.array([residual.sum(), standardized @ residual + 2 * RIDGE * parameters[1]])
 
     result = minimize(loss, np.zeros(2), jac=True, method="L-BFGS-B", options={"gtol": 1e-8})

@@ -121,8 +121,8 @@ def fit_method(
         A summary, one line each.
 
     Raises:
-        ConfigError: The method has neither weights nor a posterior, `tries` and `posterior_only` are combined, a setting to try is not a matching setting, or
-            `output` is not named as a YAML file.
+        ConfigError: The method has neither weights nor a posterior, `tries` is used with `posterior_only`, a setting to
+            try is not a matching setting, or `output` is not named as a YAML file.
         DataError: The queries have no usable answers, or the scores of all places are equal.
     """
     output = Path(output)
