@@ -34,8 +34,8 @@ DOOR = [
     "fit_method", "hookimpl", "reference_frames", "match_only", "measure_detection", "measure_matching",
     "measure_sensor", "navigate", "open_map", "rank_places", "read_camera", "read_panorama",
     "read_photograph", "open_topology", "show_objects",
-    "Limits", "run_experiment", "slot", "slots", "Variant", "Report", "write_report", "add_to_map", "merge_maps",
-    "remove_from_map", "EvidenceColumn", "EvidenceModel", "PlaceFrames", "PlaceHypotheses",
+    "Limits", "run_experiment", "slot", "slots", "Variant", "Report", "write_report", "add_to_map", "calibrate_map",
+    "merge_maps", "remove_from_map", "EvidenceColumn", "EvidenceModel", "PlaceFrames", "PlaceHypotheses",
 ]
 # fmt: on
 """Adding a name is a promise; removing one breaks whoever uses it."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from salframe.localization.calibration import Calibration
+    from salframe.localization.calibration import MapCalibration
 
 
-def describe_calibration(calibration: Calibration | None) -> str:
+def describe_calibration(calibration: MapCalibration | None) -> str:
     """Return the calibration of a map in one line: numbers of frames, parameters, and quality by cross-validation."""
     if calibration is None:
         return "not calibrated"

@@ -61,7 +61,7 @@ class FrameAnswers:
         return FrameAnswers(*(column[rows] for column in columns))
 
 
-class Reliability(Settings):
+class ProbabilityScores(Settings):
     """Quality of the probability that a frame is in the map. Present and absent frames have equal weights.
 
     Attributes:
@@ -73,7 +73,7 @@ class Reliability(Settings):
     brier_score: float
 
 
-class Calibration(Settings):
+class MapCalibration(Settings):
     """The calibration of a map.
 
     Attributes:
@@ -87,8 +87,8 @@ class Calibration(Settings):
     head: Head
     present_frames: int = Field(ge=0)
     absent_contrasts: tuple[float, ...]
-    before: Reliability | None = None
-    after: Reliability | None = None
+    before: ProbabilityScores | None = None
+    after: ProbabilityScores | None = None
 
     def max_out_of_map_probability(self, max_false_accept: float) -> float:
         """Return the maximum out-of-map probability at which an answer passes the conformal test, at most
@@ -115,7 +115,7 @@ class Calibration(Settings):
         return min(float(np.nextafter(limit, 0)), MAX_OUT_OF_MAP_PROBABILITY)
 
 
-def add_probabilities(answer: Localization, posterior: Posterior, calibration: Calibration | None) -> Localization:
+def add_probabilities(answer: Localization, posterior: Posterior, calibration: MapCalibration | None) -> Localization:
     """Return an answer with the probabilities of a posterior, calibrated where there is a calibration.
 
     Raises DataError as `acceptance_limit`.
@@ -126,7 +126,7 @@ def add_probabilities(answer: Localization, posterior: Posterior, calibration: C
     return posterior.apply(answer, limit)
 
 
-def acceptance_limit(posterior: Posterior, calibration: Calibration | None) -> float:
+def acceptance_limit(posterior: Posterior, calibration: MapCalibration | None) -> float:
     """Return the maximum out-of-map probability of an accepted answer.
 
     It is MAX_OUT_OF_MAP_PROBABILITY, or less where the posterior has a `max_false_accept`.
@@ -150,7 +150,7 @@ def calibrate_posterior(
     descriptions: Sequence[Description],
     frames: Sequence[ReferenceFrame],
     floors: Sequence[FloorMasks],
-) -> Calibration:
+) -> MapCalibration:
     """Calibrate the posterior of a localizer with the reference frames of a map.
 
     The localizer indexes parts of the map, at most PLACE_GROUPS + MAX_FRAMES_OF_PLACE times. It must index the map
@@ -175,7 +175,7 @@ def calibrate_posterior(
     head = calibrate_head(posterior, answers)
     absent = np.sort(answers.contrast[answers.is_absent])
     before, after = _cross_validate(posterior, answers)
-    return Calibration(
+    return MapCalibration(
         head=head,
         present_frames=int((~answers.is_absent).sum()),
         absent_contrasts=tuple(absent.round(CONTRAST_DIGITS).tolist()),
@@ -233,9 +233,9 @@ def calibrate_head(posterior: Posterior, answers: FrameAnswers) -> Head:
     head = posterior.head
     absent, present = answers.contrast[answers.is_absent], answers.take(~answers.is_absent)
     count = len(absent) + ABSENT_PRIOR
-    own_mean = absent.mean() if len(absent) else head.absent_mean
+    centre = absent.mean() if len(absent) else head.absent_mean
     mean = (absent.sum() + ABSENT_PRIOR * head.absent_mean) / count
-    variance = (((absent - own_mean) ** 2).sum() + ABSENT_PRIOR * head.absent_deviation**2) / count
+    variance = (((absent - centre) ** 2).sum() + ABSENT_PRIOR * head.absent_deviation**2) / count
     accuracy = _accuracy(present, head.accuracy, posterior.query_distance_m)
     changes = {"absent_mean": float(mean), "absent_deviation": float(np.sqrt(variance)), "accuracy": accuracy}
     return head.model_copy(update=changes)
@@ -300,7 +300,9 @@ def _spread(rows: list[int], count: int) -> list[int]:
     return [rows[i] for i in np.linspace(0, len(rows) - 1, count).round().astype(int)]
 
 
-def _cross_validate(posterior: Posterior, answers: FrameAnswers) -> tuple[Reliability, Reliability] | tuple[None, None]:
+def _cross_validate(
+    posterior: Posterior, answers: FrameAnswers
+) -> tuple[ProbabilityScores, ProbabilityScores] | tuple[None, None]:
     """Return the quality of the probabilities without calibration, and with a calibration from the frames of all other
     places; None without frames of either kind."""
     if answers.is_absent.all() or not answers.is_absent.any():
@@ -309,12 +311,12 @@ def _cross_validate(posterior: Posterior, answers: FrameAnswers) -> tuple[Reliab
     for place in np.unique(answers.place):
         is_own = answers.place == place
         after[is_own] = calibrate_head(posterior, answers.take(~is_own)).in_map(answers.contrast[is_own])
-    return _reliability(posterior.head.in_map(answers.contrast), answers), _reliability(after, answers)
+    return _scores(posterior.head.in_map(answers.contrast), answers), _scores(after, answers)
 
 
-def _reliability(in_map: np.ndarray, answers: FrameAnswers) -> Reliability:
+def _scores(in_map: np.ndarray, answers: FrameAnswers) -> ProbabilityScores:
     sides = [(in_map[rows], 1.0 - answers.is_absent[rows]) for rows in (answers.is_absent, ~answers.is_absent)]
-    return Reliability(
+    return ProbabilityScores(
         log_loss=float(np.mean([log_loss(probability, outcome) for probability, outcome in sides])),
         brier_score=float(np.mean([((probability - outcome) ** 2).mean() for probability, outcome in sides])),
     )

@@ -23,7 +23,7 @@ from salframe.framework.validation import validate
 from salframe.graphs.scene_index import scene_index_notes
 from salframe.graphs.vocabulary import unknown_labels_note
 from salframe.localization.answers import Localization
-from salframe.localization.calibration import Calibration, acceptance_limit, add_probabilities, calibrate_posterior
+from salframe.localization.calibration import MapCalibration, acceptance_limit, add_probabilities, calibrate_posterior
 from salframe.localization.canonical_order import in_canonical_order
 from salframe.localization.described_query import DescribedQuery, DescribedView, describe_query, describe_view
 from salframe.localization.describing import describe_ahead
@@ -60,7 +60,7 @@ class LocalizationMap:
         calibration: The calibration of the probabilities; None: the map is not calibrated.
     """
 
-    calibration: Calibration | None = None
+    calibration: MapCalibration | None = None
 
     def __init__(
         self,
@@ -197,7 +197,7 @@ class LocalizationMap:
         if with_index:
             self.localizer.write_index(parts.index_folder(self.localizer))
 
-    def calibrate(self) -> Calibration:
+    def calibrate(self) -> MapCalibration:
         """Calibrate the probabilities with the reference frames, and index the map.
 
         A map that was calibrated is calibrated again whenever it is changed.
@@ -484,10 +484,10 @@ def map_config(directory: str | Path) -> ComponentConfig:
     return read_map(Path(directory), MapParts.read_config)
 
 
-def map_calibration(directory: str | Path) -> Calibration | None:
+def map_calibration(directory: str | Path) -> MapCalibration | None:
     """Return the calibration of a saved map; None where it has none. Raises as `open_map`."""
 
-    def read(parts: MapParts) -> Calibration | None:
+    def read(parts: MapParts) -> MapCalibration | None:
         return parts.read_calibration(parts.read_config()) if parts.has(METHOD) else None
 
     return read_map(Path(directory), read)

@@ -28,7 +28,7 @@ from salframe.framework.files.hashes import digest, file_sha256
 from salframe.framework.files.reading import read_json, read_model
 from salframe.framework.files.writing import alone, naming, write_json
 from salframe.framework.validation import Settings, validate
-from salframe.localization.calibration import Calibration
+from salframe.localization.calibration import MapCalibration
 from salframe.localization.localizer import Localizer
 from salframe.localization.saved_frames import FRAME_COLUMNS, SavedFrames, frame_row
 from salframe.panoramas.floors import FLOORS, FloorMasks, read_floors, write_floors
@@ -152,14 +152,14 @@ class MapParts:
     def _index_name(localizer: Localizer) -> str:
         return f"{INDEX}-{_settings_key(localizer.config)}"
 
-    def write_calibration(self, config: ComponentConfig, calibration: Calibration) -> None:
+    def write_calibration(self, config: ComponentConfig, calibration: MapCalibration) -> None:
         """Write the calibration of a localizer with these settings."""
         self.write_json(self._calibration_name(config), calibration.model_dump(mode="json"))
 
-    def read_calibration(self, config: ComponentConfig) -> Calibration | None:
+    def read_calibration(self, config: ComponentConfig) -> MapCalibration | None:
         """Read the calibration of a localizer with these settings; None where the map has none. Raises DataError."""
         name = self._calibration_name(config)
-        return self.read_json(name, Calibration) if self.has(name) else None
+        return self.read_json(name, MapCalibration) if self.has(name) else None
 
     @staticmethod
     def _calibration_name(config: ComponentConfig) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from salframe.framework.errors import ConfigError, DataError, UnknownName, shorten, unknown
 from salframe.framework.files.cache import Cache
-from salframe.localization.calibration import Calibration
+from salframe.localization.calibration import MapCalibration
 from salframe.localization.describing import describe_ahead
 from salframe.localization.localizer import Localizer
 from salframe.localization.map import LocalizationMap
@@ -104,7 +104,7 @@ def add_to_map(
     return _change(directory, add)
 
 
-def calibrate_map(directory: str | Path) -> Calibration:
+def calibrate_map(directory: str | Path) -> MapCalibration:
     """Calibrate the probabilities of the map in the folder `directory` with its reference frames.
 
     The map changes completely or not at all.
@@ -112,7 +112,7 @@ def calibrate_map(directory: str | Path) -> Calibration:
     Raises:
         DataError: The folder holds no map with a method, or the method has no probabilities.
     """
-    made: list[Calibration] = []
+    made: list[MapCalibration] = []
 
     def calibrate(localization: LocalizationMap, floors: Sequence[FloorMasks]) -> Sequence[FloorMasks]:
         made.append(localization.calibrate())

@@ -21,8 +21,8 @@ from salframe.localization.calibration import (
     ABSENT_PRIOR,
     ACCURACY_PRIOR,
     DISTANCE_EFFECT,
-    Calibration,
     FrameAnswers,
+    MapCalibration,
     calibrate_head,
 )
 from salframe.localization.localizer import Localizer, posterior_slot
@@ -202,7 +202,7 @@ def test_the_conformal_test_accepts_at_most_its_share_of_out_of_map_queries():
         for _ in range(300):
             known = tuple(np.sort(rng.gumbel(3, 2, 39)).tolist())
             queries = 1 - HEAD.in_map(rng.gumbel(3, 2, 200))
-            made = Calibration(head=HEAD, present_frames=0, absent_contrasts=known)
+            made = MapCalibration(head=HEAD, present_frames=0, absent_contrasts=known)
             limit = made.max_out_of_map_probability(level)
             if limit < 0.5:
                 accepted.append((queries <= limit).mean())
@@ -215,7 +215,7 @@ def test_the_conformal_test_accepts_at_most_its_share_of_out_of_map_queries():
 
 
 def test_the_conformal_test_needs_enough_frames():
-    made = Calibration(head=HEAD, present_frames=0, absent_contrasts=tuple(range(19)))
+    made = MapCalibration(head=HEAD, present_frames=0, absent_contrasts=tuple(range(19)))
     with pytest.raises(DataError, match=r"max_false_accept is 0.05, which needs at least 20 frames .* the map has 19"):
         made.max_out_of_map_probability(0.05)
     assert made.max_out_of_map_probability(0.06) <= 0.5

@@ -92,7 +92,8 @@ def test_a_fit_recovers_what_the_answers_were_drawn_from():
     assert head.absent_mean * temperature == pytest.approx((6 + 9) / 2, rel=0.02)
     assert head.absent_deviation * temperature == pytest.approx(np.sqrt((1 + 4) / 2), rel=0.02)
     assert found.place_nll_after < found.place_nll_before
-    assert found.here_nll_after < found.here_nll_before
+    alone = fit_posterior(list(drawn(4000, 0)))
+    assert alone.here_nll_after < alone.here_nll_before == pytest.approx(np.log(2))
 
 
 def test_a_fit_is_the_same_for_the_same_answers():
