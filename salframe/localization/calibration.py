@@ -145,6 +145,11 @@ def acceptance_limit(posterior: Posterior, calibration: MapCalibration | None) -
     return calibration.max_out_of_map_probability(level)
 
 
+def is_calibrated(localizer: Localizer) -> bool:
+    """Return whether the maps of a localizer are calibrated: it has a posterior whose setting `calibrate` is true."""
+    return localizer.posterior is not None and localizer.posterior.calibrate
+
+
 def calibrate_posterior(
     localizer: Localizer,
     descriptions: Sequence[Description],

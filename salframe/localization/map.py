@@ -23,7 +23,13 @@ from salframe.framework.validation import validate
 from salframe.graphs.scene_index import scene_index_notes
 from salframe.graphs.vocabulary import unknown_labels_note
 from salframe.localization.answers import Localization
-from salframe.localization.calibration import MapCalibration, acceptance_limit, add_probabilities, calibrate_posterior
+from salframe.localization.calibration import (
+    MapCalibration,
+    acceptance_limit,
+    add_probabilities,
+    calibrate_posterior,
+    is_calibrated,
+)
 from salframe.localization.canonical_order import in_canonical_order
 from salframe.localization.described_query import DescribedQuery, DescribedView, describe_query, describe_view
 from salframe.localization.describing import describe_ahead
@@ -110,7 +116,7 @@ class LocalizationMap:
         """
         packed, usable = describe_references(localizer, frames, cache, dataset, progress, tell)
         built = cls(localizer, *in_canonical_order(packed, usable), floors)
-        built._index(calibrate)
+        built._index(calibrate and is_calibrated(localizer))
         for note in scene_index_notes(localizer.config, len(frames)):
             tell(note)
         return built
@@ -129,7 +135,7 @@ class LocalizationMap:
         packed = [localizer.pack(split_level(description)[0]) for description in descriptions]
         upright = [upright_frame(localizer, frame) for frame in frames]
         built = cls(localizer, *in_canonical_order(packed, upright), floors)
-        built._index(calibrate)
+        built._index(calibrate and is_calibrated(localizer))
         return built
 
     @classmethod
@@ -414,9 +420,9 @@ class LocalizationMap:
         self.floors = self.localizer.floors = tuple(floors) if self.localizer.uses_floors else ()
 
     def _index(self, calibrate: bool = False) -> None:
-        """Index the map, and calibrate it before if `calibrate` is set and the posterior is to be calibrated."""
-        descriptions, frames, posterior = self.descriptions(), list(self.frames), self.localizer.posterior
-        if calibrate and posterior is not None and posterior.calibrate:
+        """Index the map, after its calibration if `calibrate` is set. Raises as `calibrate_posterior`."""
+        descriptions, frames = self.descriptions(), list(self.frames)
+        if calibrate:
             self.calibration = calibrate_posterior(self.localizer, descriptions, frames, self.floors)
         self.localizer.index(descriptions, frames)
 

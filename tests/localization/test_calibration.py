@@ -258,6 +258,10 @@ def test_a_saved_map_keeps_its_calibration_and_a_changed_map_is_calibrated_again
         calibrate=True,
     )
     assert again.calibration == opened.calibration
+    off = spied_map([3, 2, 2], changes={"calibrate": False})
+    off.calibrate()  # by hand
+    off.remove(["place-1"])
+    assert off.calibration == again.calibration
     other = Spy(Spy.Config(posterior={**POSTERIOR.model_dump(), "temperature": 2.0}))
     assert LocalizationMap.open(tmp_path / "map", other).calibration is None  # other settings, other contrasts
 
