@@ -198,7 +198,8 @@ def localize_frames(
 ) -> FrameAnswers:
     """Localize scene frames in the map without them, and in the map without their places.
 
-    Answers without a place are left out. Arguments are those of `calibrate_posterior`.
+    Answers without a place are left out, and so are frames that the localizer fails on. Arguments are those of
+    `calibrate_posterior`.
     """
     number = {place: i for i, place in enumerate(dict.fromkeys(frame.place for frame in frames))}
     scenes: dict[str, list[int]] = {}
@@ -213,7 +214,10 @@ def localize_frames(
             if frames[row].kind is FrameKind.SCENE:
                 positions_m.setdefault(frames[row].place, []).append(frames[row].T_world_pano[:3, 3])
         for row in queries:
-            places = localizer.match(descriptions[row]).places
+            try:
+                places = localizer.match(descriptions[row]).places
+            except Exception:  # a frame that the localizer fails on costs its own answer only, like a query
+                continue
             if not places:
                 continue
             place, distance_m = frames[row].place, np.nan

@@ -305,6 +305,11 @@ def test_build_calibrates_and_the_map_shows_it(fakes):
     assert "reader has no posterior" in run("map", "calibrate", "bare").err
 
 
+def test_a_frame_that_the_localizer_fails_on_is_left_out(fakes):
+    build = ("build", "rooms", "--method", "reader", "--set", "data.rooms=6", "--set", SETTING)
+    assert "0 frames in the map and 5 out of it" in run(*build, "-o", "map", "--set", "fail_in=2").out
+
+
 def test_a_grown_map_is_the_map_that_was_built_at_once(fakes):
     settings = ("--method", "reader", "--set", SETTING)
     assert run("build", "rooms", *settings, "--set", "data.rooms=3", "-o", "grown").code == 0
@@ -333,3 +338,21 @@ def test_compare_calibrates_with_the_map_and_never_with_the_truth_of_queries(fak
     assert run("build", "rooms", "--method", "reader", "--set", SETTING, "--set", "data.rooms=6", "-o", "map").code == 0
     answer = run("localize", "map", "query-2-0", "--data", "rooms", "--set", "data.rooms=6", "--json").json
     assert honest["query-2-0"] == (pytest.approx(answer["out_of_map_probability"]), answer["accepted"])
+
+
+def test_compare_measures_probabilities_and_accepted_answers(fakes):
+    """The columns of the table from the rows of the answers, by hand."""
+    settings = ("data.rooms=6", "data.hide_query_place=true", SETTING.replace("bias: -1", "bias: 0"))
+    result = compare(Request(("clear",), "rooms", settings=settings, engine="inline", name="hidden"))
+    lines = (result.run / "methods" / "clear" / "rows.jsonl").read_text().splitlines()
+    rows = [json.loads(line) for line in lines]
+    present = np.array([row["fold"] == "all" for row in rows])
+    in_map = np.array([1 - row["out_of_map_probability"] for row in rows])
+    accepted = np.array([row["accepted"] for row in rows])
+    assert present.sum() == (~present).sum() == 12
+    assert 0 < accepted.sum() < len(accepted)
+    row = result.row("clear")
+    assert row.log_loss == pytest.approx(-np.mean(np.where(present, np.log(in_map), np.log(1 - in_map))))
+    assert row.brier_score == pytest.approx(np.mean((in_map - present) ** 2))
+    assert row.right_not_accepted.value == pytest.approx(np.mean(~accepted[present]))  # all of them are right
+    assert row.absent_accepted.value == pytest.approx(np.mean(accepted[~present]))
