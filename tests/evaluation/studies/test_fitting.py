@@ -137,6 +137,25 @@ def test_settings_are_tried_and_evidence_is_weighed(fakes, monkeypatch, tmp_path
     assert gain["before"] == pytest.approx(2.0794, abs=1e-4)  # ln 8: as many rooms
     assert gain["after"] < 0.3
     assert "posterior" in found
+    assert (
+        run(
+            "fit",
+            "weighing",
+            *ROOMS,
+            "--set",
+            "weights.near=1",
+            "--set",
+            "scales.b=1",
+            "-o",
+            "only.yaml",
+            "--posterior-only",
+        ).code
+        == 0
+    )
+    assert set(yaml.safe_load((tmp_path / "only.yaml").read_text())) == {"posterior", "provenance"}
+    both = run("fit", "weighing", *ROOMS, "-o", "no.yaml", "--posterior-only", "--try", "offset=1")
+    assert (both.code, len(both.err.splitlines())) == (2, 1)
+    assert "received settings to try and `posterior_only`" in both.err
     refused = run("fit", "weighing", *ROOMS, "-o", "no.yaml", "--try", "colour=1")
     assert (refused.code, len(refused.err.splitlines())) == (2, 1)
     assert "received {'colour': 1} to try, expected settings that affect matching only" in refused.err
