@@ -134,9 +134,6 @@ class VerifiedPlaces(Localizer):
     def unfit_for_map(self, description: Description) -> str | None:
         return self._ranking.unfit_for_map(_split(description)[0])
 
-    def count_objects(self, description: Description) -> int:
-        return self._ranking.count_objects(_split(description)[0])
-
 
 def _split(description: Description) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Return the arrays of the ranking and those of the keypoints."""

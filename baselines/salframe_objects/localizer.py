@@ -46,9 +46,6 @@ class ObjectSetLocalizer(DetectingLocalizer, WeightedLabels):
             else np.asarray(description["counts"], float)
         )
 
-    def count_objects(self, description: Description) -> int:
-        return int(np.sum(description["counts"]))
-
     def pack(self, description: Description) -> Description:
         return {"labels": description["labels"], "counts": description["counts"].astype(np.uint16)}
 

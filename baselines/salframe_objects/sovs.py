@@ -59,9 +59,6 @@ class SalientVolumesLocalizer(SalientObjects):
         """Return the one-to-one matching behind the score, without pairs that contribute 0."""
         return NodeMatches(query["centroid_m"], reference["centroid_m"], align_places(query, reference)[1])
 
-    def count_objects(self, description: Description) -> int:
-        return len(description["labels"])
-
 
 def compare_places(query: Description, place: Description) -> float:
     """Return the score of two described places, from 0 to 1."""

@@ -95,9 +95,6 @@ class GraphLocalizer(DetectingLocalizer):
     def unpack(self, packed: Description) -> Description:
         return unpack_graph(packed)
 
-    def count_objects(self, description: Description) -> int:
-        return len(description["labels"])
-
     def note(self, description: Description) -> str | None:
         count = graph_from_arrays(description).out_of_reach
         return f"{count} object(s) further than {REACH_M} m left out" if count else None

@@ -183,10 +183,6 @@ class Localizer(Role):
         can be one."""
         return None
 
-    def count_objects(self, description: Description) -> int:
-        """Return the number of objects in a description, used by the posterior; 0 for methods without objects."""
-        return 0
-
     def correspond(self, query: Description, reference: Description) -> PointMatches | NodeMatches | None:
         """Return the matched points or objects of two descriptions; None for methods that match neither."""
         return None

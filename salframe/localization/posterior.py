@@ -16,34 +16,51 @@ from salframe.framework.errors import DataError
 from salframe.framework.validation import Settings
 from salframe.localization.answers import MAX_OUT_OF_MAP_PROBABILITY, Localization, LocalizationStatus, ranked_places
 
-FEATURES = ("top_score", "top_probability", "margin", "log_objects")
-"""Features of the head, in the order of `head_features`."""
+NUM_OTHERS = 5
+"""Maximum number of places after the first whose mean score the first is compared with."""
 TEMPERATURES = (1e-4, 1e4)
 """Minimum and maximum temperature, relative to the spread of the scores."""
 RIDGE = 1e-3
-"""Ridge penalty: factor of the squared weights of the head, per answer, in units of the spread of a feature. Without
-it, answers that can be separated without an error have no optimal weights."""
+"""Ridge penalty: factor of the squared slope of the head, per answer, in units of the spread of the contrast. Without
+it, answers that can be separated without an error have no optimal slope."""
+MAX_LOG_RATIO = 30.0
+"""Maximum logarithm of the likelihood ratio of an answer, which keeps exponentials finite."""
 
 
 class Head(Settings):
-    """A logistic model: the log-odds that the query is in a place of the map, a weighted sum of features."""
+    """A model of the contrast of an answer: how much the first place exceeds the others.
 
-    bias: float = Field(description="log-odds that the query is in the map, if all features are 0")
-    top_score: float = Field(
-        description="change of the log-odds that the query is in the map, per unit of the best score"
+    Answers to out-of-map queries, and wrong answers to queries in the map, have a contrast with the same mean and
+    deviation. With z the contrast in units of these, the likelihood ratio of a right answer is
+    r = exp(bias + slope z). If a is the accuracy, and queries in the map and out of it are equally frequent, the
+    probability that the query is in the map is (a r + 1 - a) / (a r + 2 - a).
+    """
+
+    absent_mean: float = Field(description="mean contrast of the answers to out-of-map queries")
+    absent_deviation: float = Field(
+        gt=0, description="standard deviation of the contrast of the answers to out-of-map queries"
     )
-    top_probability: float = Field(
-        description="change of the log-odds that the query is in the map, per unit of the probability of the best "
-        "place. This probability assumes that the query is in the map"
+    bias: float = Field(
+        description="logarithm of the likelihood ratio of a right answer to an answer to an out-of-map query, at the "
+        "mean contrast of the latter"
     )
-    margin: float = Field(
-        description="change of the log-odds that the query is in the map, per unit of the difference between the "
-        "two best scores; a single score is compared with 0"
+    slope: float = Field(
+        ge=0, description="change of this logarithm per standard deviation of the contrast of out-of-map queries"
     )
-    log_objects: float = Field(
-        description="change of the log-odds that the query is in the map, per unit of ln(1 + number of objects of "
-        "the query)"
+    accuracy: float = Field(
+        ge=0, le=1, description="probability that the first place is the true one, if the query is in the map"
     )
+    other_score: float = Field(
+        description="mean score of the other places, in temperatures; the first place is compared with it where an "
+        "answer has no other place"
+    )
+
+    def in_map(self, contrast: np.ndarray) -> np.ndarray:
+        """Return the probability that the query is in the map, from the contrasts (N,) of answers, (N,) float64."""
+        z = (contrast - self.absent_mean) / self.absent_deviation
+        right = self.accuracy * np.exp(np.minimum(self.bias + self.slope * z, MAX_LOG_RATIO))
+        wrong = 1 - self.accuracy
+        return np.asarray((right + wrong) / (right + wrong + 1))
 
 
 class Posterior(Settings):
@@ -63,8 +80,33 @@ class Posterior(Settings):
         le=1,
         description="maximum out-of-map probability of an answer; above it, the status of the answer is out-of-map",
     )
+    calibrate: bool = Field(
+        True, description="whether the head of a map is calibrated with the reference frames of the map"
+    )
+    query_distance_m: float = Field(
+        1.0,
+        gt=0,
+        description="typical distance (m) of a query from the nearest reference frame of its place; only for the "
+        "calibration",
+    )
+    max_false_accept: float | None = Field(
+        None,
+        gt=0,
+        lt=1,
+        description="maximum false accept rate: accept only answers that pass a conformal test at this level, made "
+        "from the reference frames of the map; null: no test",
+    )
 
-    def apply(self, localization: Localization, objects: int = 0) -> Localization:
+    def contrast(self, scores: np.ndarray) -> float:
+        """Return the contrast of an answer: the first score minus the mean of the next NUM_OTHERS, in temperatures.
+
+        Args:
+            scores: (P,) scores of the places, best first, at least one.
+        """
+        others = float(np.mean(scores[1 : 1 + NUM_OTHERS])) / self.temperature if len(scores) > 1 else None
+        return float(scores[0]) / self.temperature - (self.head.other_score if others is None else others)
+
+    def apply(self, localization: Localization, limit: float = MAX_OUT_OF_MAP_PROBABILITY) -> Localization:
         """Return an answer with probabilities.
 
         If the out-of-map probability is larger than `max_out_of_map_probability`, the status becomes
@@ -72,22 +114,20 @@ class Posterior(Settings):
 
         Args:
             localization: The answer.
-            objects: Number of objects of the query.
+            limit: Maximum out-of-map probability of an accepted answer.
         """
         if not localization.places:
             return localization
         frames, names, place_scores, _ = zip(*localization.places, strict=True)
         scores = np.array(place_scores, np.float64)
-        share = shares(scores, self.temperature)
-        weights = np.array([getattr(self.head, name) for name in FEATURES])
-        in_map = float(_logistic(self.head.bias + head_features(scores, share, objects) @ weights))
-        places = ranked_places(frames, names, place_scores, (in_map * share).tolist())
-        is_rejected = localization.status.names_a_place and 1 - in_map > self.max_out_of_map_probability
-        if is_rejected:
-            return Localization(
-                places, None, LocalizationStatus.OUT_OF_MAP, out_of_map_probability=1 - in_map, notes=localization.notes
+        in_map = float(self.head.in_map(np.array(self.contrast(scores))))
+        places = ranked_places(frames, names, place_scores, (in_map * shares(scores, self.temperature)).tolist())
+        known = replace(localization, places=places, out_of_map_probability=1 - in_map, max_accepted_probability=limit)
+        if localization.status.names_a_place and 1 - in_map > self.max_out_of_map_probability:
+            return replace(
+                known, T_world_query=None, covariance=None, heading_rad=None, status=LocalizationStatus.OUT_OF_MAP
             )
-        return replace(localization, places=places, out_of_map_probability=1 - in_map)
+        return known
 
 
 def read_fitted(part: str, value: Any) -> Any:
@@ -125,18 +165,6 @@ def shares(scores: np.ndarray, temperature: float) -> np.ndarray:
     return np.asarray(power / power.sum())
 
 
-def head_features(scores: np.ndarray, share: np.ndarray, objects: int) -> np.ndarray:
-    """Return the features of the head in the order of FEATURES, (4,) float64.
-
-    Args:
-        scores: (P,) scores of the places, best first, at least one.
-        share: (P,) `shares` of the scores.
-        objects: Number of objects of the query.
-    """
-    second = scores[1] if len(scores) > 1 else 0.0
-    return np.array([scores[0], share[0], scores[0] - second, np.log1p(objects)])
-
-
 @dataclass(frozen=True, eq=False)
 class ScoredAnswer:
     """An answer with its truth.
@@ -145,13 +173,13 @@ class ScoredAnswer:
         scores: (P,) float64 scores of the places, best first, at least one.
         true_place: Index of the query's place among them; None if it is not ranked.
         here: Whether the query's place is in the map.
-        objects: Number of objects of the query.
+        data: Name of the tuning data. The contrast is standardized separately for each name.
     """
 
     scores: np.ndarray
     true_place: int | None
     here: bool
-    objects: int
+    data: str
 
 
 @dataclass(frozen=True)
@@ -182,9 +210,12 @@ class Fit:
 def fit_posterior(answers: Sequence[ScoredAnswer]) -> Fit:
     """Fit temperature and head by maximum likelihood. The result is deterministic.
 
+    Mean and deviation of the head are those of the out-of-map answers. Bias and slope are a logistic regression of the
+    right answers against the out-of-map answers. Each tuning data set has the same weight in the head.
+
     Raises:
-        DataError: All places of each answer have equal scores; or there are no queries in the map, or no out-of-map
-            queries.
+        DataError: All places of each answer have equal scores; there are no queries in the map that are answered
+            correctly, or no out-of-map queries; or the scores of all out-of-map answers are equal.
     """
     ranked = [answer for answer in answers if answer.here and answer.true_place is not None]
     num_out_of_map = sum(not answer.here for answer in answers)
@@ -197,22 +228,68 @@ def fit_posterior(answers: Sequence[ScoredAnswer]) -> Fit:
     if spread == 0 or all(np.ptp(answer.scores) == 0 for answer in ranked):
         raise DataError("all places of each answer have the same score, expected scores that differ between places")
     temperature = _fit_temperature(ranked, spread)
+    posterior = Posterior(temperature=temperature, head=_fit_head(answers, temperature))
     in_map = np.array([answer.here for answer in answers], float)
-    features = np.stack(
-        [head_features(answer.scores, shares(answer.scores, temperature), answer.objects) for answer in answers]
-    )
-    bias, weights = _fit_logistic(features, in_map)
-    head = Head(bias=bias, **dict(zip(FEATURES, weights, strict=True)))
+    contrasts = np.array([posterior.contrast(answer.scores) for answer in answers])
     base = in_map.mean()
     return Fit(
-        Posterior(temperature=temperature, head=head, max_out_of_map_probability=MAX_OUT_OF_MAP_PROBABILITY),
+        posterior,
         len(answers),
         len(ranked),
         _place_nll(ranked, 1.0),
         _place_nll(ranked, temperature),
         -float(base * np.log(base) + (1 - base) * np.log(1 - base)),
-        _logistic_nll(bias + features @ np.array(weights), in_map),
+        log_loss(posterior.head.in_map(contrasts), in_map),
     )
+
+
+def log_loss(probability: np.ndarray, outcome: np.ndarray) -> float:
+    """Return the mean negative logarithm of the probability (N,) of outcomes (N,), 0 or 1."""
+    return float(-np.mean(np.log(np.where(outcome > 0, probability, 1 - probability))))
+
+
+def _fit_head(answers: Sequence[ScoredAnswer], temperature: float) -> Head:
+    """Fit the head of a posterior with a temperature."""
+    others = [answer.scores[1 : 1 + NUM_OTHERS].mean() / temperature for answer in answers if len(answer.scores) > 1]
+    head = Head(
+        absent_mean=0,
+        absent_deviation=1,
+        bias=0,
+        slope=0,
+        accuracy=0.0,
+        other_score=float(np.mean(others)) if others else 0.0,
+    )
+    neutral = Posterior(temperature=temperature, head=head)
+    data = np.array([answer.data for answer in answers])
+    here = np.array([answer.here for answer in answers])
+    right = here & np.array([answer.true_place == 0 for answer in answers])
+    names = list(dict.fromkeys(data.tolist()))
+    accuracy = float(np.mean([right[rows].mean() for name in names if (rows := (data == name) & here).any()]))
+    contrast = np.array([neutral.contrast(answer.scores) for answer in answers])
+    moments = {
+        name: (contrast[rows].mean(), contrast[rows].std()) for name in names if (rows := (data == name) & ~here).any()
+    }
+    mean, deviation = (
+        float(np.mean([mean for mean, _ in moments.values()])),
+        float(np.sqrt(np.mean([deviation**2 for _, deviation in moments.values()]))),
+    )
+    if deviation == 0:
+        raise DataError("all out-of-map answers have the same scores, expected scores that differ between queries")
+    head = head.model_copy(update={"absent_mean": mean, "absent_deviation": deviation, "accuracy": accuracy})
+    if not right.any():
+        return head
+    z = np.array(
+        [
+            (value - moments.get(name, (mean, deviation))[0]) / (moments.get(name, (mean, deviation))[1] or deviation)
+            for value, name in zip(contrast, data.tolist(), strict=True)
+        ]
+    )
+    used = right | ~here
+    weight = np.array([1 / (used & (data == name)).sum() for name in data[used].tolist()])
+    bias, slope = _fit_logistic(z[used], right[used].astype(float), weight / weight.sum())
+    # The ratio of the likelihoods does not depend on how frequent right and out-of-map answers are.
+    bias -= float(np.log(weight[right[used]].sum() / weight[~right[used]].sum()))
+    return head.model_copy(update={"bias": bias, "slope": max(slope, 0.0)})
 
 
 def _fit_temperature(ranked: Sequence[ScoredAnswer], spread: float) -> float:
@@ -234,37 +311,26 @@ def _place_nll(ranked: Sequence[ScoredAnswer], temperature: float) -> float:
     return float(total / len(ranked))
 
 
-def _fit_logistic(features: np.ndarray, outcome: np.ndarray) -> tuple[float, list[float]]:
-    """Fit a logistic regression with a ridge penalty; return the bias and the weights (F,).
-
-    A constant feature has the weight 0.
+def _fit_logistic(values: np.ndarray, outcome: np.ndarray, weight: np.ndarray) -> tuple[float, float]:
+    """Fit a logistic regression with a ridge penalty; return the bias and the slope.
 
     Args:
-        features: (N, F) features.
+        values: (N,) values.
         outcome: (N,) outcomes, 0 or 1.
+        weight: (N,) weights of the values, with the sum 1.
     """
     from scipy.optimize import minimize
 
-    mean, spread = features.mean(0), features.std(0)
-    varies = spread > 1e-9 * np.maximum(np.abs(mean), 1)
-    scale = np.where(varies, spread, 1.0)
-    standardized = (features - mean) / scale * varies
+    mean = weight @ values
+    spread = np.sqrt(weight @ (values - mean) ** 2) or 1.0
+    standardized = (values - mean) / spread
 
     def loss(parameters: np.ndarray) -> tuple[float, np.ndarray]:
-        logit = parameters[0] + standardized @ parameters[1:]
-        residual = (_logistic(logit) - outcome) / len(outcome)
-        value = _logistic_nll(logit, outcome) + RIDGE * (parameters[1:] @ parameters[1:])
-        return value, np.concatenate([[residual.sum()], standardized.T @ residual + 2 * RIDGE * parameters[1:]])
+        logit = parameters[0] + standardized * parameters[1]
+        residual = weight * (0.5 * (1 + np.tanh(0.5 * logit)) - outcome)
+        value = float(weight @ (np.logaddexp(0, logit) - outcome * logit)) + RIDGE * parameters[1] ** 2
+        return value, np.array([residual.sum(), standardized @ residual + 2 * RIDGE * parameters[1]])
 
-    result = minimize(loss, np.zeros(1 + features.shape[1]), jac=True, method="L-BFGS-B", options={"gtol": 1e-8})
-    weights = result.x[1:] / scale * varies
-    return float(result.x[0] - mean @ weights), [float(weight) for weight in weights]
-
-
-def _logistic_nll(logit: np.ndarray, outcome: np.ndarray) -> float:
-    """Return the mean negative logarithm of the probability of outcomes (N,), 0 or 1, with log-odds (N,)."""
-    return float(np.mean(np.logaddexp(0, logit) - outcome * logit))
-
-
-def _logistic(logit: Any) -> Any:
-    return 0.5 * (1 + np.tanh(0.5 * logit))  # does not overflow, unlike 1 / (1 + exp(-logit))
+    result = minimize(loss, np.zeros(2), jac=True, method="L-BFGS-B", options={"gtol": 1e-8})
+    slope = float(result.x[1] / spread)
+    return float(result.x[0] - mean * slope), slope

@@ -94,6 +94,7 @@ def fit_method(
     output: str | Path,
     *,
     tries: Sequence[str] = (),
+    posterior_only: bool = False,
     data_dir: str | Path | None = None,
     overrides: Sequence[str] = (),
     progress: Progress | None = None,
@@ -110,6 +111,7 @@ def fit_method(
         data: Names of data sets, at least one.
         output: The YAML file to write.
         tries: Matching settings to try, as "key.path=value,value".
+        posterior_only: Whether to keep the matching settings and the weights, and to fit only the posterior.
         data_dir: The `root` of data sets that have one.
         overrides: Settings as "key.path=value", as for a map.
         progress: Reports the progress.
@@ -119,8 +121,8 @@ def fit_method(
         A summary, one line each.
 
     Raises:
-        ConfigError: The method has neither weights nor a posterior, a setting to try is not a matching setting, or
-            `output` is not named as a YAML file.
+        ConfigError: The method has neither weights nor a posterior, `tries` is used with `posterior_only`, a setting to
+            try is not a matching setting, or `output` is not named as a YAML file.
         DataError: The queries have no usable answers, or the scores of all places are equal.
     """
     output = Path(output)
@@ -128,11 +130,13 @@ def fit_method(
         raise ConfigError(f"received the file {output}, expected one that ends in {' or '.join(SUFFIXES)}")
     if not data:
         raise ConfigError("received no tuning data, expected at least one data set")
+    if posterior_only and tries:
+        raise ConfigError("received settings to try and `posterior_only`, which keeps all settings: omit one of them")
     tunings = [_describe(one, method, data_dir, overrides, progress, tell) for one in data]
     fields = type(tunings[0].localizer.config).model_fields
     content: dict[str, Any] = {}
     lines, gain = [], {}
-    if "weights" in fields:
+    if "weights" in fields and not posterior_only:
         chosen = _try(tunings, tries, tell)
         weights, before, after = _fit(tunings, chosen)
         fitted_weights = {name: float(f"{value:.4g}") for name, value in weights.items()}
@@ -239,7 +243,7 @@ def _scored(tuning: Tuning, changes: Mapping[str, Any]) -> Iterator[ScoredAnswer
             names = [ranked.place for ranked in answer.places]
             scores = np.array([ranked.score for ranked in answer.places], np.float64)
             position = names.index(place) if place in names else None
-            yield ScoredAnswer(scores, position, here, localizer.count_objects(description))
+            yield ScoredAnswer(scores, position, here, tuning.name)
 
 
 def _summary(fit: Fit) -> list[str]:
