@@ -81,7 +81,7 @@ def test_ablate_runs_every_combination(fakes, tmp_path):
         ({"method": "reader", "vary": {"offset": [1]}, "varry": {}}, "unknown key"),
         (
             {"method": "reader", "methods": ["greedy"], "vary": {"offset": [1]}},
-            "keys method and methods, expected exactly one",
+            "method and methods, expected exactly one",
         ),
         ({"method": "reader", "vary": {"offset": []}}, "the list vary.offset has no value"),
         ({"method": "reader", "vary": {"offset": 1}}, "vary.offset"),
