@@ -236,8 +236,10 @@ def test_files_are_found_wherever_they_are():
         "tables.files": False,
         "tables.last": True,
         "detector.model": False,
+        "detector.labels": False,
         "others[0].noise": False,
         "others[1].model": False,
+        "others[1].labels": False,
     }
 
 
