@@ -50,7 +50,10 @@ def serve(
         for name in ("fastapi", "uvicorn", "python_multipart", "websockets", "prometheus_client")
         if find_spec(name) is None
     ]:
-        raise RequirementMissing(f"serve needs {', '.join(missing)}, not installed: pip install 'salframe[serve]'")
+        verb = "is" if len(missing) == 1 else "are"
+        raise RequirementMissing(
+            f"serve needs {' and '.join(missing)}, which {verb} not installed: pip install 'salframe[serve]'"
+        )
     from salframe.serving.access import is_loopback
     from salframe.serving.limits import ServiceLimits
     from salframe.serving.run import serve_map
