@@ -104,7 +104,7 @@ def test_an_agent_sees_as_queries_do(world, building):
 
 def test_told_its_place_an_agent_stands_at_its_viewpoint(world):
     found = see_place(world, at(world, "b", 0.7), 0.4)
-    np.testing.assert_allclose(found.pose, at(world, "b", 0.4))
+    np.testing.assert_allclose(found.answer.T_world_query, at(world, "b", 0.4))
     assert found.frame == "fake/b"
 
 
