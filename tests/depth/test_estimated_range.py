@@ -143,7 +143,9 @@ def test_without_a_range_model_what_could_estimate_it_is_named(rooms, options):
     assert row["reason"].startswith(
         "the detector 'panoseg' of the method needs range, which the dataset painted-rooms does not have; "
     )
-    assert row["reason"].endswith("; to estimate it: --set range.kind=onnx-depth")
+    assert row["reason"].endswith(
+        "; to estimate it: --set range.kind=onnx-depth or --set range.kind=transformers-depth"
+    )
     (row,) = run(*arguments, "--engine", "inline", "--json", *options).json["rows"]
     assert row["input"] == ["rgb", "estimated range"]
     (row,) = run(*arguments, "--engine", "inline", "--json", "--set", "range.kind=onnx-depth").json["rows"]
