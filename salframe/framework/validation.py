@@ -105,9 +105,20 @@ _COMPARISONS = ("greater_than", "greater_than_equal", "less_than", "less_than_eq
 
 def describe_faults(error: ValidationError, where: str, model: type[BaseModel] | None = None) -> str:
     """Describe validation errors in one line: the first MAX_PROBLEMS errors, and the number of the others."""
-    problems = list(dict.fromkeys(_problem(model, problem, where) for problem in error.errors()))
+    faults = [problem for problem in error.errors() if not _follows_from_items(problem)]
+    problems = list(dict.fromkeys(_problem(model, problem, where) for problem in faults))
     more = f"; and {len(problems) - MAX_PROBLEMS} more errors" if len(problems) > MAX_PROBLEMS else ""
     return "; ".join(problems[:MAX_PROBLEMS]) + more
+
+
+def _follows_from_items(problem: Any) -> bool:
+    """Return whether a list counts as too short because only its valid items were counted."""
+    received = problem["input"]
+    return (
+        problem["type"] == "too_short"
+        and hasattr(received, "__len__")
+        and len(received) >= problem["ctx"]["min_length"]
+    )
 
 
 def _problem(model: type[BaseModel] | None, problem: Any, where: str) -> str:

@@ -76,7 +76,7 @@ def test_masks_in_another_world_are_named(recording):
     [
         ({"free": "nowhere.png"}, "nowhere.png"),
         ({"region": "pictures/study-01-0.range.png"}, "expected equal sizes"),
-        ({"resolution_m": -1}, "resolution_m: received -1, expected greater than 0"),
+        ({"resolution_m": -1}, "resolution_m: received -1, expected a number greater than 0$"),
         ({"unit": 1}, "unknown key .*unit"),
     ],
 )

@@ -18,7 +18,12 @@ def test_names_are_those_that_detectors_share(name):
     assert {own for own in names if common_label(own) != own} == set()
     assert names <= set(read_yaml(NAMES)["synonyms"])
     # A label that the vocabulary knows by itself is called as the vocabulary calls it.
-    known = {word for part in read_yaml(NAMES).values() for own, words in part.items() for word in (own, *words)}
+    known = {
+        word
+        for part in ("synonyms", "kinds")
+        for own, words in read_yaml(NAMES)[part].items()
+        for word in (own, *words)
+    }
     objects = {label: card.name_of(label) for label in card.labels if card.name_of(label)}
     assert {label: own for label, own in objects.items() if label in known and common_label(label) != own} == {}
 

@@ -480,7 +480,9 @@ def test_one_line_says_what_does_not_fit(models, tmp_path, monkeypatch):
     if not tiny.torch.cuda.is_available():
         refused(models(tiny.segformer), message, ConfigError, device="cuda")
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    message = r"transformers needs torch and transformers, which are not installed: pip install 'salframe\[transformers\]'"
+    message = (
+        r"transformers needs torch and transformers, which are not installed: pip install 'salframe\[transformers\]'"
+    )
     refused(models(tiny.segformer), message, RequirementMissing)
 
 

@@ -29,7 +29,7 @@ from salframe.testing.rooms import ROOMS, FurnishedRoom, box_detections, map_fra
 from salframe.topology.build import build_topology
 from salframe.topology.building_map import BuildingMap
 
-PLUGINS = "painted_plugin,salframe_graphs,salframe_planners,salframe_annotations,salframe_trackers,salframe.configs"
+PLUGINS = "served_plugin,salframe_graphs,salframe_planners,salframe_annotations,salframe_trackers,salframe.configs"
 RESOLUTION_M = 0.05
 HALL = ((0.0, 4.0), (9.4, 5.6))
 DOORS = (((3.0, 3.6), (3.9, 4.0)), ((7.5, 3.0), (8.4, 4.0)), ((2.0, 5.6), (2.9, 6.0)))

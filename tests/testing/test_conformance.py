@@ -68,8 +68,7 @@ OURS = [component for component, package in registry() if package == "salframe"]
 BROUGHT = ("feature-matcher", "detection-decoder", "image-network")
 """Roles that salframe's plugins define, checked in tests/keypoints, tests/detectors and tests/image."""
 FILED = ("onnx", "union", "onnx-depth", "segments", "ray", "transformers", "transformers-depth", "appearance")
-"""Checked in tests/detectors, tests/depth, tests/segments, tests/image and tests/engines, which write the files that they
-need."""
+"""Checked in the folders of their own tests, which write the files that they need."""
 STAGES = [c for c in OURS if c.role not in ("dataset", "localizer", *BROUGHT) and c.name not in FILED]
 
 
