@@ -82,21 +82,21 @@ def verify(
     max_shift_m: float,
     scale_bound: ScaleBound | None = None,
 ) -> VerifiedPoses:
-    """Find the pose of each candidate with the largest support, among two-point hypotheses from similar nodes.
+    """For each candidate, find the pose with the largest support. A hypothesis is a pose from two pairs of similar nodes.
 
     All similar nodes score a hypothesis. For each candidate the MAX_HYPOTHESES hypotheses with the most similar pairs
     are evaluated.
 
     Args:
         query_xy: (n, 2) positions of the query's nodes in metres.
-        map_xy: (N, 2) positions of the map's nodes in metres, each in its reference frame.
-        pairs: The node pairs that may be the same object, P together.
+        map_xy: (N, 2) positions of the map's nodes in metres, each in the coordinates of the panorama that shows it.
+        pairs: The P node pairs, over all candidates, that may be the same object.
         similarity: (P,) similarity of each pair, above 0.
         tolerance_m: (P,) maximum distance in metres between the two nodes of the same object.
         weights: (n,) weights of the query's nodes.
         max_shift_m: Maximum distance in metres of a pose from the reference frame.
-        scale_bound: Bounds of the query's scale, which each hypothesis then has: the ratio of its two lengths. None
-            where ranges are metric.
+        scale_bound: Bounds of the query's scale. If given, each hypothesis has a scale: the distance between its two map
+            nodes divided by the distance between its two query nodes. None if ranges are metric.
     """
     result = VerifiedPoses.none(pairs)
     i, node = pairs.query, pairs.node

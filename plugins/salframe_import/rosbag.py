@@ -43,13 +43,13 @@ class RosBagImporter(Importer):
         )
         depth: str | None = Field(
             None,
-            description="topics of the depth, in the order of the pictures; none: import no depth; null: the only "
-            "topic of depth, if there is one",
+            description="topics of the depth, one for each topic of pictures and in the same order; none: import no "
+            "depth; null: the only topic of depth, if there is one",
         )
         camera_info: str | None = Field(
             None,
-            description="topics of the intrinsics, in the order of the pictures; null: the topic camera_info beside "
-            "each topic of pictures, if there is one",
+            description="topics of the intrinsics, one for each topic of pictures and in the same order; null: "
+            "camera_info in the namespace of each topic of pictures, if it exists",
         )
         projection: Projection = Field(
             "auto", description="projection of the images; auto: pinhole if there are intrinsics"

@@ -161,7 +161,9 @@ def import_(
     ] = None,
     queries: Annotated[
         str | None,
-        typer.Option(metavar="every:N|FILE", help="Every Nth panorama with a pose, or a file of ids, as queries"),
+        typer.Option(
+            metavar="every:N|FILE", help="Panoramas that are queries: every Nth with a pose, or the ids in a file"
+        ),
     ] = None,
     every: Annotated[
         str | None, typer.Option(metavar="Nm|Ns", help="Minimum distance or time between panoramas, as 0.5m or 2s")

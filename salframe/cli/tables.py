@@ -147,7 +147,7 @@ def format_experiment(result: ExperimentResult, style: str) -> str:
 
 
 def _floating(table: Table, caption: str) -> str:
-    """Return a table as LaTeX with a caption, and a label made of it."""
+    """Return a table as a LaTeX float, with a caption and a label that is derived from the caption."""
     from salframe.evaluation.tables.formats import to_latex
 
     return to_latex(table, caption, f"tab:{'-'.join(re.findall(r'[a-z0-9]+', caption.lower())[:6])}")

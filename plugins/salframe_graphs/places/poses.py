@@ -76,7 +76,7 @@ class Poses:
 
 @dataclass(frozen=True, eq=False)
 class PoseColumns:
-    """The objects of the places of C poses, one pose after the other.
+    """For each of C poses, the objects of its place, one pose after the other.
 
     Attributes:
         objects: (T,) indices of the objects in the index.

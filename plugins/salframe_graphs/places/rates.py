@@ -38,8 +38,8 @@ class Rates(Settings):
         gt=0, description="standard deviation of the natural logarithm of the height of an object's box"
     )
     detection_logit: float = Field(
-        description="log-odds of the detection of an object of average saliency that is seen once in the map, "
-        "from a distance of 2 m"
+        description="log-odds that an object is detected from a distance of 2 m, if its saliency is average and one "
+        "panorama of the map shows it"
     )
     detection_per_saliency: float = Field(
         description="change of the log-odds of the detection of an object per unit of ln(saliency / average saliency)"

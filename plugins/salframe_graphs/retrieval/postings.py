@@ -115,7 +115,8 @@ def read_postings(folder: Path) -> Postings:
 
 
 def _spool(graphs: Iterable[SaliencyGraph], labels: dict[str, int], spool: Path) -> int:
-    """Write the objects in the order of the scenes and number their labels; return the number of scenes."""
+    """Write the objects to the file `spool`, scene by scene, and give each label an integer id. Return the number of
+    scenes."""
     scenes, num_objects, buffer = 0, 0, []
     with spool.open("wb") as file:
         for graph in graphs:

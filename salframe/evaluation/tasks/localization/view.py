@@ -25,7 +25,7 @@ class Queries:
 
 @dataclass(frozen=True, eq=False)
 class LocalizationView(RunView[AnswerRow, LocalizationRow]):
-    """A comparison: its queries, and the answers of each method compared with the ground truth."""
+    """Data of the report of a comparison: its queries, and the answers of each method beside the ground truth."""
 
     survey: LocalizationSurvey
     queries: Queries
