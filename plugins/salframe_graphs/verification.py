@@ -82,7 +82,7 @@ def verify(
     max_shift_m: float,
     scale_bound: ScaleBound | None = None,
 ) -> VerifiedPoses:
-    """For each candidate, find the pose with the largest support. A hypothesis is a pose from two pairs of similar nodes.
+    """Find the pose with the largest support for each candidate. A hypothesis is a pose from two pairs of similar nodes.
 
     All similar nodes score a hypothesis. For each candidate the MAX_HYPOTHESES hypotheses with the most similar pairs
     are evaluated.
@@ -95,8 +95,8 @@ def verify(
         tolerance_m: (P,) maximum distance in metres between the two nodes of the same object.
         weights: (n,) weights of the query's nodes.
         max_shift_m: Maximum distance in metres of a pose from the reference frame.
-        scale_bound: Bounds of the query's scale. If given, each hypothesis has a scale: the distance between its two map
-            nodes divided by the distance between its two query nodes. None if ranges are metric.
+        scale_bound: Bounds of the query's scale. If given, each hypothesis has a scale: the distance between its two
+            map nodes divided by the distance between its two query nodes. None if ranges are metric.
     """
     result = VerifiedPoses.none(pairs)
     i, node = pairs.query, pairs.node

@@ -30,7 +30,7 @@ def measure_height(panorama: Panorama) -> dict[str, np.ndarray]:
 
 
 def height_of(description: Mapping[str, np.ndarray]) -> float:
-    """Return the height above the floor, in metres, of the camera that took a described panorama; NaN if it is unknown."""
+    """Return the height above the floor (m) of the camera that took a described panorama; NaN if it is unknown."""
     return float(description[HEIGHT][0]) if HEIGHT in description else np.nan
 
 
