@@ -82,7 +82,7 @@ def verify(
     max_shift_m: float,
     scale_bound: ScaleBound | None = None,
 ) -> VerifiedPoses:
-    """Find the pose with the largest support for each candidate. A hypothesis is a pose from two pairs of similar nodes.
+    """Find the pose with the largest support for each candidate. A hypothesis is a pose from two similar pairs.
 
     All similar nodes score a hypothesis. For each candidate the MAX_HYPOTHESES hypotheses with the most similar pairs
     are evaluated.
