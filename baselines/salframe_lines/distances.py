@@ -57,7 +57,7 @@ def _nearest_cosines(around_rad, along_rad, points):
 
 
 def distance_codes_from(lines: Sequence[Lines3d], positions_m: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return the `distance_codes` of 3D lines seen from T positions (T, 3) at Q points of the sphere, (T, 3 Q) uint8."""
+    """Return the `distance_codes` of 3D lines seen from positions (T, 3) at Q points of the sphere, (T, 3 Q) uint8."""
     chunks = [positions_m[i : i + CHUNK] for i in range(0, len(positions_m), CHUNK)]
     return np.concatenate(
         [distance_codes([project_lines(lines[k], k, chunk) for k in range(3)], points) for chunk in chunks]
