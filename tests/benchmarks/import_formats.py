@@ -173,20 +173,25 @@ def measure(format: str, root: Path, references: list[Stand], queries: list[Stan
         "panoramas": len(stands),
         "seconds_per_100": 100 * seconds / len(stands),
         "route": printed["route"].partition("\n")[0],
-        **compare(folder, map_folder, by_id),
+        **compare(folder, map_folder, by_id, own_heading=format != "tum"),
         "printed": printed,
     }
 
 
-def compare(folder: Path, map_folder: Path, by_id: dict[str, Stand]) -> dict:
-    """Return the errors of the poses and ranges of an imported folder, and of the answers of its map."""
-    (fold,) = salframe.find_dataset(str(folder)).folds()
+def compare(folder: Path, map_folder: Path, by_id: dict[str, Stand], own_heading: bool) -> dict:
+    """Return the errors of the poses and ranges of an imported folder, and of the answers of its map.
+
+    Without `own_heading`, the importer chooses the headings of the panoramas. They are then not compared with the
+    renderer, and answers are compared with the imported poses.
+    """
+    dataset = salframe.find_dataset(str(folder))
+    (fold,) = dataset.folds()
     shifts_m, turns_deg, range_errors = [], [], []
     for frame in fold.references:
         stand, imported = by_id[frame.id], frame.load()
         shift_m, turn_rad = pose_errors(frame.T_world_pano, stand.T_world_pano)
         shifts_m.append(shift_m)
-        turns_deg.append(np.degrees(turn_rad))
+        turns_deg.append(np.degrees(turn_rad) if own_heading else np.nan)
         rays = salframe.equirectangular_rays(len(imported.range_m)) @ frame.T_world_pano[:3, :3].T
         truth_m = sample_nearest(stand.panorama(stand.T_world_pano, HEIGHT)[1], rays @ stand.T_world_pano[:3, :3])
         ratio = imported.range_m / truth_m
@@ -197,7 +202,8 @@ def compare(folder: Path, map_folder: Path, by_id: dict[str, Stand]) -> dict:
         answer, stand = localizer.localize(query.load()), by_id[query.id]
         right.append(answer.accepted and answer.places[0].place == stand.place)
         if answer.accepted and answer.T_world_query is not None:
-            error_m, error_rad = pose_errors(answer.T_world_query, stand.T_world_pano)
+            truth = stand.T_world_pano if own_heading else dataset.truth(query.id).T_world_pano
+            error_m, error_rad = pose_errors(answer.T_world_query, truth)
             errors_m.append(error_m)
             errors_deg.append(np.degrees(error_rad))
     return {
@@ -226,9 +232,10 @@ def table(rows: Sequence[dict]) -> str:
         pose = "no pose"
         if row["posed"]:
             pose = f"{row['median_error_m']:.2f} m, {row['median_error_deg']:.1f} deg ({row['posed']} poses)"
+        turn = f"{row['max_pose_error_deg']:.2f} deg" if np.isfinite(row["max_pose_error_deg"]) else "own heading"
         lines.append(
             f"| `{row['format']}` | {row['seconds_per_100']:.0f} s "
-            f"| {row['max_pose_error_m'] * 1000:.1f} mm, {row['max_pose_error_deg']:.2f} deg "
+            f"| {row['max_pose_error_m'] * 1000:.1f} mm, {turn} "
             f"| {row['median_range_error']:.1%} | {row['known_share']:.0%} "
             f"| {row['right_places']} of {row['queries']} | {pose} | {row['route'].rpartition(': ')[2]} |"
         )
