@@ -49,7 +49,12 @@ from salframe.panoramas.geometry import pose_errors, rays_to_pixels, sample_near
 HEIGHT = 256
 REFERENCE_SHARE = 0.64
 DATA = ["data.height=256", "data.queries_per_room=1"]
-SETTINGS = {"pictures": [], "tum": ["height=256", "camera=default"], "colmap": ["height=256", "camera_height=1.5"]}
+SETTINGS = {
+    "pictures": [],
+    "tum": ["height=256", "camera=default"],
+    "colmap": ["height=256", "camera_height=1.5"],
+    "matterport3d": ["height=256", "color=pictures"],
+}
 """Settings of each import; otherwise the height of the stitched panoramas."""
 IMAGE = {"w": 192, "h": 160, "fl_x": 96.0, "fl_y": 96.0, "cx": 96.0, "cy": 80.0}
 """Posed images of 90 x 80 degrees with the resolution of the panoramas."""
