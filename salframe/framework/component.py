@@ -74,6 +74,13 @@ def components_in(config: Any) -> Iterator[tuple[str, ComponentConfig]]:
             yield from ((f"{name}[{number}]", item) for number, item in enumerate(value))
 
 
+def nested_components(config: Any) -> Iterator[ComponentConfig]:
+    """Yield the configurations of the components in the slots of a configuration, and of those in their slots."""
+    for _, inner in components_in(config):
+        yield inner
+        yield from nested_components(inner)
+
+
 def holds_components(value: Any) -> bool:
     """Return whether the value of a setting is a tuple of component configurations."""
     return isinstance(value, tuple) and bool(value) and all(isinstance(item, ComponentConfig) for item in value)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from salframe.framework.component import Component, components_in
+from salframe.framework.component import Component, components_in, nested_components
 from salframe.framework.components.auto import needs_of, why_unfit
 from salframe.framework.components.registry import registry
 from salframe.framework.errors import InputMissing
@@ -33,7 +33,7 @@ def input_parts(method: Component, dataset: Dataset) -> tuple[str, ...]:
     """
     used = method.uses & dataset.provides if isinstance(method, Localizer) else frozenset[str]()
     parts = sorted(parts_needed(method, dataset) | used, key=ORDER.index)
-    for _, inner in components_in(method.config):
+    for inner in nested_components(method.config):
         if issubclass(inner.component, Detector):
             noise = inner.component.noise_in(inner, dataset.rendered)
             parts = [f"{part} + {noise} noise" if noise and part in inner.component.needs else part for part in parts]
