@@ -31,6 +31,7 @@ from salframe.localization.fusing import FUSED, Fusion, choose_surest, fuse_answ
 from salframe.localization.level_frames import as_it_stood, better_answer, level_motions, split_level, upright_frame
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map_files import MapParts, find_not_finite, read_map, write_map
+from salframe.localization.next_view import ViewPredictor
 from salframe.localization.preparing import Tell, python_warning, silent
 from salframe.localization.query_input import query_frame
 from salframe.localization.references import describe_references
@@ -371,11 +372,21 @@ class LocalizationMap:
             raise InvalidAnswer(f"match returned {type(answer).__name__}, expected a Localization")
         if labels := self.localizer.unknown_labels(description):
             answer = replace(answer, notes=(*answer.notes, unknown_labels_note(labels)))
-        answer = as_it_stood(answer, rotation)
+        answer = replace(as_it_stood(answer, rotation), predict_views=partial(self._predict_views, description))
         posterior = self.localizer.posterior
         if posterior is None or answer.out_of_map_probability is not None:
             return answer
         return posterior.apply(answer, self.localizer.count_objects(description))
+
+    def _predict_views(self, description: Description, answer: Localization) -> ViewPredictor | None:
+        """Return the predictor of the views around a described query, from the answer to it."""
+        poses = self.localizer.place_poses(description)
+        if poses is None:
+            return None
+        probabilities = {place.place: place.probability for place in answer.places}
+        frame_ids = {place.place: place.frame for place in answer.places}
+        outside = answer.out_of_map_probability
+        return ViewPredictor(probabilities, frame_ids, outside, poses, self.frames, self.reference)
 
     def reference(self, frame_id: str) -> tuple[ReferenceFrame, Description]:
         """Return a reference frame and its description, unpacked.
