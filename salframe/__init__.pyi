@@ -63,6 +63,9 @@ from .localization.answers import LocalizationStatus as LocalizationStatus
 from .localization.answers import NodeMatches as NodeMatches
 from .localization.answers import PointMatches as PointMatches
 from .localization.answers import RankedPlace as RankedPlace
+from .localization.asking import Question as Question
+from .localization.asking import TextAnswer as TextAnswer
+from .localization.asking import ask as ask
 from .localization.evidence_model import EvidenceColumn as EvidenceColumn
 from .localization.evidence_model import EvidenceModel as EvidenceModel
 from .localization.evidence_model import PlaceFrames as PlaceFrames

@@ -281,11 +281,12 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         for name, row, number in zip(ranking.names.tolist(), ranking.pose_row.tolist(), frames, strict=True):
             if row >= 0:
                 z_m = self._matching.frames[number].T_world_pano[2, 3]
-                poses[self._map.names[name]] = pose_2d(*ranking.poses.shift_m[row], ranking.poses.yaw_rad[row], z_m)
+                x_m, y_m = ranking.poses.shift_m[row]
+                poses[self._map.names[name]] = pose_2d(x_m, y_m, ranking.poses.yaw_rad[row], z_m)
         sectors = sectors_from_arrays(description)
         if sectors is None:
             return PlacePoses(poses, np.ones(BINS, bool), np.ones(BINS, bool))
-        is_shown = sectors.reach_m > 0
+        is_shown: np.ndarray = sectors.reach_m > 0
         return PlacePoses(poses, is_shown[-1], is_shown.any(0))
 
     def unknown_labels(self, description: Description) -> tuple[str, ...]:
