@@ -33,14 +33,14 @@ def located(T) -> Located:
     return Located(Localization((RankedPlace("frame", "room", 1.0),), T, LocalizationStatus.OK))
 
 
-def truly(T, yaw_rad):
+def truly(T, yaw_rad, turn):
     return located(T)
 
 
 def located_once():
     """Localizes the agent at its true pose once, and never again."""
     answers = [True]
-    return lambda T, yaw_rad: located(T) if answers and answers.pop() else NOWHERE
+    return lambda T, yaw_rad, turn: located(T) if answers and answers.pop() else NOWHERE
 
 
 def test_without_noise_the_way_walked_is_the_shortest(site):
@@ -55,7 +55,7 @@ def test_without_noise_the_way_walked_is_the_shortest(site):
 def test_spl_is_the_shortest_over_the_walked_way(site):
     longer = [np.array([0.0, 0.4]), np.array([0.0, -0.4])]
 
-    def detour(T, yaw_rad):
+    def detour(T, yaw_rad, turn):
         shift = longer.pop(0) if longer else np.zeros(2)
         return located(pose_2d(*(T[:2, 3] + shift), 2.0 if T[0, 3] == 1.5 else yaw_rad, 1.5))
 
@@ -69,7 +69,7 @@ def test_spl_is_the_shortest_over_the_walked_way(site):
 def test_to_say_so_elsewhere_is_no_success(site):
     row = walk(
         site,
-        lambda T, yaw_rad: located(pose_2d(7.0, 2.0, yaw_rad, 1.5)),
+        lambda T, yaw_rad, turn: located(pose_2d(7.0, 2.0, yaw_rad, 1.5)),
         episode(site, 5.0, 2.0),
         NavigationConfig(**STILL),
         0,
@@ -86,7 +86,7 @@ def test_looser_rules_take_a_greater_distance(site, x_m, reached):
     """The agent reports its arrival at 0.6 m and at 1.1 m from the goal."""
     row = walk(
         site,
-        lambda T, yaw_rad: located(pose_2d(7.0, 2.0, yaw_rad, 1.5)),
+        lambda T, yaw_rad, turn: located(pose_2d(7.0, 2.0, yaw_rad, 1.5)),
         episode(site, x_m, 2.0),
         NavigationConfig(**STILL),
         0,
@@ -95,7 +95,7 @@ def test_looser_rules_take_a_greater_distance(site, x_m, reached):
 
 
 def test_to_pass_the_goal_without_saying_so_is_the_oracles(site):
-    def behind(T, yaw_rad):
+    def behind(T, yaw_rad, turn):
         return located(pose_2d(T[0, 3] - 1.5, T[1, 3], yaw_rad, 1.5))
 
     row = walk(site, behind, episode(site, 5.0, 2.0), NavigationConfig(**STILL, budget=6), 0)
@@ -105,7 +105,7 @@ def test_to_pass_the_goal_without_saying_so_is_the_oracles(site):
 def test_a_wrong_localization_sends_the_agent_the_wrong_way(site):
     """An agent localized in room b, east of the goal, walks west, into the wall of room a."""
 
-    def astray(T, yaw_rad):
+    def astray(T, yaw_rad, turn):
         return located(pose_2d(7.7, 2.0, yaw_rad, 1.5))
 
     row = walk(site, astray, episode(site, 1.0, 2.0), NavigationConfig(**STILL, budget=2), 0)
@@ -113,7 +113,7 @@ def test_a_wrong_localization_sends_the_agent_the_wrong_way(site):
 
 
 def test_never_localized_it_keeps_trying_until_the_budget_ends(site):
-    row = walk(site, lambda T, yaw_rad: NOWHERE, episode(site, 1.0, 2.0), NavigationConfig(budget=5), 0)
+    row = walk(site, lambda T, yaw_rad, turn: NOWHERE, episode(site, 1.0, 2.0), NavigationConfig(budget=5), 0)
     assert (row["status"], row["panoramas"], row["not_localized"], row["believed"]) == (
         "out of budget",
         5,
