@@ -127,6 +127,7 @@ from .topology.building_map import ask_map as ask_map
 from .topology.building_map import build_map as build_map
 from .topology.export import export_map as export_map
 from .topology.growing import add_to_map as add_to_map
+from .topology.growing import calibrate_map as calibrate_map
 from .topology.growing import merge_maps as merge_maps
 from .topology.growing import remove_from_map as remove_from_map
 from .topology.planner import Planner as Planner

@@ -131,10 +131,22 @@ class Reader(Localizer):
         if room == self.config.refuse_in:
             return Localization((), None, LocalizationStatus.LOW_SCORE)
         shift = self.config.offset if room < self.config.wrong_from else 1
-        scores = -np.abs(self.rooms - (room + shift)).astype(float)
+        scores = self.scores(np.abs(self.rooms - (room + shift)).astype(float))
         places = rank_places(self.frames, scores)
         best = next(frame for frame in self.frames if frame.id == places[0].frame)
         return Localization(places, best.T_world_pano, LocalizationStatus.OK)
+
+    def scores(self, distance: np.ndarray) -> np.ndarray:
+        return -distance
+
+
+class Clear(Reader):
+    """A Reader whose scores of all wrong rooms are nearly the same."""
+
+    name = "clear"
+
+    def scores(self, distance: np.ndarray) -> np.ndarray:
+        return -np.minimum(distance, 1) - 0.01 * distance
 
 
 class Greedy(Reader):
@@ -187,4 +199,4 @@ class Ranger(Reader):
 
 @salframe.hookimpl
 def salframe_provides():
-    return [Rooms, Reader, Greedy, Suicidal, Unbuildable, Weightless, Ranger]
+    return [Rooms, Reader, Clear, Greedy, Suicidal, Unbuildable, Weightless, Ranger]

@@ -134,7 +134,7 @@ def join_sectors(sectors: Sequence[Sectors], T_last_view: np.ndarray) -> Sectors
 
 
 def sectors_to_arrays(sectors: Sectors) -> dict[str, np.ndarray]:
-    """Return sectors as arrays of a description."""
+    """Return azimuth sectors of views as arrays of a description."""
     return {"reach_m": sectors.reach_m, "shown_from_m": sectors.position_m}
 
 

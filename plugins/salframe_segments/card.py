@@ -105,10 +105,10 @@ class Card(Settings):
                 kind for kind in ("structure", "fixed", "objects") if label in getattr(self, kind)
             ]  # a label may occur twice in `labels`: two classes with the same name
             if len(kinds) != 1:
-                sections = " and ".join(kinds) or "none"
+                sections = " and ".join(kinds) or "no section"
                 raise ValueError(
-                    f"the label {label!r} is in {sections} of the sections structure, fixed and objects, expected it "
-                    "in exactly one"
+                    f"the label {label!r} is in {sections}, expected it in exactly one of the sections structure, "
+                    "fixed and objects"
                 )
         return self
 

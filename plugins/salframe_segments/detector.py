@@ -73,7 +73,7 @@ class SegmentsDetector(Detector):
             0,
             ge=0,
             le=8,
-            description="number of additional views that look up by 60 deg, and of those that look down by 60 deg",
+            description="number N of tilted views: N additional views look up by 60 deg, and N look down by 60 deg",
         )
         fov_deg: float = Field(
             90.0, ge=30, le=120, description="horizontal field of view of each perspective view (degrees)"

@@ -29,6 +29,9 @@ def build(
             "--central-nodes", help="Place one node in the widest part of each room, not at each reference frame"
         ),
     ] = False,
+    calibrate: Annotated[
+        bool, typer.Option("--calibrate/--no-calibrate", help="Calibrate the probabilities with the reference frames")
+    ] = True,
     data_dir: DataDir = None,
     overrides: Set = None,
     engine: EngineName = ENGINE,
@@ -38,6 +41,7 @@ def build(
 
     The map includes a topology (nodes and edges for routes) if the dataset has floor masks.
     """
+    from salframe.cli.calibration import describe_calibration
     from salframe.cli.output import Bars, tell
     from salframe.evaluation.tables.text import format_bytes
     from salframe.framework.components.installation import folder_bytes
@@ -50,6 +54,7 @@ def build(
             method,
             topology=topology,
             central_nodes=central_nodes,
+            calibrate=calibrate,
             data_dir=data_dir,
             overrides=with_workers(overrides, workers),
             engine=engine,
@@ -57,6 +62,8 @@ def build(
             tell=tell,
         )
     print(f"{output}: {format_bytes(folder_bytes(output))}, {_describe(result.topology)}")
+    if result.localization is not None and result.localization.calibration is not None:
+        print(f"  {describe_calibration(result.localization.calibration)}")
     for note in () if result.topology is None else result.topology.notes:
         print(f"  {note}")
 

@@ -86,10 +86,10 @@ def info(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, as
 
 @app.command()
 def labels(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, as_json: Json = False) -> None:
-    """List the labels of the annotated objects of a dataset, their names and their numbers.
+    """List the labels of the annotated objects of a dataset, with the number of objects of each label.
 
-    The names are those that maps and queries compare. A label that the vocabulary does not have is listed with the
-    names that resemble it. The exit status is 1 if a panorama cannot be read.
+    Maps and queries compare the name that the vocabulary of salframe has for a label. A label that the vocabulary does
+    not have is listed with the names that resemble it. The exit status is 1 if a panorama cannot be read.
     """
     from dataclasses import asdict
 

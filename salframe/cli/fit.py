@@ -24,6 +24,9 @@ def fit(
             help="Values to try for a setting; the best one is used; repeatable",
         ),
     ] = None,
+    posterior_only: Annotated[
+        bool, typer.Option("--posterior-only", help="Keep the weights, and fit only the posterior")
+    ] = False,
     data_dir: DataDir = None,
     overrides: Set = None,
 ) -> None:
@@ -43,6 +46,7 @@ def fit(
             data,
             output,
             tries=tries or (),
+            posterior_only=posterior_only,
             data_dir=data_dir,
             overrides=overrides or (),
             progress=bars.update,

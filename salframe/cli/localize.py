@@ -8,7 +8,17 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from salframe.cli.options import CameraFile, DataDir, Fov, Json, RangeMissing, RangeUnit, Set, range_options
+from salframe.cli.options import (
+    CameraFile,
+    DataDir,
+    Fov,
+    Json,
+    RangeMissing,
+    RangeUnit,
+    Set,
+    number_parser,
+    range_options,
+)
 from salframe.cli.output import print_json
 
 if TYPE_CHECKING:
@@ -46,6 +56,14 @@ def localize(
     labels: Annotated[
         Path | None, typer.Option(metavar="FILE", help='Labels of the object ids, JSON such as {"1": "bed"}')
     ] = None,
+    max_false_accept: Annotated[
+        float | None,
+        typer.Option(
+            parser=number_parser("--max-false-accept", float, 0.001, 0.999),
+            metavar="SHARE",
+            help="Maximum share of accepted out-of-map queries (conformal test)",
+        ),
+    ] = None,
     data_dir: DataDir = None,
     overrides: Set = None,
     as_json: Json = False,
@@ -77,7 +95,7 @@ def localize(
         camera=camera,
         fov_deg=fov,
     )
-    saved_map = open_map(map)
+    saved_map = open_map(map, max_false_accept=max_false_accept)
     answer = saved_map.localize(views=query.read(), warn=warn)
     tell_choices(map)
     next_view = answer.next_view if answer.accepted is False else None

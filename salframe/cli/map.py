@@ -1,4 +1,4 @@
-"""The commands `map build`, `add`, `remove`, `merge`, `show`, `route`, `query` and `export`."""
+"""The commands `map build`, `add`, `remove`, `merge`, `calibrate`, `show`, `route`, `query` and `export`."""
 
 from __future__ import annotations
 
@@ -105,6 +105,22 @@ def merge(
 
 
 @app.command()
+def calibrate(map: AnyMap, as_json: Json = False) -> None:
+    """Calibrate the probabilities of a map with its reference frames.
+
+    `salframe build` does this, and each change of a calibrated map does it again.
+    """
+    from salframe.cli.calibration import describe_calibration
+    from salframe.topology.growing import calibrate_map
+
+    calibration = calibrate_map(map)
+    if as_json:
+        print_json(calibration.model_dump(mode="json"))
+    else:
+        print(f"{map}: {describe_calibration(calibration)}")
+
+
+@app.command()
 def show(
     map: TopologyMap,
     output: Annotated[
@@ -114,16 +130,19 @@ def show(
         ),
     ] = None,
 ) -> None:
-    """Draw a map with its floor, regions, nodes and edges.
+    """Draw a map with its floor, regions, nodes and edges, and print its calibration.
 
     Edges are labelled with their lengths and azimuths.
     """
+    from salframe.cli.calibration import describe_calibration
     from salframe.drawing.floor_picture import draw_topology
+    from salframe.localization.map import map_calibration
     from salframe.topology.store import open_topology
 
     output = output or map / "map.png"
     draw_topology(open_topology(map), output)
     print(output)
+    print(describe_calibration(map_calibration(map)))
 
 
 @app.command()

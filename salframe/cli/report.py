@@ -11,7 +11,9 @@ from salframe.cli.options import Columns, split_names
 
 
 def report(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs, all made by the same command")],
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN...", help="Folders of runs, all of the same command, such as `compare`")
+    ],
     output: Annotated[Path, typer.Option("--output", "-o", help="HTML file to write the report to")] = Path(
         "report.html"
     ),

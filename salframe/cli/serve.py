@@ -16,7 +16,7 @@ MIN_TOKEN = 16
 def serve(
     map: Annotated[Path, typer.Argument(help="Map folder written by `salframe build`")],
     host: Annotated[
-        str, typer.Option(help="Address to listen on; other addresses than this machine's own need a token")
+        str, typer.Option(help="Address to listen on; addresses other than 127.0.0.1 need a token")
     ] = "127.0.0.1",
     port: Annotated[
         int, typer.Option(parser=number_parser("--port", int, 0, 65535), metavar="PORT", help="Port; 0: a free port")
@@ -34,7 +34,7 @@ def serve(
     """Serve a map over HTTP.
 
     Opens the map, then the port, and prints the address: a page for the browser, and an interface for programs, which
-    the page `/api` describes. On another address than this machine's own, requests must send a token; without
+    the page `/api` describes. On an address other than 127.0.0.1 (loopback), requests must send a token; without
     --token-file, a token is created and printed. SIGTERM finishes the requests in progress.
     """
     import secrets

@@ -26,9 +26,9 @@ def track(
 ) -> None:
     """Track the camera of a sequence in a saved map.
 
-    Prints the status, the place and the pose after each frame. The frames of the sequence have the keys `sequence` and
-    `t_s` in the manifest of the folder, and its key `odometry` names the motion. With --output, writes trajectory.tum
-    (the poses with the status `tracking`), track.json (all steps) and trail.png.
+    Prints the status, the place and the pose after each frame. In the manifest of the folder, each frame of the
+    sequence has the keys `sequence` and `t_s`, and the key `odometry` is the name of the file with the motion. With
+    --output, writes trajectory.tum (the poses with the status `tracking`), track.json (all steps) and trail.png.
     """
     from salframe.cli.output import Bars
     from salframe.drawing.trail_picture import draw_trail

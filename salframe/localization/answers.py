@@ -84,22 +84,6 @@ class LocalizationStatus(StrEnum):
         return self in (LocalizationStatus.OUT_OF_MAP, LocalizationStatus.NO_MATCH, LocalizationStatus.LOW_SCORE)
 
 
-def is_accepted(status: LocalizationStatus, out_of_map_probability: float | None) -> bool | None:
-    """Return whether a program should use an answer.
-
-    Its status must name a place, and its out-of-map probability must be at most MAX_OUT_OF_MAP_PROBABILITY. This limit
-    does not depend on the posterior of the localizer.
-
-    Args:
-        status: The status of the answer.
-        out_of_map_probability: The out-of-map probability of the answer; None: the localizer has no probabilities, and
-            the result is None if the status names a place.
-    """
-    if not status.names_a_place:
-        return False
-    return None if out_of_map_probability is None else out_of_map_probability <= MAX_OUT_OF_MAP_PROBABILITY
-
-
 @dataclass(frozen=True)
 class Localization:
     """The answer of a localizer.
@@ -112,6 +96,7 @@ class Localization:
         heading_rad: Azimuth of the x axis of the query in the world: that of the pose, or an estimate without a pose.
         out_of_map_probability: Probability that the query is in none of the places. It and the probabilities of the
             places sum to 1. None from a localizer without probabilities.
+        max_accepted_probability: Maximum out-of-map probability of an accepted answer.
         notes: Remarks for the user, such as labels of the query that the map does not know.
         predict_views: Returns the predictor of the views around the query; None without a map, or for a method that
             does not return a pose in each place. `LocalizationMap` sets it.
@@ -129,6 +114,7 @@ class Localization:
     heading_rad: float | None = None
     out_of_map_probability: float | None = None
     notes: tuple[str, ...] = ()
+    max_accepted_probability: float = MAX_OUT_OF_MAP_PROBABILITY
     predict_views: Callable[[Localization], ViewPredictor | None] | None = field(
         default=None, compare=False, repr=False
     )
@@ -163,9 +149,14 @@ class Localization:
     def accepted(self) -> bool | None:
         """Whether a program should use the first place and, if there is one, the pose.
 
-        None if the answer has a place, but the localizer computes no probabilities.
+        True if the status names a place, and the out-of-map probability is at most `max_accepted_probability`. None if
+        the answer has a place, but the localizer computes no probabilities.
         """
-        return is_accepted(self.status, self.out_of_map_probability)
+        if not self.status.names_a_place:
+            return False
+        if self.out_of_map_probability is None:
+            return None
+        return self.out_of_map_probability <= self.max_accepted_probability
 
     @property
     def view_predictor(self) -> ViewPredictor | None:
@@ -187,9 +178,11 @@ class Localization:
         """The status and, if the place is not accepted, the reason, in one line."""
         if self.accepted is not False or not self.status.names_a_place:
             return str(self.status)
+        probability = self.out_of_map_probability or 0.0
+        certainty = "is probably" if probability > MAX_OUT_OF_MAP_PROBABILITY else "may be"
         return (
-            f"not accepted, because the query is probably out-of-map: {self.out_of_map_probability:.1%}, "
-            f"expected at most {MAX_OUT_OF_MAP_PROBABILITY:.0%}"
+            f"not accepted, because the query {certainty} out-of-map: {probability:.1%}, "
+            f"expected at most {100 * self.max_accepted_probability:.3g}%"
         )
 
     def moved(self, position_m: np.ndarray) -> Localization:

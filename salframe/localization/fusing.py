@@ -60,16 +60,23 @@ def fuse_answers(answers: Sequence[Localization], T_last_view: np.ndarray | None
         if has_probabilities
         else (max((answers[number].places for number in placed), key=lambda places: places[0].score), None)
     )
+    limit = min(answers[number].max_accepted_probability for number in placed)
     is_rejected = (
         any(answer.status is LocalizationStatus.OUT_OF_MAP for answer in answers)
         and out_of_map is not None
         and out_of_map > MAX_OUT_OF_MAP_PROBABILITY
     )
     if is_rejected:
-        return Localization(places, None, LocalizationStatus.OUT_OF_MAP, out_of_map_probability=out_of_map)
+        return Localization(
+            places,
+            None,
+            LocalizationStatus.OUT_OF_MAP,
+            out_of_map_probability=out_of_map,
+            max_accepted_probability=limit,
+        )
     pose = _pose(answers, places[0].place, T_last_view)
     status = LocalizationStatus.NO_POSE if pose is None else LocalizationStatus.OK
-    return Localization(places, pose, status, out_of_map_probability=out_of_map)
+    return Localization(places, pose, status, out_of_map_probability=out_of_map, max_accepted_probability=limit)
 
 
 def choose_surest(answers: Sequence[Localization], T_last_view: np.ndarray | None) -> Localization:

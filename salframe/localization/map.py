@@ -19,10 +19,18 @@ from salframe.framework.errors import DataError, InputMissing, InvalidAnswer, Sa
 from salframe.framework.files.array_files import FileStamp
 from salframe.framework.files.cache import Cache
 from salframe.framework.files.columns import Columns, check_kinds
+from salframe.framework.validation import validate
 from salframe.graphs.detections import Detections
 from salframe.graphs.scene_index import scene_index_notes
 from salframe.graphs.vocabulary import unknown_labels_note
 from salframe.localization.answers import Localization
+from salframe.localization.calibration import (
+    MapCalibration,
+    acceptance_limit,
+    add_probabilities,
+    calibrate_posterior,
+    is_calibrated,
+)
 from salframe.localization.canonical_order import in_canonical_order
 from salframe.localization.described_query import DescribedQuery, DescribedView, describe_query, describe_view
 from salframe.localization.describing import describe_ahead
@@ -30,8 +38,9 @@ from salframe.localization.detecting import DetectingLocalizer
 from salframe.localization.fusing import FUSED, Fusion, choose_surest, fuse_answers
 from salframe.localization.level_frames import as_it_stood, better_answer, level_motions, split_level, upright_frame
 from salframe.localization.localizer import Description, Localizer
-from salframe.localization.map_files import MapParts, find_not_finite, read_map, write_map
+from salframe.localization.map_files import METHOD, MapParts, find_not_finite, read_map, write_map
 from salframe.localization.next_view import ViewPredictor
+from salframe.localization.posterior import Posterior
 from salframe.localization.preparing import Tell, python_warning, silent
 from salframe.localization.query_input import query_frame
 from salframe.localization.references import describe_references
@@ -53,7 +62,15 @@ class LocalizationMap:
 
     Create one with `build`, `from_descriptions` or `open`. Use a new localizer for each map: a localizer holds the
     index of one map at a time.
+
+    Attributes:
+        localizer: The localizer.
+        frames: The reference frames.
+        floors: The floor masks.
+        calibration: The calibration of the probabilities; None: the map is not calibrated.
     """
+
+    calibration: MapCalibration | None = None
 
     def __init__(
         self,
@@ -78,10 +95,11 @@ class LocalizationMap:
         dataset: str = "",
         *,
         floors: Sequence[FloorMasks] = (),
+        calibrate: bool = True,
         progress: Callable[[int, int], None] | None = None,
         tell: Tell = silent,
     ) -> LocalizationMap:
-        """Describe reference frames and index them.
+        """Describe reference frames, calibrate the probabilities of the localizer, and index the frames.
 
         Frames that the localizer cannot use are left out, up to MAX_LEFT_OUT_SHARE of them.
 
@@ -91,6 +109,8 @@ class LocalizationMap:
             cache: As in `describe_frame`.
             dataset: As in `describe_frame`.
             floors: Floors of the map.
+            calibrate: Whether to calibrate the posterior of the localizer, if it has one, and if its setting
+                `calibrate` allows it.
             progress: Called as progress(done, total) with numbers of frames.
             tell: Called with the notes of the localizer on the descriptions, and on the frames that were left out.
 
@@ -100,7 +120,7 @@ class LocalizationMap:
         """
         packed, usable = describe_references(localizer, frames, cache, dataset, progress, tell)
         built = cls(localizer, *in_canonical_order(packed, usable), floors)
-        built._index()
+        built._index(calibrate and is_calibrated(localizer))
         for note in scene_index_notes(localizer.config, len(frames)):
             tell(note)
         return built
@@ -112,17 +132,21 @@ class LocalizationMap:
         descriptions: Sequence[Description],
         frames: Sequence[ReferenceFrame],
         floors: Sequence[FloorMasks] = (),
+        *,
+        calibrate: bool = False,
     ) -> LocalizationMap:
-        """Index described reference frames, packed and unpacked as in a saved map."""
+        """Index described reference frames, packed and unpacked as in a saved map. `calibrate` is as in `build`."""
         packed = [localizer.pack(split_level(description)[0]) for description in descriptions]
         upright = [upright_frame(localizer, frame) for frame in frames]
         built = cls(localizer, *in_canonical_order(packed, upright), floors)
-        built._index()
+        built._index(calibrate and is_calibrated(localizer))
         return built
 
     @classmethod
     def open(cls, directory: str | Path, localizer: Localizer | None = None) -> LocalizationMap:
         """Open a saved map. If the map has an index for the settings of the localizer, it is not indexed again.
+
+        The map is calibrated if it was saved with a calibration for these settings.
 
         Args:
             directory: The folder of the map.
@@ -148,6 +172,7 @@ class LocalizationMap:
         packed, frames = parts.read_scenes()
         opened = cls(localizer, packed, frames, parts.read_floors() if localizer.uses_floors else ())
         opened._mapped_files, opened._folder = parts.mapped_files(), parts.folder
+        opened.calibration = parts.read_calibration(localizer.config)
         if not indexed:
             return opened
         with _blaming(parts.folder, localizer), warnings.catch_warnings():
@@ -177,8 +202,42 @@ class LocalizationMap:
         parts.write_scenes(self._packed, self.frames)
         if self.floors:
             parts.write_floors(self.floors)
+        if self.calibration is not None:
+            parts.write_calibration(self.localizer.config, self.calibration)
         if with_index:
             self.localizer.write_index(parts.index_folder(self.localizer))
+
+    def calibrate(self) -> MapCalibration:
+        """Calibrate the probabilities with the reference frames, and index the map.
+
+        A map that was calibrated is calibrated again whenever it is changed.
+
+        Raises:
+            DataError: The localizer has no posterior.
+        """
+        descriptions = self.descriptions()
+        frames = list(self.frames)
+        self.calibration = calibrate_posterior(self.localizer, descriptions, frames, self.floors)
+        self.localizer.index(descriptions, frames)
+        return self.calibration
+
+    def require_false_accept(self, max_false_accept: float) -> None:
+        """Accept only answers that pass the conformal test at a level, see `Posterior.max_false_accept`.
+
+        Raises:
+            DataError: The map is not calibrated, or too few of its frames were localized without their places.
+            ConfigError: The level is not between 0 and 1.
+        """
+        posterior = self.localizer.posterior
+        if posterior is None:
+            raise DataError(
+                f"received max_false_accept={max_false_accept:g} and {self.localizer.name} has no probabilities, "
+                "expected a method with probabilities, such as proposed"
+            )
+        settings = {**posterior.model_dump(), "max_false_accept": max_false_accept}
+        posterior = validate(Posterior, settings, "posterior")
+        acceptance_limit(posterior, self.calibration)
+        self.localizer.posterior = posterior
 
     def num_bytes(self) -> int:
         """Return the size of the saved map in bytes, without its index, which can be computed from the rest."""
@@ -376,7 +435,7 @@ class LocalizationMap:
         posterior = self.localizer.posterior
         if posterior is None or answer.out_of_map_probability is not None:
             return answer
-        return posterior.apply(answer, self.localizer.count_objects(description))
+        return add_probabilities(answer, posterior, self.calibration, self.localizer.count_objects(description))
 
     def _predict_views(self, description: Description, answer: Localization) -> ViewPredictor | None:
         """Return the predictor of the views around a described query, from the answer to it."""
@@ -415,8 +474,12 @@ class LocalizationMap:
     def _frame_numbers(self) -> dict[str, int]:
         return {frame.id: number for number, frame in enumerate(self.frames)}
 
-    def _index(self) -> None:
-        self.localizer.index(self.descriptions(), list(self.frames))
+    def _index(self, calibrate: bool = False) -> None:
+        """Index the map, after its calibration if `calibrate` is set. Raises as `calibrate_posterior`."""
+        descriptions, frames = self.descriptions(), list(self.frames)
+        if calibrate:
+            self.calibration = calibrate_posterior(self.localizer, descriptions, frames, self.floors)
+        self.localizer.index(descriptions, frames)
 
     def _replace(
         self,
@@ -430,11 +493,16 @@ class LocalizationMap:
         remaining = [*(self._packed[i] for i in rows), *packed], [*(self.frames[i] for i in rows), *frames]
         self._hold(*in_canonical_order(*remaining), floors)
         with _blaming(self._folder, self.localizer):
-            self._index()
+            self._index(calibrate=self.calibration is not None)
 
 
 def build_localization(
-    localizer: Localizer, dataset: Dataset, progress: Callable[[int, int], None] | None, tell: Tell
+    localizer: Localizer,
+    dataset: Dataset,
+    progress: Callable[[int, int], None] | None,
+    tell: Tell,
+    *,
+    calibrate: bool = True,
 ) -> LocalizationMap:
     """Build the map of a prepared dataset. Raises as `LocalizationMap.build`.
 
@@ -443,18 +511,32 @@ def build_localization(
     describe_ahead(localizer.config, dataset, progress)
     frames, floors = reference_frames(dataset), dataset.floors()
     return LocalizationMap.build(
-        localizer, frames, Cache(), dataset.content_key, floors=floors, progress=progress, tell=tell
+        localizer,
+        frames,
+        Cache(),
+        dataset.content_key,
+        floors=floors,
+        calibrate=calibrate,
+        progress=progress,
+        tell=tell,
     )
 
 
-def open_map(directory: str | Path) -> LocalizationMap:
+def open_map(directory: str | Path, *, max_false_accept: float | None = None) -> LocalizationMap:
     """Open a saved map, ready to localize any number of panoramas.
+
+    Args:
+        directory: The folder of the map.
+        max_false_accept: Replaces the setting `max_false_accept` of the posterior; None: the setting of the map.
 
     Raises:
         DataError: `directory` contains no map, or the map was edited or is incomplete.
         UnknownName: The localizer of the map is not installed.
     """
-    return LocalizationMap.open(directory)
+    opened = LocalizationMap.open(directory)
+    if max_false_accept is not None:
+        opened.require_false_accept(max_false_accept)
+    return opened
 
 
 def map_config(directory: str | Path) -> ComponentConfig:
@@ -475,6 +557,15 @@ def map_labels(directory: str | Path) -> tuple[str, ...]:
         if column is None or column.words is None:
             raise DataError(f"the map {directory} has no labels of objects, expected a map of a method with a detector")
         return tuple(sorted(column.words))
+
+    return read_map(Path(directory), read)
+
+
+def map_calibration(directory: str | Path) -> MapCalibration | None:
+    """Return the calibration of a saved map; None where it has none. Raises as `open_map`."""
+
+    def read(parts: MapParts) -> MapCalibration | None:
+        return parts.read_calibration(parts.read_config()) if parts.has(METHOD) else None
 
     return read_map(Path(directory), read)
 

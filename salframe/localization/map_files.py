@@ -1,7 +1,8 @@
 """The folder of a saved map. Only this module reads and writes it.
 
 `map.json` names a sub-folder, which contains the parts of the map, and the SHA-256 of every file in it. The parts are
-`method.json`, tables (`frames`, `scenes`, and the tables of a topology), `floors.npz`, and the index of the localizer.
+`method.json`, tables (`frames`, `scenes`, and the tables of a topology), `floors.npz`, the calibration, and the index
+of the localizer.
 """
 
 from __future__ import annotations
@@ -27,13 +28,14 @@ from salframe.framework.files.hashes import digest, file_sha256
 from salframe.framework.files.reading import read_json, read_model
 from salframe.framework.files.writing import alone, naming, write_json
 from salframe.framework.validation import Settings, validate
+from salframe.localization.calibration import MapCalibration
 from salframe.localization.localizer import Localizer
 from salframe.localization.saved_frames import FRAME_COLUMNS, SavedFrames, frame_row
 from salframe.panoramas.floors import FLOORS, FloorMasks, read_floors, write_floors
 from salframe.panoramas.frames import ReferenceFrame
 
 MAP, MAP_FORMAT = "map.json", 6
-METHOD, FRAMES, SCENES, INDEX = "method.json", "frames", "scenes", "index"
+METHOD, FRAMES, SCENES, INDEX, CALIBRATION = "method.json", "frames", "scenes", "index", "calibration"
 _PARTS = "parts-"
 
 _Result = TypeVar("_Result")
@@ -148,12 +150,30 @@ class MapParts:
 
     @staticmethod
     def _index_name(localizer: Localizer) -> str:
-        return f"{INDEX}-{digest(identity(localizer.config))[:16]}"
+        return f"{INDEX}-{_settings_key(localizer.config)}"
+
+    def write_calibration(self, config: ComponentConfig, calibration: MapCalibration) -> None:
+        """Write the calibration of a localizer with these settings."""
+        self.write_json(self._calibration_name(config), calibration.model_dump(mode="json"))
+
+    def read_calibration(self, config: ComponentConfig) -> MapCalibration | None:
+        """Read the calibration of a localizer with these settings; None where the map has none. Raises DataError."""
+        name = self._calibration_name(config)
+        return self.read_json(name, MapCalibration) if self.has(name) else None
+
+    @staticmethod
+    def _calibration_name(config: ComponentConfig) -> str:
+        return f"{CALIBRATION}-{_settings_key(config)}.json"
 
     def _read_method(self) -> _SavedMethod:
         if not self.has(METHOD):
             raise DataError(f"{self.folder.parent} has no localizer: it was built from data without reference frames")
         return self.read_json(METHOD, _SavedMethod)
+
+
+def _settings_key(config: ComponentConfig) -> str:
+    """Return a digest of the settings of a localizer, for the names of parts that depend on them."""
+    return digest(identity(config))[:16]
 
 
 def find_not_finite(folder: Path) -> list[str]:

@@ -112,7 +112,11 @@ class Sight:
             raise MethodFailed(str(error)) from error
         self._frames = {frame.id: frame for frame in usable}
         descriptions = [description for id in self._frames if (description := self._descriptions[id]) is not None]
-        self._map = LocalizationMap.from_descriptions(self._localizer, descriptions, usable, floors)
+        calibration = None if self._map is None else self._map.calibration
+        self._map = LocalizationMap.from_descriptions(
+            self._localizer, descriptions, usable, floors, calibrate=self._map is None
+        )
+        self._map.calibration = self._map.calibration or calibration  # maps of one building differ in few frames
         return self._map
 
     def _describe(self, frame: ReferenceFrame) -> Description | None:

@@ -152,7 +152,10 @@ class Manifest(RangeKeys):
                 "frames have instance images, expected also `objects`: the table with the labels of their objects"
             )
         if self.labels is not None and self.objects is None:
-            raise ValueError("labels names a table that translates the labels of `objects`, expected also `objects`")
+            raise ValueError(
+                "received `labels` without `objects`, expected both: the table `labels` translates the labels of "
+                "`objects`"
+            )
         return self
 
 

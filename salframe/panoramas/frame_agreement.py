@@ -65,8 +65,8 @@ class RangeView:
             tolerance: Maximum difference of ranges.
 
         Returns:
-            The shares of points that lie on a visible surface, and that this frame sees through. The others are hidden
-            behind a surface, or the range is unknown there.
+            The share of points on a visible surface, and the share of points in front of it, in the free space of this
+            frame. The others are hidden behind a surface, or the range is unknown there.
         """
         if not len(points):
             return 0.0, 0.0

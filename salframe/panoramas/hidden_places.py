@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -45,32 +45,35 @@ def add_hidden_places(
         for query in fold.queries:
             queries.setdefault(truth(query.id).place, []).append(query)
         for place, queries_there in queries.items():
-            references = _without(fold.references, place, floors)
+            references = hide_places(fold.references, [place], floors)
             if references:
                 extended.append(Fold(f"{fold.id} without {place}", references, tuple(queries_there)))
     return extended
 
 
-def _without(
-    references: Sequence[ReferenceFrame], place: str, floors: Sequence[FloorMasks]
+def hide_places(
+    references: Sequence[ReferenceFrame], places: Collection[str], floors: Sequence[FloorMasks]
 ) -> tuple[ReferenceFrame, ...]:
-    """Return the reference frames without the frames of a place and of the doorways to it."""
+    """Return the reference frames without the frames of some places and of the doorways to them.
+
+    Doorways are found only where floor masks show the places.
+    """
     floors = sorted(floors, key=lambda floor: floor.z_m)
-    floor_m = [_floor_of(place, floor) for floor in floors]
+    floor_m = [_floor_of(places, floor) for floor in floors]
     remaining = []
     for frame in references:
         position_m, leads_there = frame.T_world_pano[:3, 3], False
         number = find_floor(floors, position_m)
         if frame.kind is FrameKind.TRANSITION and number is not None:
             leads_there = np.hypot(*(floor_m[number] - position_m[:2]).T).min(initial=np.inf) <= DOORWAY_M
-        if frame.place != place and not leads_there:
+        if frame.place not in places and not leads_there:
             remaining.append(frame)
     return tuple(remaining)
 
 
-def _floor_of(place: str, floor: FloorMasks) -> np.ndarray:
-    """Return the centres of the pixels of a place, (N, 2) in the world, in metres."""
-    labels = [label for label, name in floor.regions.items() if name == place]
+def _floor_of(places: Collection[str], floor: FloorMasks) -> np.ndarray:
+    """Return the centres of the pixels of places, (N, 2) in the world, in metres."""
+    labels = [label for label, name in floor.regions.items() if name in places]
     row, column = np.nonzero(np.isin(floor.region, labels))
     x_m = floor.origin_m[0] + (column + 0.5) * floor.resolution_m
     y_m = floor.origin_m[1] - (row + 0.5) * floor.resolution_m

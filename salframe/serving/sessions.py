@@ -67,7 +67,7 @@ class Session:
         The latest views are localized together, as in `salframe track`.
 
         Args:
-            served: The map. If it has changed, the earlier views are forgotten.
+            served: The map. If it is not the map of the last view, the earlier views are forgotten.
             described: The view.
             t_s: Time of the view in seconds.
             odometry: (4, 4) motion of the base since the last observation; None: unknown.
@@ -77,7 +77,7 @@ class Session:
 
         Raises:
             Problem: The time is not later than that of the last observation.
-            DataError: The map was changed while it was open. The session is as it was.
+            DataError: The files of the map were changed during the call. The session stays unchanged.
         """
         with self._mutex:  # a request that ran out of time may still be at work
             self.check_time(t_s)

@@ -58,6 +58,7 @@ def build_map(
     *,
     topology: bool = True,
     central_nodes: bool = False,
+    calibrate: bool = True,
     data_dir: str | Path | None = None,
     overrides: Sequence[str] = (),
     engine: str | None = None,
@@ -75,6 +76,7 @@ def build_map(
         method: name of a preset or localizer (default: the default of `salframe build`).
         topology: whether to build the topology of the floors.
         central_nodes: place one scene node in the widest part of each region, instead of one at each reference frame.
+        calibrate: whether to calibrate the probabilities of the method with the reference frames.
         data_dir: folder with the files of the dataset.
         overrides: settings, "key.path=value" each; settings of data and engine start with "data." and "engine.".
         engine: name of the component that renders and describes.
@@ -108,7 +110,9 @@ def build_map(
             tell(f"warning: the map has no topology: {error}")
     localization = None
     if frames or topological_map is None:
-        localization = build_localization(localizer, dataset, progress and partial(progress, name), tell)
+        localization = build_localization(
+            localizer, dataset, progress and partial(progress, name), tell, calibrate=calibrate
+        )
     building_map = BuildingMap(localization, topological_map)
     with write_map(output) as parts:
         building_map.write(parts)

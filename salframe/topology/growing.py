@@ -1,4 +1,4 @@
-"""Changes the places of a saved map: adds, replaces and removes places, and merges maps. The map's panoramas are not
+"""Changes a saved map: adds, replaces and removes places, merges maps, and calibrates. The map's panoramas are not
 needed."""
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from pathlib import Path
 
 from salframe.framework.errors import ConfigError, DataError, UnknownName, shorten, unknown
 from salframe.framework.files.cache import Cache
+from salframe.localization.calibration import MapCalibration
 from salframe.localization.describing import describe_ahead
 from salframe.localization.localizer import Localizer
 from salframe.localization.map import LocalizationMap
@@ -101,6 +102,24 @@ def add_to_map(
         return new_floors
 
     return _change(directory, add)
+
+
+def calibrate_map(directory: str | Path) -> MapCalibration:
+    """Calibrate the probabilities of the map in the folder `directory` with its reference frames.
+
+    The map changes completely or not at all.
+
+    Raises:
+        DataError: The folder holds no map with a method, or the method has no probabilities.
+    """
+    made: list[MapCalibration] = []
+
+    def calibrate(localization: LocalizationMap, floors: Sequence[FloorMasks]) -> Sequence[FloorMasks]:
+        made.append(localization.calibrate())
+        return floors
+
+    _change(Path(directory), calibrate)
+    return made[0]
 
 
 def remove_from_map(directory: str | Path, places: Iterable[str]) -> MapChange:

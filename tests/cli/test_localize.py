@@ -46,7 +46,7 @@ def test_build_then_localize(fakes, tmp_path):
 def test_probabilities_are_told(fakes, tmp_path):
     """The Reader's scores are minus the distance in rooms: at temperature 1 the shares of five rooms seen from the
     middle one are softmax(0, -1, -1, -2, -2), and a head without weights gives the map half."""
-    head = "{bias: 0, top_score: 0, top_probability: 0, margin: 0, log_objects: 0}"
+    head = "{absent_mean: 0, absent_deviation: 1, bias: 0, slope: 0, accuracy: 1, other_score: 0}"
     (tmp_path / "half.yaml").write_text(f"posterior: {{temperature: 1.0, head: {head}}}\n")
     assert run("build", "rooms", "-o", "map", "--method", "reader", "--set", "posterior=half.yaml").code == 0
     (tmp_path / "half.yaml").unlink()  # the map knows the numbers
@@ -132,7 +132,7 @@ def test_no_answer_is_ok_where_out_of_map_is_the_most_probable(capsys):
 def test_whether_an_answer_is_accepted_is_in_the_json(fakes, tmp_path):
     assert run("build", "rooms", "-o", "map", "--method", "reader").code == 0
     assert run("localize", "map", "query-2-0", "--data", "rooms", "--json").json["accepted"] is None
-    head = "{bias: -3, top_score: 0, top_probability: 0, margin: 0, log_objects: 0}"
+    head = "{absent_mean: 0, absent_deviation: 1, bias: -3, slope: 0, accuracy: 1, other_score: 0}"
     posterior = f"posterior={{temperature: 1.0, max_out_of_map_probability: 1.0, head: {head}}}"
     assert run("build", "rooms", "-o", "sure", "--method", "reader", "--set", posterior).code == 0
     done = run("localize", "sure", "query-2-0", "--data", "rooms", "--json").json

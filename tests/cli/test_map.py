@@ -151,7 +151,7 @@ def test_a_position_is_printed_without_a_route(rooms):
 
 
 def test_show_and_export(built, tmp_path):
-    assert run("map", "show", "map").out.strip() == "map/map.png"
+    assert run("map", "show", "map").out.splitlines() == ["map/map.png", "not calibrated"]
     assert min(Image.open(tmp_path / "map" / "map.png").size) > 200
     assert run("map", "show", "map", "-o", "other.png").code == 0
     assert Image.open(tmp_path / "other.png").format == "PNG"

@@ -4,21 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from salframe.framework.errors import ConfigError, DataError
 from salframe.framework.validation import validate
 from salframe.localization.answers import Localization, RankedPlace
-from salframe.localization.posterior import (
-    Head,
-    Posterior,
-    ScoredAnswer,
-    fit_posterior,
-    head_features,
-    read_fitted,
-    shares,
-)
+from salframe.localization.posterior import Head, Posterior, ScoredAnswer, fit_posterior, read_fitted, shares
 
-NEUTRAL = {"bias": 0.0, "top_score": 0.0, "top_probability": 0.0, "margin": 0.0, "log_objects": 0.0}
+NEUTRAL = {"absent_mean": 0.0, "absent_deviation": 1.0, "bias": 0.0, "slope": 0.0, "accuracy": 1.0, "other_score": 0.0}
+"""A head that returns one half for every answer."""
 
 
 def posterior(temperature=2.0, max_out_of_map_probability=0.5, **head):
@@ -41,15 +35,23 @@ def test_probabilities_are_shares_times_here():
     assert (found.T_world_query == np.eye(4)).all()
 
 
-def test_features_of_the_head():
-    scores = np.array([5.0, 2.0, 1.0])
-    share = np.exp(scores) / np.exp(scores).sum()
-    np.testing.assert_allclose(shares(scores, 1.0), share)
-    assert head_features(scores, share, 6) == pytest.approx([5.0, share[0], 3.0, np.log(7)])
-    assert head_features(scores[:1], np.ones(1), 0) == pytest.approx([5.0, 1.0, 5.0, 0.0])
-    for name, value in (("top_score", 4.0), ("margin", 2.0), ("log_objects", np.log(9))):
-        found = posterior(**{name: 0.1}).apply(answer(4.0, 2.0), objects=8)
-        assert 1 - found.out_of_map_probability == pytest.approx(1 / (1 + np.exp(-0.1 * value)))
+def test_the_contrast_compares_the_first_place_with_the_next_five():
+    scores = np.array([9.0, 5.0, 4.0, 3.0, 2.0, 1.0, -90.0])
+    np.testing.assert_allclose(shares(scores[:2], 4.0), np.array([np.e, 1]) / (1 + np.e))
+    known = posterior(temperature=2.0, other_score=1.5)
+    assert known.contrast(scores) == pytest.approx((9 - 3) / 2)
+    assert known.contrast(scores[:3]) == pytest.approx((9 - 4.5) / 2)
+    assert known.contrast(scores[:1]) == pytest.approx(9 / 2 - 1.5)  # one place
+
+
+def test_the_head_is_a_mixture_of_right_and_wrong_answers():
+    """By Bayes: right answers have a density of exp(bias + slope z) times that of out-of-map answers, wrong answers the
+    same density as these."""
+    head = Head(absent_mean=2.0, absent_deviation=0.5, bias=-2.0, slope=2.0, accuracy=0.8, other_score=0.0)
+    contrast = np.array([1.0, 2.0, 3.5])
+    ratio = norm.pdf(contrast, 3.0, 0.5) / norm.pdf(contrast, 2.0, 0.5)  # means 2 deviations apart: bias -2**2 / 2
+    present = 0.8 * ratio + 0.2
+    np.testing.assert_allclose(head.in_map(contrast, np.zeros(3)), present / (present + 1))
 
 
 def test_an_answer_that_is_not_here_loses_its_pose_and_keeps_its_places():
@@ -66,55 +68,95 @@ def test_failures_stay_what_they_are():
 
 
 def test_far_scores_do_not_overflow():
-    found = posterior(temperature=1e-3, top_score=1e3).apply(answer(1e4, -1e4))
-    assert [place.probability for place in found.places] == [1.0, 0.0]
+    found = posterior(temperature=1e-3, slope=1e3).apply(answer(1e4, -1e4))
+    assert [place.probability for place in found.places] == pytest.approx([1.0, 0.0])
 
 
-def drawn(count, temperature, head, seed):
-    """Answers whose truth is drawn from the very model."""
+def drawn(count, seed, accuracy=0.8, mean=6.0, deviation=1.0, map="one"):
+    """Answers of two places whose contrasts are drawn from the model, with a slope of 2 and a temperature of 1."""
     rng = np.random.default_rng(seed)
-    truth = posterior(temperature, **head)
-    weights = np.array(
-        [getattr(truth.head, name) for name in ("top_score", "top_probability", "margin", "log_objects")]
-    )
-    for _ in range(count):
-        scores = np.sort(rng.normal(0, 3, rng.integers(2, 8)))[::-1]
-        objects = int(rng.integers(1, 30))
-        share = np.exp(scores / temperature) / np.exp(scores / temperature).sum()
-        logit = truth.head.bias + head_features(scores, share, objects) @ weights
-        here = bool(rng.uniform() < 1 / (1 + np.exp(-logit)))
-        yield ScoredAnswer(scores, int(rng.choice(len(scores), p=share)) if here else None, here, objects)
+    for here in (True, False):
+        for _ in range(count):
+            right = here and rng.uniform() < accuracy
+            contrast = mean + deviation * (rng.standard_normal() + 2 * right)
+            yield ScoredAnswer(np.array([contrast, 0.0]), int(not right) if here else None, here, map)
 
 
 def test_a_fit_recovers_what_the_answers_were_drawn_from():
-    head = {"bias": -2.0, "top_score": 0.3, "top_probability": 1.0, "margin": 0.2, "log_objects": 0.5}
-    found = fit_posterior(list(drawn(6000, 1.7, head, seed=0)))
-    assert found.posterior.temperature == pytest.approx(1.7, rel=0.05)
-    true = posterior(1.7, **head)
-    fresh = [answer(*a.scores.tolist(), status="no-pose") for a in drawn(300, 1.7, head, seed=1)]
-    here = np.array([[1 - one.apply(a, 10).out_of_map_probability for a in fresh] for one in (true, found.posterior)])
-    assert np.abs(here[0] - here[1]).mean() < 0.03
+    answers = [*drawn(4000, 0), *drawn(4000, 1, mean=9.0, deviation=2.0, map="other")]
+    found = fit_posterior(answers)
+    head, temperature = found.posterior.head, found.posterior.temperature
+    assert head.accuracy == pytest.approx(0.8, abs=0.02)
+    assert head.slope == pytest.approx(2.0, rel=0.1)  # the ridge makes it smaller
+    assert head.bias == pytest.approx(-2.0, rel=0.1)
+    assert head.absent_mean * temperature == pytest.approx((6 + 9) / 2, rel=0.02)
+    assert head.absent_deviation * temperature == pytest.approx(np.sqrt((1 + 4) / 2), rel=0.02)
     assert found.place_nll_after < found.place_nll_before
-    assert found.here_nll_after < found.here_nll_before
+    alone = fit_posterior(list(drawn(4000, 0)))
+    assert alone.here_nll_after < alone.here_nll_before == pytest.approx(np.log(2))
+
+
+def test_the_head_depends_on_the_number_of_objects():
+    """A query with a quarter of the objects of the map: half the mean, the deviation of 1 / 4**0.25, a bias of
+    -2 + ln(4) and the odds of a right answer of 4 / 4**1.5. Where a number is unknown, it has no effect."""
+    effects = {
+        "objects": 8.0,
+        "mean_effect": 0.5,
+        "deviation_effect": 0.25,
+        "bias_effect": -1.0,
+        "accuracy_effect": 1.5,
+    }
+    known = {"absent_mean": 4.0, "absent_deviation": 1.0, "bias": -2.0, "slope": 2.0, "other_score": 0.0}
+    head = Head(**known, accuracy=0.8, **effects)
+    deviation, odds = 4**-0.25, 4 / 4**1.5
+    right = odds / (1 + odds) * np.exp(-2 + np.log(4) + 2 * (3.0 - 2.0) / deviation)
+    wrong = 1 / (1 + odds)
+    expected = (right + wrong) / (right + wrong + 1)
+    assert float(head.in_map(np.array(3.0), np.array(2))) == pytest.approx(expected)
+    same = Head(**known, accuracy=0.8)
+    for objects in (0, 8):
+        assert head.in_map(np.array(3.0), np.array(objects)) == pytest.approx(same.in_map(np.array(3.0), np.array(2)))
+
+
+def test_a_fit_recovers_the_effects_of_the_number_of_objects():
+    rng = np.random.default_rng(4)
+    answers = []
+    for here in (True, False):
+        for objects in rng.integers(2, 21, 6000):
+            nu = np.log(objects / 10)
+            odds = 4 * np.exp(1.5 * nu)
+            right = here and rng.uniform() < odds / (1 + odds)
+            contrast = 6 * np.exp(0.4 * nu) + np.exp(0.2 * nu) * (rng.standard_normal() + 2 * right)
+            scores = np.array([contrast, 0.0])
+            answers.append(ScoredAnswer(scores, int(not right) if here else None, here, "one", int(objects), 10.0))
+    found = fit_posterior(answers).posterior
+    head = found.head
+    assert head.objects == 10
+    assert head.mean_effect == pytest.approx(0.4, abs=0.03)
+    assert head.deviation_effect == pytest.approx(0.2, abs=0.03)
+    assert head.accuracy_effect == pytest.approx(1.5, abs=0.1)
+    assert head.accuracy == pytest.approx(0.8, abs=0.02)
+    assert head.absent_mean * found.temperature == pytest.approx(6, rel=0.02)
+    assert head.bias_effect == pytest.approx(0, abs=0.2)
 
 
 def test_a_fit_is_the_same_for_the_same_answers():
-    answers = list(drawn(200, 1.0, {}, seed=2))
+    answers = list(drawn(200, 2))
     assert fit_posterior(answers) == fit_posterior(answers)
 
 
-def test_answers_that_can_be_told_apart_have_finite_weights():
-    answers = [ScoredAnswer(np.array([9.0, 1.0]), 0, True, 5)] * 9 + [
-        ScoredAnswer(np.array([2.0, 1.9]), None, False, 5)
-    ] * 9
-    found = fit_posterior([*answers, ScoredAnswer(np.array([9.0, 2.0]), 0, True, 5)])
+def test_answers_that_can_be_told_apart_have_a_finite_slope():
+    answers = [ScoredAnswer(np.array([9.0, 1.0]), 0, True, "one")] * 9 + [
+        ScoredAnswer(np.array([2.0, second]), None, False, "one") for second in (1.8, 1.9)
+    ]
+    found = fit_posterior(answers)
     assert np.isfinite([*found.posterior.head.model_dump().values()]).all()
-    assert found.posterior.head.log_objects == 0.0  # it never varies
-    assert found.posterior.apply(answer(2.0, 1.9), 5).status == "out-of-map"
+    assert found.posterior.apply(answer(2.0, 1.9)).status == "out-of-map"
+    assert found.posterior.apply(answer(9.0, 1.0)).status == "ok"
 
 
 def test_what_cannot_be_fitted_is_told():
-    here, gone = ScoredAnswer(np.array([2.0, 1.0]), 0, True, 1), ScoredAnswer(np.array([1.0]), None, False, 1)
+    here, gone = ScoredAnswer(np.array([2.0, 1.0]), 0, True, ""), ScoredAnswer(np.array([1.0]), None, False, "")
     with pytest.raises(
         DataError, match=r"received 2 answers to queries in the map, .* and 0 answers to out-of-map queries"
     ):
@@ -123,9 +165,11 @@ def test_what_cannot_be_fitted_is_told():
         DataError, match=r"received 0 answers to queries in the map, .* and 1 answers to out-of-map queries"
     ):
         fit_posterior([gone])
-    flat = ScoredAnswer(np.array([1.0, 1.0]), 0, True, 1)
+    flat = ScoredAnswer(np.array([1.0, 1.0]), 0, True, "")
     with pytest.raises(DataError, match="the same score, expected scores that differ between places"):
         fit_posterior([flat, gone])
+    with pytest.raises(DataError, match="all out-of-map answers have the same scores"):
+        fit_posterior([here, gone])
 
 
 def test_a_file_or_parameters_or_both(tmp_path):

@@ -76,5 +76,5 @@ def test_a_table_without_objects_is_refused(tmp_path):
     for frame in manifest["frames"]:
         del frame["instances"]
     (root / "manifest.json").write_text(json.dumps(manifest))
-    with pytest.raises(DataError, match="labels names a table that translates the labels of `objects`"):
+    with pytest.raises(DataError, match="received `labels` without `objects`, expected both"):
         Folder(root)

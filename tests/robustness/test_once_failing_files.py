@@ -119,7 +119,7 @@ FAULTS: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
             reseal(root / "map"),
         ),
         LOCALIZE,
-        r"shapes\.npy|pose has arrays \(5, None\)",
+        r"shapes\.npy|arrays of pose have the shape \(5, None\)",
     ),
     "null names": (
         lambda root: (

@@ -69,7 +69,8 @@ class BearingErrors(Settings):
     vertical_error_m: float = Field(
         0.05,
         ge=0,
-        description="standard deviation (m) of the height of an object, in addition to the error of the bearing",
+        description="standard deviation (m) of the height of the centroid of an object, in addition to the error of "
+        "its direction",
     )
     side_error_share: float = Field(
         0.09,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ from salframe.localization.map import LocalizationMap
 from salframe.localization.posterior import Fit, ScoredAnswer, fit_posterior
 from salframe.localization.preparing import Tell, prepare, silent
 from salframe.panoramas.dataset import Dataset
-from salframe.panoramas.frames import QueryFrame, ReferenceFrame
+from salframe.panoramas.frames import FrameKind, QueryFrame, ReferenceFrame
 from salframe.panoramas.opening import Progress
 
 HIDE = "data.hide_query_place=true"
@@ -50,6 +51,22 @@ class Tuning:
     dataset: Dataset
     localizer: Localizer
     descriptions: Mapping[str, Description | None]
+
+    @cached_property
+    def num_objects(self) -> dict[str, int]:
+        """Number of objects of each scene frame of the maps that the localizer can use, by id."""
+        return {
+            frame.id: self.localizer.count_objects(description)
+            for fold in self.dataset.folds()
+            for frame in fold.references
+            if frame.kind is FrameKind.SCENE and (description := self.descriptions[frame.id]) is not None
+        }
+
+    @cached_property
+    def map_key(self) -> str:
+        """Key of the scene frames of the maps. Data sets that differ only in their queries have the same key."""
+        poses = {frame.id: frame.T_world_pano.tolist() for fold in self.dataset.folds() for frame in fold.references}
+        return digest(sorted((id, count, poses[id]) for id, count in self.num_objects.items()))
 
     def ask(
         self, changes: Mapping[str, Any], absent: bool = True
@@ -94,6 +111,7 @@ def fit_method(
     output: str | Path,
     *,
     tries: Sequence[str] = (),
+    posterior_only: bool = False,
     data_dir: str | Path | None = None,
     overrides: Sequence[str] = (),
     progress: Progress | None = None,
@@ -110,6 +128,7 @@ def fit_method(
         data: Names of data sets, at least one.
         output: The YAML file to write.
         tries: Matching settings to try, as "key.path=value,value".
+        posterior_only: Whether to keep the matching settings and the weights, and to fit only the posterior.
         data_dir: The `root` of data sets that have one.
         overrides: Settings as "key.path=value", as for a map.
         progress: Reports the progress.
@@ -119,8 +138,8 @@ def fit_method(
         A summary, one line each.
 
     Raises:
-        ConfigError: The method has neither weights nor a posterior, a setting to try is not a matching setting, or
-            `output` is not named as a YAML file.
+        ConfigError: The method has neither weights nor a posterior, `tries` is used with `posterior_only`, a setting to
+            try is not a matching setting, or `output` is not named as a YAML file.
         DataError: The queries have no usable answers, or the scores of all places are equal.
     """
     output = Path(output)
@@ -128,11 +147,13 @@ def fit_method(
         raise ConfigError(f"received the file {output}, expected one that ends in {' or '.join(SUFFIXES)}")
     if not data:
         raise ConfigError("received no tuning data, expected at least one data set")
+    if posterior_only and tries:
+        raise ConfigError("received settings to try and `posterior_only`, which keeps all settings: omit one of them")
     tunings = [_describe(one, method, data_dir, overrides, progress, tell) for one in data]
     fields = type(tunings[0].localizer.config).model_fields
     content: dict[str, Any] = {}
     lines, gain = [], {}
-    if "weights" in fields:
+    if "weights" in fields and not posterior_only:
         chosen = _try(tunings, tries, tell)
         weights, before, after = _fit(tunings, chosen)
         fitted_weights = {name: float(f"{value:.4g}") for name, value in weights.items()}
@@ -233,13 +254,16 @@ def _fit(tunings: Sequence[Tuning], changes: Mapping[str, Any]) -> tuple[dict[st
 
 def _scored(tuning: Tuning, changes: Mapping[str, Any]) -> Iterator[ScoredAnswer]:
     """Yield the scores of the answers that rank places, with the position of the true place."""
+    counts = [count for count in tuning.num_objects.values() if count]
+    map_objects = float(np.mean(counts)) if counts else 0.0
     for localizer, description, place, here in tuning.ask(changes):
         answer = localizer.match(description)
         if answer.places:
             names = [ranked.place for ranked in answer.places]
             scores = np.array([ranked.score for ranked in answer.places], np.float64)
             position = names.index(place) if place in names else None
-            yield ScoredAnswer(scores, position, here, localizer.count_objects(description))
+            objects = localizer.count_objects(description)
+            yield ScoredAnswer(scores, position, here, tuning.map_key, objects, map_objects)
 
 
 def _summary(fit: Fit) -> list[str]:

@@ -64,9 +64,9 @@ def share_column(heading: str, get: Callable[[RowT], float | None], *, largest: 
     return Column(heading, lambda row: percent(get(row)), get, largest)
 
 
-def rate_column(heading: str, get: Callable[[RowT], Estimate | None]) -> Column[RowT]:
+def rate_column(heading: str, get: Callable[[RowT], Estimate | None], *, largest: bool = True) -> Column[RowT]:
     """Return a column of shares as percent with their 95 % confidence intervals."""
-    return Column(heading, lambda row: interval(get(row)), _value_of(get))
+    return Column(heading, lambda row: interval(get(row)), _value_of(get), largest)
 
 
 def number_column(heading: str, get: Callable[[RowT], float | None], digits: int) -> Column[RowT]:

@@ -296,7 +296,8 @@ def _check_columns(path: Path, table: _Table, expected: Mapping[str, ArrayKind])
         kind = expected[column.name]
         if column.absent or not kind.fits("U" if column.words is not None else kind.kinds[0], column.shape):
             raise DataError(
-                f"{path}: {column.name} has arrays {column.shape}, absent in {len(column.absent)} rows, expected {kind}"
+                f"{path}: the arrays of {column.name} have the shape {column.shape} and are absent in "
+                f"{len(column.absent)} rows, expected {kind}"
             )
 
 

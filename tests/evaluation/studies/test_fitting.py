@@ -17,8 +17,8 @@ ROOMS = ("--data", "rooms", "--set", "data.rooms=8")
 
 @pytest.fixture
 def fitted(fakes, tmp_path):
-    """The Reader's score is 0 where its room is in the map and -1 where it is not: that tells the two apart."""
-    done = run("fit", "reader", *ROOMS, "-o", "fitted.yaml")
+    """The score of the first place is 1 above those of the others where the room is in the map, and equal where not."""
+    done = run("fit", "clear", *ROOMS, "-o", "fitted.yaml")
     assert done.code == 0, done.err
     assert "fitted.yaml" in done.out
     return yaml.safe_load((tmp_path / "fitted.yaml").read_text())
@@ -26,7 +26,7 @@ def fitted(fakes, tmp_path):
 
 def test_the_file_holds_the_numbers_and_where_they_come_from(fitted):
     told = fitted["provenance"]
-    assert told["method"]["localizer"] == "reader"
+    assert told["method"]["localizer"] == "clear"
     assert [(data["name"], data["queries"]) for data in told["data"]] == [("rooms", 32)]
     assert told["set"] == ["data.rooms=8"]
     gain = told["mean_negative_log_likelihood"]
@@ -34,19 +34,17 @@ def test_the_file_holds_the_numbers_and_where_they_come_from(fitted):
     assert gain["here"]["answers"] == 32
     assert gain["here"]["before"] == pytest.approx(0.6931, abs=1e-4)  # ln 2: half are here
     assert gain["here"]["after"] < 0.1
-    assert fitted["posterior"]["head"]["top_score"] > 0
+    assert fitted["posterior"]["head"]["slope"] > 0
 
 
 def test_a_method_with_the_file_knows_what_it_does_not(fitted, read):
     plain, known = (
         compare(
-            Request(
-                ("reader",), "rooms", settings=("data.hide_query_place=true", *settings), engine="inline", name=name
-            )
+            Request(("clear",), "rooms", settings=("data.hide_query_place=true", *settings), engine="inline", name=name)
         )
         for name, settings in (("plain", ()), ("known", ("posterior=fitted.yaml",)))
     )
-    before, after = plain.row("reader"), known.row("reader")
+    before, after = plain.row("clear"), known.row("clear")
     assert (before.queries, before.absent_queries, before.accuracy.value) == (20, 10, 0.5)
     assert (before.present_accuracy.value, before.rejection_rate.value, before.calibration_error) == (1.0, 0.0, None)
     assert before.roc_area.value == 1.0  # 0 where the room is there, -1 where it is not
@@ -61,7 +59,7 @@ def test_a_method_with_the_file_knows_what_it_does_not(fitted, read):
     assert "Reliability" in titles[0]
     assert "Reliability" not in titles[1]
     assert "calibration\\nerror" in json.dumps(shown["tables"])
-    rows = [json.loads(line) for line in (known.run / "methods" / "reader" / "rows.jsonl").read_text().splitlines()]
+    rows = [json.loads(line) for line in (known.run / "methods" / "clear" / "rows.jsonl").read_text().splitlines()]
     for row in rows:
         assert sum(row["probabilities"]) + row["out_of_map_probability"] == pytest.approx(1, abs=1e-6)
 
@@ -139,6 +137,25 @@ def test_settings_are_tried_and_evidence_is_weighed(fakes, monkeypatch, tmp_path
     assert gain["before"] == pytest.approx(2.0794, abs=1e-4)  # ln 8: as many rooms
     assert gain["after"] < 0.3
     assert "posterior" in found
+    assert (
+        run(
+            "fit",
+            "weighing",
+            *ROOMS,
+            "--set",
+            "weights.near=1",
+            "--set",
+            "scales.b=1",
+            "-o",
+            "only.yaml",
+            "--posterior-only",
+        ).code
+        == 0
+    )
+    assert set(yaml.safe_load((tmp_path / "only.yaml").read_text())) == {"posterior", "provenance"}
+    both = run("fit", "weighing", *ROOMS, "-o", "no.yaml", "--posterior-only", "--try", "offset=1")
+    assert (both.code, len(both.err.splitlines())) == (2, 1)
+    assert "received settings to try and `posterior_only`" in both.err
     refused = run("fit", "weighing", *ROOMS, "-o", "no.yaml", "--try", "colour=1")
     assert (refused.code, len(refused.err.splitlines())) == (2, 1)
     assert "received {'colour': 1} to try, expected settings that affect matching only" in refused.err

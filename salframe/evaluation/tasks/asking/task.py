@@ -132,8 +132,8 @@ class _Asking(Worker[DescribedRoom]):
     def prepare(self, piece: DescribedRoom) -> None:
         if not self._words:
             localizer: Localizer = registry().build(Localizer.role, self._method)
-            frames = reference_frames(self._dataset)
-            self._words.append(MapWords(LocalizationMap.build(localizer, frames, Cache(), self._dataset.content_key)))
+            frames, content = reference_frames(self._dataset), self._dataset.content_key
+            self._words.append(MapWords(LocalizationMap.build(localizer, frames, Cache(), content, calibrate=False)))
 
     def work(self, piece: DescribedRoom) -> Row:
         (words,) = self._words

@@ -111,7 +111,7 @@ class Answering(Worker[Query]):
                 frames.append(frame)
         check_left_out(left_out, len(fold.references))
         self._left_out |= left_out
-        indexed = LocalizationMap.from_descriptions(self._localizer, descriptions, frames, self._floors)
+        indexed = LocalizationMap.from_descriptions(self._localizer, descriptions, frames, self._floors, calibrate=True)
         self._places = {frame.id: frame.place for frame in frames}
         if fold.id not in self._measured:
             self._measured.add(fold.id)
@@ -203,6 +203,7 @@ def answer_row(answer: Localization | None, describe_ms: float | None = None, qu
         "out_of_map_probability": None
         if answer is None or answer.out_of_map_probability is None
         else float(answer.out_of_map_probability),
+        "accepted": answer.accepted if answer else False,
         "covariance": None if covariance is None else np.asarray(covariance, float).tolist(),
         "query_ms": query_ms,
         "describe_ms": describe_ms,

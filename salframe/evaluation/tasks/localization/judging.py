@@ -29,6 +29,9 @@ class Judged:
         evidence: (Q,) float64: evidence that the place is in the map: its probability where the method has one,
             otherwise the best score; -inf for an answer without places.
         confidence: (Q,) float64: probability of the answer, a place or the rejection of the query; NaN without one.
+        in_map: (Q,) float64: probability that the query is in the map; NaN without one.
+        accepted: (Q,) float64: 1 where the answer is accepted (`Localization.accepted`), otherwise 0; NaN where the
+            method has no probabilities.
         correct: (Q,) bool: whether the first place is the true one, or an out-of-map query is rejected.
         correct_scene: (Q,) bool: as `correct`, after transition frames are removed from the places.
         in_top_2: (Q,) bool: whether the true place is among the first 2, or an out-of-map query is rejected.
@@ -49,6 +52,8 @@ class Judged:
     best_place: np.ndarray
     evidence: np.ndarray
     confidence: np.ndarray
+    in_map: np.ndarray
+    accepted: np.ndarray
     correct: np.ndarray
     correct_scene: np.ndarray
     in_top_2: np.ndarray
@@ -124,6 +129,8 @@ def judge(
         best_place=np.array(best_place, bool),
         evidence=_evidence(answers),
         confidence=np.array([_confidence(answer) for answer in answers], float),
+        in_map=np.array([_in_map(answer) for answer in answers], float),
+        accepted=np.array([_accepted(answer) for answer in answers], float),
         correct=correct,
         correct_scene=correct_scene,
         in_top_2=in_top_2,
@@ -157,6 +164,18 @@ def _evidence(answers: Sequence[AnswerRow | None]) -> np.ndarray:
     if any(value is not None for value in out_of_map_probability):
         scores = [None if value is None else 1 - value for value in out_of_map_probability]
     return np.array([-np.inf if value is None else value for value in scores], float)
+
+
+def _in_map(answer: AnswerRow | None) -> float:
+    """Return the field `in_map` of Judged for one answer."""
+    return np.nan if answer is None or answer.out_of_map_probability is None else 1 - answer.out_of_map_probability
+
+
+def _accepted(answer: AnswerRow | None) -> float:
+    """Return the field `accepted` of Judged for one answer."""
+    if answer is None:
+        return 0.0
+    return np.nan if answer.accepted is None else float(answer.accepted)
 
 
 def _confidence(answer: AnswerRow | None) -> float:

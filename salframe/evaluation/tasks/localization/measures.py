@@ -30,6 +30,7 @@ from salframe.evaluation.tasks.localization.judging import Judged, judge, pose_r
 from salframe.evaluation.tasks.localization.rows import AnswerRow
 from salframe.evaluation.tasks.localization.survey import LocalizationSurvey
 from salframe.evaluation.tasks.localization.table import LocalizationRow
+from salframe.localization.posterior import log_loss
 
 Cost = TypeVar("Cost", bound=Line)
 
@@ -104,6 +105,13 @@ def _confidence_measures(judged: Judged, seed: int) -> dict[str, Any]:
             "precision_at": precision_at(judged.evidence, right, present),
             "false_accept_rate": false_accept_rate(judged.evidence[right], judged.evidence[absent]),
         }
+        known = np.isfinite(judged.in_map)
+        if known.any():
+            measures["log_loss"] = log_loss(judged.in_map[known], judged.present[known])
+            measures["brier_score"] = float(np.mean((judged.in_map[known] - judged.present[known]) ** 2))
+        if np.isfinite(judged.accepted).all():
+            measures["right_not_accepted"] = _rate(judged.accepted == 0, judged, right)
+            measures["absent_accepted"] = _rate(judged.accepted == 1, judged, absent)
         for name, area in {"average_precision": _average_precision, "roc_area": _roc_area}.items():
             measures[name] = estimate_statistic(partial(area, judged), judged.true_place, seed) if present else None
     return measures

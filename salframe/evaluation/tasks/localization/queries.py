@@ -12,7 +12,6 @@ from salframe.evaluation.report.page import floor_plan, number, numbers
 from salframe.evaluation.tasks.localization.judging import Judged
 from salframe.evaluation.tasks.localization.rows import DENIALS, PLACED, AnswerRow
 from salframe.evaluation.tasks.localization.view import LocalizationView
-from salframe.localization.answers import LocalizationStatus, is_accepted
 from salframe.panoramas.geometry import pose_yaw
 
 RIGHT, WRONG, DENIED, NONE = "right", "wrong place", "out of map", "no answer"
@@ -88,8 +87,7 @@ def _status(row: AnswerRow | None, status: str) -> str:
     """Return the status of a query, and whether its place is not accepted."""
     if row is None or row.status not in PLACED:
         return status
-    is_rejected = is_accepted(LocalizationStatus(row.status), row.out_of_map_probability) is False
-    return f"{status}, not accepted" if is_rejected else status
+    return f"{status}, not accepted" if row.accepted is False else status
 
 
 def outcome_of(row: AnswerRow | None, correct: bool) -> str:

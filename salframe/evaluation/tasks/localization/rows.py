@@ -24,6 +24,7 @@ class AnswerRow(PieceRow):
     heading: float | None = None
     probabilities: tuple[float, ...] | None = None
     out_of_map_probability: float | None = None
+    accepted: bool | None = None
     covariance: tuple[tuple[float, ...], ...] | None = None
     query_ms: Amount | None
     describe_ms: Amount | None

@@ -27,7 +27,7 @@ class LocalizationRow(MethodRow):
     """The row of a method. Shares are over all queries, and a failure counts as wrong.
 
     An Estimate has a 95 % confidence interval, in which queries are clustered by place. The fields from
-    `absent_queries` to `false_accept_rate` are measured where the map of some queries does not contain their place
+    `absent_queries` to `absent_accepted` are measured where the map of some queries does not contain their place
     (out-of-map queries).
 
     Attributes:
@@ -43,6 +43,10 @@ class LocalizationRow(MethodRow):
         false_accept_rate: Share of out-of-map queries that are accepted at the threshold that accepts 90 %
             of the correct answers.
         calibration_error: Expected calibration error, where the method has probabilities.
+        log_loss: Mean negative logarithm of the probability of the true case, in the map or out of it, in nats.
+        brier_score: Mean squared difference between the probability that the query is in the map and the true case.
+        right_not_accepted: Share of the answers with the true place that are not accepted.
+        absent_accepted: Share of the out-of-map queries whose answer is accepted.
         accuracy: Share of correct answers.
         scene_accuracy: Accuracy without transition frames.
         macro_precision: Mean precision over places.
@@ -74,6 +78,10 @@ class LocalizationRow(MethodRow):
     roc_area: Estimate | None = None
     false_accept_rate: float | None = None
     calibration_error: float | None = None
+    log_loss: float | None = None
+    brier_score: float | None = None
+    right_not_accepted: Estimate | None = None
+    absent_accepted: Estimate | None = None
     accuracy: Estimate | None = None
     scene_accuracy: float | None = None
     macro_precision: float | None = None
@@ -139,6 +147,12 @@ COLUMNS: dict[str, Column[LocalizationRow]] = {
         "false accept rate %\nat 90 % accepted", lambda row: row.false_accept_rate, largest=False
     ),
     "calibration_error": share_column("calibration\nerror %", lambda row: row.calibration_error, largest=False),
+    "log_loss": number_column("log loss\nnats", lambda row: row.log_loss, 3),
+    "brier_score": number_column("Brier\nscore", lambda row: row.brier_score, 3),
+    "right_not_accepted": rate_column(
+        "right: not\naccepted % (95 % CI)", lambda row: row.right_not_accepted, largest=False
+    ),
+    "absent_accepted": rate_column("out of map:\naccepted % (95 % CI)", lambda row: row.absent_accepted, largest=False),
     "bytes": bytes_column("bytes\n/scene", lambda row: row.bytes_per_scene),
     "describe": cost_column("describe\nms", lambda row: row.describe_ms),
     "query": cost_column("query\nms", lambda row: row.query_ms),
@@ -178,7 +192,8 @@ def out_of_map_tables(
 
 
 def describe_times_note(rows: Sequence[LocalizationRow]) -> list[str]:
-    """Return a note on the methods whose time to describe a panorama includes no detector; none without them."""
+    """Return a note that names the methods whose time to describe a panorama excludes the detector. Without such
+    methods there is no note."""
     methods = [row.title for row in rows if row.measured and any(part.startswith("annotations") for part in row.input)]
     listed = list_methods(methods, [row.title for row in rows])
     return [f"describe ms: no detector time for {listed}, which use annotations"] if methods else []

@@ -1,0 +1,26 @@
+"""The calibration of a map in words."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from salframe.localization.calibration import MapCalibration
+
+
+def describe_calibration(calibration: MapCalibration | None) -> str:
+    """Return the calibration of a map in one line: numbers of frames, parameters, and quality by cross-validation."""
+    if calibration is None:
+        return "not calibrated"
+    head = calibration.head
+    text = (
+        f"calibrated with {calibration.present_frames} frames in the map and "
+        f"{len(calibration.absent_in_map)} out of it: accuracy {head.accuracy:.2f}, "
+        f"out-of-map contrast {head.absent_mean:.2f} +- {head.absent_deviation:.2f}"
+    )
+    if calibration.before is None or calibration.after is None:
+        return text
+    return (
+        f"{text}; cross-validated log loss {calibration.after.log_loss:.3f} ({calibration.before.log_loss:.3f} without "
+        f"calibration), Brier score {calibration.after.brier_score:.3f} ({calibration.before.brier_score:.3f})"
+    )

@@ -1,0 +1,381 @@
+"""The calibration of a map with its own frames: closed forms, probabilities that are known, and what is hidden."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from command_line import run
+from scipy.optimize import minimize_scalar
+from scipy.stats import norm
+
+import salframe
+from salframe.evaluation.runs.request import Request
+from salframe.evaluation.tasks.localization.task import compare
+from salframe.framework.component import ComponentConfig
+from salframe.framework.errors import ConfigError, DataError
+from salframe.localization.answers import Localization
+from salframe.localization.calibration import (
+    ABSENT_PRIOR,
+    ACCURACY_PRIOR,
+    DISTANCE_EFFECT,
+    FrameAnswers,
+    MapCalibration,
+    calibrate_head,
+)
+from salframe.localization.localizer import Localizer, posterior_slot
+from salframe.localization.map import LocalizationMap
+from salframe.localization.posterior import Head, Posterior
+from salframe.localization.ranking import rank_places
+from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.frames import FrameKind, ReferenceFrame
+from salframe.panoramas.geometry import pose_2d
+
+HEAD = Head(absent_mean=2.0, absent_deviation=1.0, bias=-2.0, slope=2.0, accuracy=0.75, other_score=0.0)
+POSTERIOR = Posterior(temperature=1.0, head=HEAD, query_distance_m=1.0)
+
+
+class Spy(Localizer):
+    """Scores a place by the similarity of the numbers of its frames, and notes what it has indexed at each match."""
+
+    name = "spy"
+    version = "1"
+    needs = frozenset()
+
+    class Config(ComponentConfig):
+        posterior: posterior_slot()  # type: ignore[valid-type]
+
+    def __init__(self, config=None):
+        super().__init__(config)
+        self.matches: list[tuple[float, list[str]]] = []
+
+    def describe(self, panorama):
+        raise NotImplementedError
+
+    def index(self, descriptions, frames):
+        self.frames, self.values = frames, np.array([float(d["value"][0]) for d in descriptions])
+
+    def match(self, description):
+        value = float(description["value"][0])
+        self.matches.append((value, [frame.id for frame in self.frames]))
+        places = rank_places(self.frames, -np.abs(self.values - value))
+        return Localization(places, None, "no-pose")
+
+
+def spied_map(frames_of, calibrate=True, changes=None):
+    """A map of places with these numbers of scene frames, and a doorway. Frame f of place p has the value 10 p + f and
+    stands at (10 p + f, 0)."""
+    frames, descriptions = [], []
+    for place, count in enumerate(frames_of):
+        for number in range(count):
+            value = 10.0 * place + number
+            frames.append(ReferenceFrame(f"{place}-{number}", f"place-{place}", pose_2d(value, 0, 0)))
+            descriptions.append({"value": np.array([value])})
+    frames.append(ReferenceFrame("door", "door", pose_2d(5.0, 0, 0), FrameKind.TRANSITION))
+    descriptions.append({"value": np.array([-500.0])})
+    settings = {**POSTERIOR.model_dump(), "max_out_of_map_probability": 1.0, **(changes or {})}
+    localizer = Spy(Spy.Config(posterior=settings))
+    return LocalizationMap.from_descriptions(localizer, descriptions, frames, calibrate=calibrate)
+
+
+def drawn(count, seed, mean, deviation, accuracy, distance_m=1.0, places=50):
+    """Answers whose contrasts are drawn from the model of the head, with its slope of 2."""
+    rng = np.random.default_rng(seed)
+    right = rng.uniform(size=count) < accuracy
+    z = np.concatenate([rng.standard_normal(count) + 2 * right, rng.standard_normal(count)])
+    is_absent = np.repeat([False, True], count)
+    distance = np.where(is_absent, np.nan, distance_m)
+    right = np.concatenate([right, np.zeros(count, bool)])
+    place = np.tile(np.arange(count) % places, 2)
+    return FrameAnswers(mean + deviation * z, np.zeros(2 * count, int), right, is_absent, distance, place)
+
+
+def test_mean_and_deviation_are_averaged_with_those_of_the_posterior():
+    contrast = np.array([5.0, 7.0, 9.0])
+    unknown = np.zeros(3, int)
+    answers = FrameAnswers(contrast, unknown, np.zeros(3, bool), np.ones(3, bool), np.full(3, np.nan), np.arange(3))
+    found = calibrate_head(POSTERIOR, answers)
+    assert found.absent_mean == pytest.approx((21 + ABSENT_PRIOR * 2) / (3 + ABSENT_PRIOR))
+    assert found.absent_deviation == pytest.approx(np.sqrt((8 + ABSENT_PRIOR * 1) / (3 + ABSENT_PRIOR)))
+    assert (found.accuracy, found.bias, found.slope) == (pytest.approx(0.75), HEAD.bias, HEAD.slope)
+
+
+def test_a_map_without_answers_has_the_head_of_the_posterior():
+    none, never = np.zeros(0, int), np.zeros(0, bool)
+    nothing = FrameAnswers(np.zeros(0), none, never, never, np.zeros(0), none)
+    found = calibrate_head(POSTERIOR, nothing)
+    assert found.model_dump() == pytest.approx(HEAD.model_dump())
+
+
+def test_numbers_of_objects_scale_the_contrasts_of_out_of_map_frames():
+    """Frames with 4 and 16 objects, whose contrasts have means and deviations that grow with the square root and the
+    fourth root of the number. The calibrated head has the numbers at the mean of 10 objects."""
+    rng = np.random.default_rng(5)
+    objects = np.repeat([4, 16], 4000)
+    contrast = 3 * np.sqrt(objects / 10) + 0.5 * (objects / 10) ** 0.25 * rng.standard_normal(8000)
+    unknown = np.zeros(8000)
+    answers = FrameAnswers(contrast, objects, unknown > 0, unknown == 0, np.full(8000, np.nan), np.arange(8000))
+    head = HEAD.model_copy(update={"objects": 7.0, "mean_effect": 0.5, "deviation_effect": 0.25})
+    found = calibrate_head(POSTERIOR.model_copy(update={"head": head}), answers)
+    assert found.objects == 10
+    assert found.absent_mean == pytest.approx(3, rel=0.02)
+    assert found.absent_deviation == pytest.approx(
+        0.5, rel=0.04
+    )  # the deviation of the posterior has a weight of 0.1 %
+
+
+def test_accuracy_at_the_distance_of_queries_is_a_share():
+    answers = drawn(40, 0, 2.0, 1.0, 0.4)
+    found = calibrate_head(POSTERIOR, answers).accuracy
+    assert found == pytest.approx((answers.is_right.sum() + ACCURACY_PRIOR * 0.75) / (40 + ACCURACY_PRIOR))
+
+
+def test_accuracy_at_another_distance_maximizes_the_likelihood():
+    """The same number from scipy's minimizer of the negative log-likelihood."""
+    answers = drawn(40, 1, 2.0, 1.0, 0.6, np.linspace(0.5, 6, 80))
+    present = ~answers.is_absent
+    offset, right = -DISTANCE_EFFECT * np.log(answers.distance_m[present]), answers.is_right[present]
+
+    def loss(log_odds):
+        frames = np.logaddexp(0, np.where(right, -1, 1) * (log_odds + offset)).sum()
+        prior = 0.75 * np.logaddexp(0, -log_odds) + 0.25 * np.logaddexp(0, log_odds)
+        return frames + ACCURACY_PRIOR * prior
+
+    expected = 1 / (1 + np.exp(-minimize_scalar(loss, bounds=(-9, 9), method="bounded", options={"xatol": 1e-9}).x))
+    found = calibrate_head(POSTERIOR, answers).accuracy
+    assert found == pytest.approx(expected, abs=1e-6)
+    assert found > right.mean()  # queries stand nearer than most of these frames
+
+
+@pytest.mark.parametrize(("mean", "deviation", "accuracy"), [(2.0, 1.0, 0.75), (8.0, 0.3, 0.3), (0.5, 3.0, 0.95)])
+def test_calibrated_probabilities_are_those_of_the_distributions(mean, deviation, accuracy):
+    """A detector whose contrasts have another mean, deviation and accuracy than on the tuning data."""
+    head = calibrate_head(POSTERIOR, drawn(2000, 3, mean, deviation, accuracy))
+    contrast = mean + deviation * np.linspace(-2, 4, 30)
+    density = [norm.pdf(contrast, mean + shift * deviation, deviation) for shift in (0, 2)]
+    present = accuracy * density[1] + (1 - accuracy) * density[0]
+    np.testing.assert_allclose(head.in_map(contrast, np.zeros(30)), present / (present + density[0]), atol=0.03)
+
+
+def test_cross_validation_measures_the_gain():
+    """The scores of this map differ much more than the tuning data of the posterior: all frames seem to be in it."""
+    found = spied_map([3] * 12).calibration
+    assert (found.present_frames, len(found.absent_in_map)) == (36, 36)
+    assert found.after.log_loss < found.before.log_loss
+    assert found.after.brier_score < found.before.brier_score
+
+
+def test_a_frame_is_never_in_the_map_that_it_is_localized_in():
+    found = spied_map([4, 2, 1, 3])
+    matches, indexed = found.localizer.matches, {frame.id for frame in found.frames}
+    present, absent = [], []
+    for value, shown in matches:
+        place, number = divmod(int(value), 10)
+        assert f"{place}-{number}" not in shown
+        kind = present if any(id.startswith(f"{place}-") for id in shown) else absent
+        kind.append(f"{place}-{number}")
+        assert "door" in shown
+    scenes = sorted(indexed - {"door"})
+    assert sorted(absent) == scenes  # every scene frame once, in the map without its place
+    assert sorted(present) == [id for id in scenes if id != "2-0"]  # a place of one frame has no other
+    assert len(found.localizer.frames) == len(indexed)  # the whole map is indexed afterwards
+
+
+def test_doorways_to_a_hidden_place_are_hidden_too():
+    region = np.repeat([[1, 2]], 10, 1).repeat(10, 0).astype(np.int32)
+    floor = FloorMasks(np.ones((10, 20), bool), region, np.zeros((10, 20), bool), 1.0, (-5.0, 5.0), {1: "a", 2: "b"})
+    frames = [
+        ReferenceFrame("a", "a", pose_2d(0, 0, 0, 1.5)),
+        ReferenceFrame("b", "b", pose_2d(10, 0, 0, 1.5)),
+        ReferenceFrame("door", "door", pose_2d(5, 0, 0, 1.5), FrameKind.TRANSITION),
+        ReferenceFrame("far", "far", pose_2d(12, 0, 0, 1.5), FrameKind.TRANSITION),
+    ]
+    descriptions = [{"value": np.array([float(i)])} for i in range(4)]
+    localizer = Spy(Spy.Config(posterior=POSTERIOR.model_dump()))
+    type(localizer).uses_floors = True
+    try:
+        LocalizationMap.from_descriptions(localizer, descriptions, frames, [floor], calibrate=True)
+    finally:
+        type(localizer).uses_floors = False
+    assert sorted(map(tuple, (shown for _, shown in localizer.matches))) == [("a",), ("b", "far")]
+
+
+@pytest.mark.parametrize("places", [1, 2, 3])
+@pytest.mark.parametrize("count", [1, 2])
+def test_small_maps_have_probabilities(places, count):
+    found = spied_map([count] * places)
+    answer = found.answer({"value": np.array([0.4])})
+    total = sum(place.probability for place in answer.places) + answer.out_of_map_probability
+    assert total == pytest.approx(1)
+    assert 0 < answer.out_of_map_probability < 1
+    assert answer.accepted is (answer.out_of_map_probability <= 0.5)
+
+
+def test_the_conformal_test_accepts_at_most_its_share_of_out_of_map_queries():
+    """Probabilities of frames and queries from one distribution: the mean share over many maps of 39 frames is
+    floor(40 level) / 40, by exchangeability."""
+    rng = np.random.default_rng(0)
+    for level in (0.05, 0.1, 0.26):
+        accepted = []
+        for _ in range(300):
+            known = tuple(np.sort(rng.beta(4, 2, 39)).tolist())
+            queries = 1 - rng.beta(4, 2, 200)
+            made = MapCalibration(head=HEAD, present_frames=0, absent_in_map=known)
+            limit = made.max_out_of_map_probability(level)
+            if limit < 0.5:
+                accepted.append((queries <= limit).mean())
+            else:
+                accepted.append(np.nan)
+        share = np.nanmean(accepted)
+        assert share <= level + 0.01
+        if not np.isnan(accepted).any():
+            assert share == pytest.approx(np.floor(40 * level) / 40, abs=0.01)
+
+
+def test_the_conformal_test_needs_enough_frames():
+    made = MapCalibration(head=HEAD, present_frames=0, absent_in_map=tuple(np.linspace(0, 0.9, 19).tolist()))
+    with pytest.raises(DataError, match=r"max_false_accept is 0.05, which needs at least 20 frames .* the map has 19"):
+        made.max_out_of_map_probability(0.05)
+    assert made.max_out_of_map_probability(0.06) <= 0.5
+    small = spied_map([1, 1, 1])
+    with pytest.raises(DataError, match="the map has 3"):
+        small.require_false_accept(0.1)
+    bare = spied_map([1, 1, 1], calibrate=False)
+    with pytest.raises(DataError, match="the map is not calibrated"):
+        bare.require_false_accept(0.5)
+    with pytest.raises(ConfigError, match="max_false_accept: received 2"):
+        small.require_false_accept(2)
+
+
+def test_an_answer_that_fails_the_conformal_test_is_not_accepted():
+    found = spied_map([4] * 10)
+    answer = found.answer({"value": np.array([2.5])})
+    assert answer.accepted is True
+    found.require_false_accept(0.1)
+    known = np.array(found.calibration.absent_in_map)
+    for value in np.linspace(0, 100, 41):
+        answer = found.answer({"value": np.array([value])})
+        rank = (1 + (known >= 1 - answer.out_of_map_probability).sum()) / (1 + len(known))
+        assert answer.accepted is bool(rank <= 0.1 and answer.out_of_map_probability <= 0.5)
+
+
+def test_a_saved_map_keeps_its_calibration_and_a_changed_map_is_calibrated_again(tmp_path):
+    found = spied_map([3, 2, 2])
+    found.save(tmp_path / "map")
+    localizer = Spy(found.localizer.config)
+    opened = LocalizationMap.open(tmp_path / "map", localizer)
+    assert opened.calibration == found.calibration
+    opened.remove(["place-1"])
+    assert opened.calibration != found.calibration
+    rest = [i for i, frame in enumerate(found.frames) if frame.place != "place-1"]
+    again = LocalizationMap.from_descriptions(
+        Spy(found.localizer.config),
+        [found.descriptions()[i] for i in rest],
+        [found.frames[i] for i in rest],
+        calibrate=True,
+    )
+    assert again.calibration == opened.calibration
+    off = spied_map([3, 2, 2], changes={"calibrate": False})
+    off.calibrate()  # by hand
+    off.remove(["place-1"])
+    assert off.calibration == again.calibration
+    other = Spy(Spy.Config(posterior={**POSTERIOR.model_dump(), "temperature": 2.0}))
+    assert LocalizationMap.open(tmp_path / "map", other).calibration is None  # other settings, other contrasts
+
+
+def test_a_setting_and_a_method_without_probabilities_leave_a_map_uncalibrated():
+    assert spied_map([2, 2], calibrate=False).calibration is None
+    assert spied_map([2, 2], changes={"calibrate": False}).calibration is None
+    plain = LocalizationMap.from_descriptions(
+        Spy(), [{"value": np.array([1.0])}], [ReferenceFrame("a", "a", np.eye(4))], calibrate=True
+    )
+    assert plain.calibration is None
+    with pytest.raises(DataError, match="spy has no posterior"):
+        plain.calibrate()
+
+
+HEAD_SETTING = "{absent_mean: 0.5, absent_deviation: 1, bias: -1, slope: 1, accuracy: 0.8, other_score: 0}"
+SETTING = f"posterior={{temperature: 1.0, head: {HEAD_SETTING}}}"
+
+
+def test_build_calibrates_and_the_map_shows_it(fakes):
+    build = ("build", "rooms", "--method", "reader", "--set", "data.rooms=6", "--set", SETTING)
+    done = run(*build, "-o", "map")
+    assert "calibrated with 0 frames in the map and 6 out of it: accuracy 0.80" in done.out
+    plain = run(*build, "-o", "plain", "--no-calibrate")
+    assert "calibrated" not in plain.out
+    shown = run("map", "show", "map")
+    assert "calibrated with 0 frames in the map and 6 out of it" in shown.out
+    assert "not calibrated" in run("map", "show", "plain").out
+    made = run("map", "calibrate", "plain", "--json").json
+    # rooms in a row, the query 1 away from the nearest rooms: e.g. -1, -2, -3, -4, -5 from the end of the row
+    numbers = [-1 - np.mean(sorted([-abs(j - i) for j in range(6) if j != i])[:-1]) for i in range(6)]
+    contrasts = np.sort(numbers)
+    mean = (contrasts.sum() + ABSENT_PRIOR * 0.5) / (6 + ABSENT_PRIOR)
+    deviation = np.sqrt((6 * contrasts.var() + ABSENT_PRIOR) / (6 + ABSENT_PRIOR))
+    right = 0.8 * np.exp(-1 + (contrasts - mean) / deviation)
+    assert made["absent_in_map"] == pytest.approx((right + 0.2) / (right + 1.2), abs=5e-5)
+    opened = [salframe.open_map(name) for name in ("map", "plain")]
+    assert opened[0].calibration == opened[1].calibration
+    strict = salframe.open_map("map", max_false_accept=0.2)
+    assert strict.localizer.posterior.max_false_accept == 0.2
+    refused = run("localize", "map", "query-2-0", "--data", "rooms", "--max-false-accept", "0.05")
+    assert (refused.code, len(refused.err.splitlines())) == (2, 1)
+    assert "needs at least 20 frames" in refused.err
+    assert run("build", "rooms", "--method", "reader", "-o", "bare").code == 0
+    assert "reader has no posterior" in run("map", "calibrate", "bare").err
+
+
+def test_a_frame_that_the_localizer_fails_on_is_left_out(fakes):
+    build = ("build", "rooms", "--method", "reader", "--set", "data.rooms=6", "--set", SETTING)
+    assert "0 frames in the map and 5 out of it" in run(*build, "-o", "map", "--set", "fail_in=2").out
+
+
+def test_a_grown_map_is_the_map_that_was_built_at_once(fakes):
+    settings = ("--method", "reader", "--set", SETTING)
+    assert run("build", "rooms", *settings, "--set", "data.rooms=3", "-o", "grown").code == 0
+    assert run("map", "add", "grown", "rooms", "--set", "data.rooms=6").code == 0
+    assert run("build", "rooms", *settings, "--set", "data.rooms=6", "-o", "whole").code == 0
+    grown, whole = (salframe.open_map(name).calibration for name in ("grown", "whole"))
+    assert grown == whole
+    assert len(whole.absent_in_map) == 6
+
+
+def test_compare_calibrates_with_the_map_and_never_with_the_truth_of_queries(fakes, monkeypatch):
+    """The same probabilities where the dataset names another true place for every query."""
+    import fake_plugin
+
+    def probabilities(name):
+        request = Request(("reader",), "rooms", settings=("data.rooms=6", SETTING), engine="inline", name=name)
+        rows = (compare(request).run / "methods" / "reader" / "rows.jsonl").read_text().splitlines()
+        return {row["query"]: (row["out_of_map_probability"], row["accepted"]) for row in map(json.loads, rows)}
+
+    honest = probabilities("honest")
+    true = fake_plugin.Rooms.truth
+    monkeypatch.setattr(
+        fake_plugin.Rooms, "truth", lambda self, query: dataclasses.replace(true(self, query), place="room-0")
+    )
+    assert probabilities("other") == honest
+    assert run("build", "rooms", "--method", "reader", "--set", SETTING, "--set", "data.rooms=6", "-o", "map").code == 0
+    answer = run("localize", "map", "query-2-0", "--data", "rooms", "--set", "data.rooms=6", "--json").json
+    assert honest["query-2-0"] == (pytest.approx(answer["out_of_map_probability"]), answer["accepted"])
+
+
+def test_compare_measures_probabilities_and_accepted_answers(fakes):
+    """The columns of the table from the rows of the answers, by hand."""
+    settings = ("data.rooms=6", "data.hide_query_place=true", SETTING.replace("bias: -1", "bias: 0"))
+    result = compare(Request(("clear",), "rooms", settings=settings, engine="inline", name="hidden"))
+    lines = (result.run / "methods" / "clear" / "rows.jsonl").read_text().splitlines()
+    rows = [json.loads(line) for line in lines]
+    present = np.array([row["fold"] == "all" for row in rows])
+    in_map = np.array([1 - row["out_of_map_probability"] for row in rows])
+    accepted = np.array([row["accepted"] for row in rows])
+    assert present.sum() == (~present).sum() == 12
+    assert 0 < accepted.sum() < len(accepted)
+    row = result.row("clear")
+    assert row.log_loss == pytest.approx(-np.mean(np.where(present, np.log(in_map), np.log(1 - in_map))))
+    assert row.brier_score == pytest.approx(np.mean((in_map - present) ** 2))
+    assert row.right_not_accepted.value == pytest.approx(np.mean(~accepted[present]))  # all of them are right
+    assert row.absent_accepted.value == pytest.approx(np.mean(accepted[~present]))
