@@ -287,7 +287,8 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         if sectors is None:
             return PlacePoses(poses, np.ones(BINS, bool), np.ones(BINS, bool))
         is_shown: np.ndarray = sectors.reach_m > 0
-        return PlacePoses(poses, is_shown[-1], is_shown.any(0))
+        shown: np.ndarray = is_shown.any(axis=0)
+        return PlacePoses(poses, is_shown[-1], shown)
 
     def unknown_labels(self, description: Description) -> tuple[str, ...]:
         return unknown_labels(description, self._matching.labels)
