@@ -24,7 +24,11 @@ def home():
     """The map and the topology of a small home, and its queries of 90 and of 360 degrees."""
     settings = ("data.height=128", "data.queries_per_room=1", "data.rgb=false")
     dataset = find_dataset("house-6", overrides=settings)
-    config = registry().get("localizer", "saliency-places").Config.model_validate({"detector": {"kind": "annotations"}})
+    config = (
+        registry()
+        .get("localizer", "saliency-places")
+        .Config.model_validate({"detector": {"kind": "annotations", "noise": "none"}})
+    )
     localizer = registry().build(Localizer.role, config)
     frames = reference_frames(dataset)
     map = LocalizationMap.build(localizer, frames, Cache(), dataset.content_key, floors=dataset.floors())
@@ -77,3 +81,14 @@ def test_without_a_pose_on_a_floor_only_turns_are_compared(home):
     answer = next(answer for query in queries if (answer := map.localize(query)).T_world_query is not None)
     outside = replace(answer, T_world_query=FAR)
     assert next_view_in(topology, outside) == answer.next_view
+
+
+def test_a_camera_that_sees_no_object_turns_to_new_directions(home):
+    map, _, queries, _ = home
+    panorama = queries[0].load()
+    nothing = replace(
+        panorama, annotations=replace(panorama.annotations, instance_id=np.zeros_like(panorama.annotations.instance_id))
+    )
+    answer = map.localize(nothing)
+    assert answer.places == ()
+    assert answer.next_view.turn_deg == 90

@@ -272,23 +272,25 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         return None if hypotheses is None else hypotheses.evidence
 
     def place_poses(self, description: Description) -> PlacePoses | None:
-        query = graph_from_arrays(description)
-        ranking = self._rank(query, description) if len(query) and self.config.pose else None
-        if ranking is None:
+        if not self.config.pose:
             return None
-        frames = self._map.nearest_frames(ranking.names, ranking.poses, ranking.pose_row)
+        query = graph_from_arrays(description)
+        ranking = self._rank(query, description) if len(query) else None
+        sectors = sectors_from_arrays(description)
+        is_shown: np.ndarray = np.ones((1, BINS), bool) if sectors is None else sectors.reach_m > 0
+        poses = {} if ranking is None else self._poses_of(ranking)
+        return PlacePoses(poses, is_shown[-1], np.logical_or.reduce(is_shown))
+
+    def _poses_of(self, ranking: Ranking) -> dict[str, np.ndarray]:
+        """Return the pose (4, 4) of each ranked place that has one, by name."""
         poses = {}
+        frames = self._map.nearest_frames(ranking.names, ranking.poses, ranking.pose_row)
         for name, row, number in zip(ranking.names.tolist(), ranking.pose_row.tolist(), frames, strict=True):
             if row >= 0:
                 z_m = self._matching.frames[number].T_world_pano[2, 3]
                 x_m, y_m = ranking.poses.shift_m[row]
                 poses[self._map.names[name]] = pose_2d(x_m, y_m, ranking.poses.yaw_rad[row], z_m)
-        sectors = sectors_from_arrays(description)
-        if sectors is None:
-            return PlacePoses(poses, np.ones(BINS, bool), np.ones(BINS, bool))
-        is_shown: np.ndarray = sectors.reach_m > 0
-        shown: np.ndarray = is_shown.any(axis=0)
-        return PlacePoses(poses, is_shown[-1], shown)
+        return poses
 
     def unknown_labels(self, description: Description) -> tuple[str, ...]:
         return unknown_labels(description, self._matching.labels)
