@@ -167,8 +167,8 @@ class Localization:
     def next_view(self) -> NextView | None:
         """The turn on the spot whose view is expected to tell the likely places apart best.
 
-        It is computed on each access. None if the query shows all directions, if no place has a pose, if views were
-        fused, or for a method that does not return a pose in each place.
+        It is computed on each access. None if the query shows all directions, if views were fused, or for a method that
+        does not return a pose in each place.
         """
         predictor = self.view_predictor
         return None if predictor is None else predictor.turn()

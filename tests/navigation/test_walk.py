@@ -7,6 +7,7 @@ import pytest
 from salframe_planners.planners import Dijkstra
 
 from salframe.localization.answers import Localization, LocalizationStatus, RankedPlace
+from salframe.localization.next_view import NextView
 from salframe.navigation.agent import Located
 from salframe.navigation.episodes import Episode, Site
 from salframe.navigation.guide import Guide
@@ -180,3 +181,30 @@ def test_odometry_has_the_stated_noise(site):
     scale, turn_deg = np.std(off, axis=0)
     assert scale == pytest.approx(0.05, rel=0.25)
     assert turn_deg == pytest.approx(2.0, rel=0.25)
+
+
+class LeftIsBest:
+    """A predictor whose best view is 120 degrees to the left."""
+
+    def turn(self) -> NextView:
+        return NextView(120.0, 0.1, 0.7)
+
+
+def test_an_unsure_agent_turns_on_the_spot_and_passes_the_motion(site):
+    turns = []
+
+    def unsure(T, yaw_rad, turn):
+        turns.append(turn)
+        places = (RankedPlace("frame", "room", 1.0, 0.1),)
+        return Located(
+            Localization(
+                places, T, LocalizationStatus.OK, out_of_map_probability=0.9, predict_views=lambda answer: LeftIsBest()
+            )
+        )
+
+    row = walk(site, unsure, episode(site, 1.5, 2.0), NavigationConfig(**STILL, arrival_m=0.01, max_turns=1), 0)
+    assert (row["success"], row["collisions"]) == (True, 0)
+    assert row["travelled_m"] == pytest.approx(5.5)
+    assert row["panoramas"] == 8  # two at each of four positions
+    assert [turn is None for turn in turns] == [True, False] * 4
+    np.testing.assert_allclose(turns[1], pose_2d(0, 0, np.radians(120)), atol=1e-9)
