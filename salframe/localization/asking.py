@@ -113,6 +113,8 @@ def ask(map: LocalizationMap, text: str) -> TextAnswer:
 class MapWords:
     """The labels and directions of the objects of a map, for descriptions in words.
 
+    A map with scene frames is described by them alone, without its doorways.
+
     Attributes:
         labels: The L labels.
         places: The K places.
@@ -132,10 +134,11 @@ class MapWords:
         self.labels = tuple(sorted({label for graph in self._graphs for label in graph.labels}))
         number = {label: row for row, label in enumerate(self.labels)}
         self.places = tuple(dict.fromkeys(frame.place for frame in self._frames))
-        self._place = np.array([self.places.index(frame.place) for frame in self._frames], int)
+        row_of_place = {place: row for row, place in enumerate(self.places)}
+        self._place = np.array([row_of_place[frame.place] for frame in self._frames], int)
         self._count = np.zeros((len(self.places), len(self.labels)))
         for place, graph in zip(self._place, self._graphs, strict=True):
-            count = np.bincount([number[label] for label in graph.labels], minlength=len(self.labels))
+            count = np.bincount(np.array([number[label] for label in graph.labels], int), minlength=len(self.labels))
             self._count[place] = np.maximum(self._count[place], count)
 
     def answer(self, query: TextQuery) -> TextAnswer:

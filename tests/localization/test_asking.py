@@ -26,7 +26,7 @@ ROOMS = {
 def objects(room: dict[str, list[tuple[float, float]]]) -> Detections:
     """Objects of 0.5 m at the height of the camera."""
     labels = [label for label, places in room.items() for _ in places]
-    centroid_m = np.array([(x, y, 0.0) for places in room.values() for x, y in places])
+    centroid_m = np.array([(x, y, 0.0) for places in room.values() for x, y in places]).reshape(-1, 3)
     n = len(labels)
     return Detections(tuple(labels), np.ones(n), centroid_m, np.full((n, 3), 0.5), np.zeros(n))
 
@@ -125,3 +125,9 @@ def test_a_method_without_objects_is_refused(fakes):
     )
     with pytest.raises(InputMissing, match="reader stores no objects"):
         ask(map, "sofa")
+
+
+def test_a_frame_without_objects_is_a_place_like_others():
+    answer = ask(build({"a": {"sofa": [(1, 0)]}, "empty": {}}), "sofa")
+    assert [place.place for place in answer.places] == ["a", "empty"]
+    assert 0 < answer.places[1].probability < 0.5
