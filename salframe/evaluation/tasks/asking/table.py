@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from salframe.evaluation.runs.method_row import MethodRow
 from salframe.evaluation.statistics import Estimate
-from salframe.evaluation.tables.columns import Column, number_column, rate_column, share_column
+from salframe.evaluation.tables.columns import INPUT, Column, number_column, rate_column, share_column
 
 TOP = 5
 """Number of the best places that may contain the true place."""
@@ -47,6 +47,7 @@ class AskingRow(MethodRow):
 
 
 COLUMNS: dict[str, Column[AskingRow]] = {
+    "input": INPUT,
     "descriptions": Column("descriptions", lambda row: str(row.descriptions)),
     "top1": rate_column("top 1 %\n(95 % CI)", lambda row: row.top1),
     "top1_counts": rate_column("labels and\nnumbers %", lambda row: row.top1_counts),
