@@ -34,6 +34,7 @@ PYTHON = {
     "sensor": "measure_sensor",
     "build": "build_map",
     "localize": "open_map",
+    "ask": "ask",
     "track": "track",
     "show-objects": "show_objects",
     "navigate": "navigate",

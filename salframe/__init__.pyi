@@ -63,6 +63,9 @@ from .localization.answers import LocalizationStatus as LocalizationStatus
 from .localization.answers import NodeMatches as NodeMatches
 from .localization.answers import PointMatches as PointMatches
 from .localization.answers import RankedPlace as RankedPlace
+from .localization.asking import Question as Question
+from .localization.asking import TextAnswer as TextAnswer
+from .localization.asking import ask as ask
 from .localization.evidence_model import EvidenceColumn as EvidenceColumn
 from .localization.evidence_model import EvidenceModel as EvidenceModel
 from .localization.evidence_model import PlaceFrames as PlaceFrames
@@ -70,6 +73,8 @@ from .localization.evidence_model import PlaceHypotheses as PlaceHypotheses
 from .localization.localizer import Localizer as Localizer
 from .localization.map import LocalizationMap as LocalizationMap
 from .localization.map import open_map as open_map
+from .localization.next_view import NextView as NextView
+from .localization.next_view import PlacePoses as PlacePoses
 from .localization.positioner import PoseEstimate as PoseEstimate
 from .localization.positioner import PoseStatus as PoseStatus
 from .localization.positioner import Positioner as Positioner

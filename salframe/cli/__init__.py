@@ -17,6 +17,7 @@ from typer.core import TyperGroup
 
 import salframe
 from salframe.cli import (
+    ask,
     build,
     cache,
     compare,
@@ -155,7 +156,7 @@ PANELS: dict[str, tuple[Any, ...]] = {
         *(matching.matching, detection.detection, navigate.navigate, score.score),
     ),
     "Maps and localization": (
-        *(build.build, localize.localize, track.track, serve.serve, show_objects.show_objects),
+        *(build.build, localize.localize, ask.ask, track.track, serve.serve, show_objects.show_objects),
         ("map", map.app),
     ),
     "Data": (("data", data.app), sensor.sensor, fit.fit, ("cache", cache.app)),

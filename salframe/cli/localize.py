@@ -70,14 +70,14 @@ def localize(
 ) -> None:
     """Localize a panorama in a saved map.
 
-    Prints the places, best first, and the pose. The images are panoramas, or photographs of a camera with --fov or
-    --camera. With --views, several images are one query, in the order in which they were taken, and the pose is that
-    of the last one. If the file of --camera has the position of the camera on the robot, the pose is that of the
-    robot's base.
+    Prints the places, best first, and the pose. If the answer is not accepted, also prints the turn whose view would
+    help most. The images are panoramas, or photographs of a camera with --fov or --camera. With --views, several images
+    are one query, in the order in which they were taken, and the pose is that of the last one. If the file of --camera
+    has the position of the camera on the robot, the pose is that of the robot's base.
     """
     from salframe.cli.output import warn
     from salframe.cli.queries import QueryOptions
-    from salframe.localization.answer_json import answer_json
+    from salframe.localization.answer_json import answer_json, next_view_json
     from salframe.localization.map import open_map
 
     query = QueryOptions(
@@ -98,10 +98,13 @@ def localize(
     saved_map = open_map(map, max_false_accept=max_false_accept)
     answer = saved_map.localize(views=query.read(), warn=warn)
     tell_choices(map)
+    next_view = answer.next_view if answer.accepted is False else None
     if as_json:
-        print_json(answer_json(answer))
-    else:
-        print_answer(answer)
+        print_json({**answer_json(answer), "next_view": next_view_json(next_view)})
+        return
+    print_answer(answer)
+    if next_view is not None:
+        print(f"next view: {next_view}")
 
 
 def tell_choices(map: Path) -> None:

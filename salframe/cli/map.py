@@ -193,7 +193,7 @@ def query(
 
     from salframe.cli.localize import print_answer, tell_choices
     from salframe.cli.output import Bars, warn
-    from salframe.localization.answer_json import answer_json
+    from salframe.localization.answer_json import answer_json, next_view_json
     from salframe.panoramas.opening import open_frame
     from salframe.topology.building_map import ask_map
     from salframe.topology.routes import route_json
@@ -206,11 +206,14 @@ def query(
         heading_deg = None if answer.heading_rad is None else float(np.degrees(answer.heading_rad))
         node = {"node": answer.node, "distance_m": answer.distance_m, "heading_deg": heading_deg}
         route = None if answer.route is None else route_json(answer.route, answer.heading_rad)
-        print_json({**answer_json(answer.localization), **node, "route": route, "no_route": answer.no_route})
+        plan = {"route": route, "no_route": answer.no_route, "next_view": next_view_json(answer.next_view)}
+        print_json({**answer_json(answer.localization), **node, **plan})
     else:
         print_answer(answer.localization)
         distance = "" if answer.distance_m is None else f", {answer.distance_m:.2f} m away"
         print(f"nearest node: {answer.node or 'unknown'}{distance}")
+        if answer.next_view is not None:
+            print(f"next view: {answer.next_view}")
         if answer.route is not None:
             _print_route(answer.route, answer.heading_rad)
         elif answer.no_route is not None:

@@ -62,6 +62,14 @@ def vocabulary_names() -> tuple[str, ...]:
     return tuple(read_yaml(NAMES)["synonyms"])
 
 
+def vocabulary_words() -> tuple[str, ...]:
+    """Return all words of the vocabulary that name objects: names, synonyms and kinds."""
+    vocabulary = _vocabulary()
+    kinds = (kind for kinds in vocabulary["kinds"].values() for kind in kinds)
+    synonyms = (word for name, words in vocabulary["synonyms"].items() for word in (name, *words))
+    return tuple(dict.fromkeys([*synonyms, *kinds]))
+
+
 def with_object_labels(detections: Detections) -> Detections:
     """Return the detections with labels that are equal for equal objects, for comparison with other panoramas."""
     return replace(detections, labels=tuple(map(object_label, detections.labels)))

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from salframe.localization.answers import Localization
+from salframe.localization.next_view import NextView
 from salframe.panoramas.geometry import pose_yaw
 
 COVARIANCE_AXES = ("x", "y", "z", "rotation_x", "rotation_y", "rotation_z")
@@ -38,6 +40,12 @@ def answer_json(answer: Localization) -> dict[str, Any]:
         "heading_deg": None if answer.heading_rad is None else math.degrees(answer.heading_rad),
         "notes": list(answer.notes),
     }
+
+
+def next_view_json(view: NextView | None) -> dict[str, Any] | None:
+    """Return a proposed view as JSON: the turn in degrees, the node and the length of the walk in metres, and entropies
+    in nats."""
+    return None if view is None else asdict(view)
 
 
 def pose_json(T_world_query: np.ndarray) -> dict[str, float]:

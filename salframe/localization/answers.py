@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import partial
 from itertools import repeat
@@ -13,6 +13,7 @@ import numpy as np
 
 from salframe.framework.arrays import check_array
 from salframe.framework.errors import InvalidAnswer
+from salframe.localization.next_view import NextView, ViewPredictor
 from salframe.panoramas.geometry import is_rigid, pose_yaw, translation
 
 RIGID_TOLERANCE = 1e-3
@@ -97,6 +98,8 @@ class Localization:
             places sum to 1. None from a localizer without probabilities.
         max_accepted_probability: Maximum out-of-map probability of an accepted answer.
         notes: Remarks for the user, such as labels of the query that the map does not know.
+        predict_views: Returns the predictor of the views around the query; None without a map, or for a method that
+            does not return a pose in each place. `LocalizationMap` sets it.
 
     Raises:
         InvalidAnswer: The status is not a LocalizationStatus; the pose is no rigid motion; the heading is not finite; a
@@ -112,6 +115,9 @@ class Localization:
     out_of_map_probability: float | None = None
     notes: tuple[str, ...] = ()
     max_accepted_probability: float = MAX_OUT_OF_MAP_PROBABILITY
+    predict_views: Callable[[Localization], ViewPredictor | None] | None = field(
+        default=None, compare=False, repr=False
+    )
 
     def __post_init__(self) -> None:
         try:
@@ -151,6 +157,21 @@ class Localization:
         if self.out_of_map_probability is None:
             return None
         return self.out_of_map_probability <= self.max_accepted_probability
+
+    @property
+    def view_predictor(self) -> ViewPredictor | None:
+        """The predictor of the views around the query; None as for `next_view`."""
+        return None if self.predict_views is None else self.predict_views(self)
+
+    @property
+    def next_view(self) -> NextView | None:
+        """The turn on the spot whose view is expected to tell the likely places apart best.
+
+        It is computed on each access. None if the query shows all directions, if views were fused, or for a method that
+        does not return a pose in each place.
+        """
+        predictor = self.view_predictor
+        return None if predictor is None else predictor.turn()
 
     @property
     def summary(self) -> str:

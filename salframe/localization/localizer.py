@@ -18,6 +18,7 @@ from salframe.framework.components.slots import slot
 from salframe.framework.files.columns import Columns
 from salframe.localization.answers import Localization, NodeMatches, PointMatches
 from salframe.localization.evidence import Evidence
+from salframe.localization.next_view import PlacePoses
 from salframe.localization.posterior import Posterior, read_fitted
 from salframe.localization.saved_frames import SavedFrames
 from salframe.panoramas.floors import FloorMasks
@@ -194,4 +195,13 @@ class Localizer(Role):
     def evidence(self, description: Description) -> Evidence | None:
         """Return, for each place, the values whose weighted sum is its score, in the order of the setting `weights`;
         None for methods without weights, and for queries without these values."""
+        return None
+
+    def place_poses(self, description: Description) -> PlacePoses | None:
+        """Return the most probable pose of a query in each place, in the axes of its levelled panorama, for
+        `Localization.next_view`.
+
+        Optional, for methods whose descriptions are graphs (`graph_to_arrays`). None (the default): the method does not
+        compute these poses.
+        """
         return None

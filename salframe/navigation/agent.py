@@ -42,12 +42,31 @@ class Agent:
     """An agent that walks to a node along the shortest path from its estimated position, with a safety margin to walls
     unless that path is much longer.
 
-    It walks from the best guess of its tracker, even where the tracker is lost: the next answers correct it.
+    It walks from the best guess of its tracker, even where the tracker is lost: the next answers correct it. Before it
+    walks on an answer that is not accepted, it turns on the spot to the next view that the answer proposes.
     """
 
     def __init__(
-        self, guide: Guide, goal: str, yaw_rad: float, arrival_m: float, rng: np.random.Generator, tracker: Tracker
+        self,
+        guide: Guide,
+        goal: str,
+        yaw_rad: float,
+        arrival_m: float,
+        rng: np.random.Generator,
+        tracker: Tracker,
+        max_turns: int = 0,
     ) -> None:
+        """Create an agent whose position is unknown.
+
+        Args:
+            guide: Shortest paths in the building.
+            goal: Id of the goal node.
+            yaw_rad: Initial heading in the world.
+            arrival_m: Length of the remaining path at which the agent reports its arrival.
+            rng: Generator of the moves without a path.
+            tracker: Tracker of the pose.
+            max_turns: Maximum number of turns on the spot at a position.
+        """
         self.yaw_rad = yaw_rad
         """Heading in the world by odometry alone, from the known initial heading."""
         self._tracker = tracker
@@ -57,6 +76,8 @@ class Agent:
         self._goal, self._arrival_m, self._rng = goal, arrival_m, rng
         self._off_path = False
         self._stops_m: list[np.ndarray] = []
+        self._max_turns, self._num_turns = max_turns, 0
+        self._answer: Localization | None = None
 
     @property
     def pose(self) -> np.ndarray | None:
@@ -69,6 +90,7 @@ class Agent:
         A place without a pose is used only if its reference frame differs from the previous one. If the frame is the
         same, odometry is the better estimate of the position in the place.
         """
+        self._answer = located.answer
         is_repeated = located.frame is not None and located.frame == self._last_frame
         if located.answer.status.names_a_place:
             self._last_frame = located.frame
@@ -98,9 +120,15 @@ class Agent:
     def decide(self) -> Move | None:
         """Return the next move, None if the agent estimates that it has arrived.
 
-        After a collision with an obstacle of its chart, which means that the agent was off its path, it steps aside
-        before it tries again. Without a pose, or without a path from there, it moves to look from another position.
+        Where the last answer is not accepted, it first turns on the spot. After a collision with an obstacle of its
+        chart, which means that the agent was off its path, it steps aside before it tries again. Without a pose, or
+        without a path from there, it moves to look from another position.
         """
+        turn_rad = self._next_turn_rad()
+        if turn_rad is not None:
+            self._num_turns += 1
+            return Move(turn_rad, 0.0)
+        self._num_turns = 0
         pose = self.pose
         way = None if pose is None else self._way(pose[:3, 3])
         if pose is None or way is None:
@@ -113,6 +141,14 @@ class Agent:
         leg_m = way.leg(chart.spot(pose[:3, 3]))
         turn_rad = float(wrap_angle(np.arctan2(leg_m[1], leg_m[0]) - pose_yaw(pose)))
         return Move(turn_rad, min(float(np.linalg.norm(leg_m)), chart.max_move_m))
+
+    def _next_turn_rad(self) -> float | None:
+        """Return the turn to the next view; None where the agent does not turn on the spot."""
+        answer = self._answer
+        if answer is None or answer.accepted is not False or self._num_turns == self._max_turns:
+            return None
+        view = answer.next_view
+        return None if view is None else float(np.radians(view.turn_deg))
 
     def _way(self, position_m: np.ndarray) -> Way | None:
         """Return the best path. Where the recorded collisions leave none, their positions were wrong, and they are

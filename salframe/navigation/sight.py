@@ -10,7 +10,7 @@ import numpy as np
 from salframe.framework.errors import FRAME_ERRORS, DataError, InputMissing, MethodFailed, MethodUnavailable
 from salframe.framework.files.cache import Cache
 from salframe.localization.answers import Localization, LocalizationStatus, RankedPlace
-from salframe.localization.described_query import describe_view
+from salframe.localization.described_query import DescribedView, describe_view
 from salframe.localization.describing import describe_frame
 from salframe.localization.left_out import check_left_out, left_out_note
 from salframe.localization.localizer import Description, Localizer
@@ -19,13 +19,13 @@ from salframe.navigation.agent import Located
 from salframe.navigation.world import World
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import QueryFrame, ReferenceFrame
-from salframe.panoramas.geometry import pose_2d, pose_yaw, wrap_angle
+from salframe.panoramas.geometry import invert_pose, pose_2d, pose_yaw, wrap_angle
 
 ASTRAY_RAD = np.radians(45.0)
 """Maximum error of the heading by odometry within an episode; a pose that differs by more is rejected."""
 
 
-def see_place(world: World, T_world_pano: np.ndarray, yaw_rad: float) -> Located:
+def see_place(world: World, T_world_pano: np.ndarray, yaw_rad: float, turn: np.ndarray | None = None) -> Located:
     """Return the localization of an agent with a perfect place recognition, without a localizer.
 
     The agent is localized at the nearest node of the map, transition nodes included, to which it could walk straight.
@@ -34,6 +34,7 @@ def see_place(world: World, T_world_pano: np.ndarray, yaw_rad: float) -> Located
         world: The world.
         T_world_pano: (4, 4), true pose of the agent.
         yaw_rad: Heading by odometry.
+        turn: As in `Sight.look`; not used.
     """
     nodes = world.chart.map.nodes
     point_m = np.array([node.xyz_m for node in nodes])
@@ -64,24 +65,29 @@ class Sight:
         self._left_out: dict[str, DataError | InputMissing] = {}
         self._frames: dict[str, ReferenceFrame] = {}
         self._map: LocalizationMap | None = None
+        self._views: list[tuple[DescribedView, np.ndarray]] = []
 
     @property
     def warning(self) -> str | None:
         """A warning on reference frames that were left out, None if there is none."""
         return left_out_note(self._left_out)
 
-    def look(self, world: World, T_world_pano: np.ndarray, yaw_rad: float) -> Located:
-        """Localize an agent.
+    def look(self, world: World, T_world_pano: np.ndarray, yaw_rad: float, turn: np.ndarray | None = None) -> Located:
+        """Localize an agent. The views that it took from its position, while it turned, are localized together.
 
         Args:
             world: The world.
             T_world_pano: (4, 4), true pose of the agent, at which the panorama is taken.
             yaw_rad: Heading by odometry, used where the localizer returns no pose.
+            turn: (4, 4) measured motion since the last panorama, if the agent only turned; None: it walked.
         """
         map = self._map_of(world.references(T_world_pano), world.chart.map.floors)
         panorama = world.observe(T_world_pano)
         view = describe_view(self._localizer, QueryFrame(panorama.id, lambda: panorama))
-        answer = map.answer_query(map.describe_query([view]))
+        earlier = [] if turn is None else [(one, invert_pose(turn) @ T_last_view) for one, T_last_view in self._views]
+        self._views = [*earlier, (view, np.eye(4))]
+        views, T_last_view = zip(*self._views, strict=True)
+        answer = map.answer_query(map.describe_query(views, np.stack(T_last_view)))
         if not answer.status.names_a_place:
             return Located(answer)
         pose = answer.T_world_query if self._positioning else None

@@ -47,6 +47,12 @@ class NavigationConfig(Settings):
     arrival_m: float = Field(
         0.25, gt=0, description="length of the remaining path below which an agent reports its arrival (m)"
     )
+    max_turns: int = added(
+        0,
+        ge=0,
+        description="maximum number of turns on the spot at a position, each by `next_view` of an answer that is not "
+        "accepted; the views from the position are localized together",
+    )
     turn_noise_deg: float = Field(2.0, ge=0, description="standard deviation of the heading after a turn (degrees)")
     length_noise: float = Field(
         0.05, ge=0, description="standard deviation of the length of a walk, relative to its length"
@@ -67,9 +73,10 @@ class NavigationConfig(Settings):
     )
 
 
-Look = Callable[[np.ndarray, float], Located]
-"""look(T_world_pano, yaw_rad): return the localization of a panorama taken at this true pose; `yaw_rad` is the heading
-by odometry."""
+Look = Callable[[np.ndarray, float, np.ndarray | None], Located]
+"""look(T_world_pano, yaw_rad, turn): return the localization of a panorama taken at this true pose. `yaw_rad` is the
+heading by odometry. `turn` (4, 4) is the measured motion since the last panorama, if the agent only turned; else
+None."""
 
 
 def walk(site: Site, look: Look, episode: Episode, config: NavigationConfig, seed: int) -> Row:
@@ -84,11 +91,12 @@ def walk(site: Site, look: Look, episode: Episode, config: NavigationConfig, see
     T = np.array(episode.start).reshape(4, 4)
     tracker: Tracker = registry().build(Tracker.role, config.tracker)
     agent_rng = np.random.default_rng([seed, 3, episode.number])
-    agent = Agent(guide, episode.goal, pose_yaw(T), config.arrival_m, agent_rng, tracker)
+    agent = Agent(guide, episode.goal, pose_yaw(T), config.arrival_m, agent_rng, tracker, config.max_turns)
     path, believed, localized = [_flat(T)], [], []
     collisions, travelled_m, arrived = 0, 0.0, False
+    turn: np.ndarray | None = None
     for _ in range(config.budget):
-        located = look(T, agent.yaw_rad)
+        located = look(T, agent.yaw_rad, turn)
         localized.append(located.answer.status.names_a_place)
         agent.add_localization(located)
         pose = agent.pose
@@ -103,6 +111,7 @@ def walk(site: Site, look: Look, episode: Episode, config: NavigationConfig, see
             T,
             world.move(T, turn_rad, max(move.length_m * (1 + config.length_noise * length_noise), 0.0)),
         )
+        stopped &= move.length_m > 0
         travelled_m += float(np.linalg.norm(T[:3, 3] - before[:3, 3]))
         if move.length_m > config.slip_m > 0 and not stopped:
             before_slip, T = T, _slip(world, T, slips.uniform(-np.pi, np.pi), config.slip_m)
@@ -114,6 +123,7 @@ def walk(site: Site, look: Look, episode: Episode, config: NavigationConfig, see
             1 + config.odometry_length_noise * odometry_length_noise,
         )
         agent.add_motion(motion, stopped)
+        turn = None if move.length_m > 0 else motion
         collisions += stopped
         path.append(_flat(T))
     left_m = [_remaining_m(guide, np.array(pose[:3]), episode.goal) for pose in path]

@@ -62,7 +62,10 @@ def ask(checked: str, function: Callable[..., Any], *arguments: Any) -> Any:
 
 
 def same(a: Any, b: Any, tolerance: float = 0.0) -> bool:
-    """Return whether two values are equal. Floats may differ by a relative and absolute tolerance; NaN equals NaN."""
+    """Return whether two values are equal. Floats may differ by a relative and absolute tolerance; NaN equals NaN.
+
+    Fields of dataclasses that are excluded from their comparison are ignored.
+    """
     if isinstance(a, np.ndarray):
         if not isinstance(b, np.ndarray) or (a.dtype, a.shape) != (b.dtype, b.shape):
             return False
@@ -78,7 +81,7 @@ def same(a: Any, b: Any, tolerance: float = 0.0) -> bool:
     if isinstance(a, Sequence):
         return len(a) == len(b) and all(same(*pair, tolerance) for pair in zip(a, b, strict=True))
     if dataclasses.is_dataclass(a):
-        names = [field.name for field in dataclasses.fields(a)]
+        names = [field.name for field in dataclasses.fields(a) if field.compare]
         return all(same(getattr(a, name), getattr(b, name), tolerance) for name in names)
     if isinstance(a, float) and a == a:
         return math.isclose(a, b, rel_tol=tolerance, abs_tol=tolerance)

@@ -11,12 +11,14 @@ from salframe.framework.errors import ConfigError, DataError, NoRoute, UnknownNa
 from salframe.localization.answers import Localization
 from salframe.localization.map import LocalizationMap, build_localization
 from salframe.localization.map_files import MapParts, check_output, read_map, write_map
+from salframe.localization.next_view import NextView
 from salframe.localization.preparing import Tell, prepare, python_warning, silent
 from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 from salframe.panoramas.geometry import pose_yaw
 from salframe.panoramas.opening import Progress, reference_frames
 from salframe.panoramas.panorama import Panorama
 from salframe.topology.build import build_topology
+from salframe.topology.next_node import next_view_in
 from salframe.topology.planner import Route
 from salframe.topology.routes import HERE, find_route, with_position
 from salframe.topology.store import TOPOLOGY, read_topology, write_topology
@@ -129,6 +131,8 @@ class Whereabouts:
         heading_rad: Azimuth of the panorama's x axis in the world frame, None without a pose.
         route: The route to the goal, where a goal was passed and can be reached.
         no_route: Why there is no route, where a goal was passed.
+        next_view: The turn or, in a map with a topology, the walk that would help most to localize the camera; None if
+            the answer is accepted, or as for `next_view_in`.
     """
 
     localization: Localization
@@ -137,6 +141,7 @@ class Whereabouts:
     heading_rad: float | None = None
     route: Route | None = None
     no_route: str | None = None
+    next_view: NextView | None = None
 
 
 def ask_map(
@@ -170,6 +175,8 @@ def ask_map(
         answer, heading_rad=None if answer.T_world_query is None else pose_yaw(answer.T_world_query)
     )
     if answer.accepted is False:
+        next_view = answer.next_view if topology is None else next_view_in(topology, answer)
+        whereabouts = replace(whereabouts, next_view=next_view)
         reason = f"{frame.id} was not localized ({answer.summary})"
         return whereabouts if goal is None else replace(whereabouts, no_route=f"no route to {goal}: {reason}")
     if topology is None:

@@ -8,6 +8,7 @@ from salframe_planners.planners import Dijkstra
 from salframe_trackers.votes import VoteTracker
 
 from salframe.localization.answers import Localization, LocalizationStatus, RankedPlace
+from salframe.localization.next_view import NextView
 from salframe.navigation.agent import Agent, Located
 from salframe.navigation.guide import Guide
 from salframe.panoramas.geometry import invert_pose, pose_2d
@@ -47,8 +48,9 @@ def test_a_place_tells_nothing_while_it_stays_the_same(world):
     np.testing.assert_allclose(agent.pose[:2, 3], [20.0, 0.0])
 
 
-def make(world, goal="b") -> Agent:
-    return Agent(Guide(world.chart, Dijkstra.Config()), goal, 0.0, 0.25, np.random.default_rng(0), VoteTracker())
+def make(world, goal="b", max_turns=0) -> Agent:
+    guide, rng = Guide(world.chart, Dijkstra.Config()), np.random.default_rng(0)
+    return Agent(guide, goal, 0.0, 0.25, rng, VoteTracker(), max_turns)
 
 
 def test_the_turn_is_the_azimuth_of_the_leg_minus_the_heading(world):
@@ -102,3 +104,45 @@ def test_where_bumps_leave_no_way_they_are_forgotten(world):
         agent.add_motion(pose_2d(0.0, 1.0, 0.0), stopped=True)
     agent.add_localization(located(1.0, 2.0, score=99.0))
     assert agent.decide() is not None
+
+
+class LeftIsBest:
+    """A predictor whose best view is 120 degrees to the left."""
+
+    def turn(self) -> NextView:
+        return NextView(120.0, 0.1, 0.7)
+
+
+def unsure(out_of_map_probability: float) -> Located:
+    share = 1 - out_of_map_probability
+    places = (RankedPlace("frame", "room", 1.0, share),)
+    answer = Localization(
+        places,
+        at(2.5, 2.8),
+        LocalizationStatus.OK,
+        out_of_map_probability=out_of_map_probability,
+        predict_views=lambda answer: LeftIsBest(),
+    )
+    return Located(answer)
+
+
+def test_an_answer_that_is_not_accepted_makes_the_agent_turn_before_it_walks(world):
+    agent, turn = make(world, max_turns=2), pose_2d(0, 0, np.radians(120))
+    for _ in range(2):
+        agent.add_localization(unsure(0.9))
+        assert agent.decide() == pytest.approx((np.radians(120), 0.0))
+        agent.add_motion(turn, stopped=False)
+    agent.add_localization(unsure(0.9))
+    assert agent.decide().length_m > 0  # no more than two turns at a position
+    agent.add_motion(STEP, stopped=False)
+    agent.add_localization(unsure(0.9))
+    assert agent.decide().length_m == 0  # a new position
+
+
+def test_an_accepted_answer_needs_no_turn(world):
+    agent = make(world, max_turns=2)
+    agent.add_localization(unsure(0.1))
+    assert agent.decide().length_m > 0
+    eager = make(world)
+    eager.add_localization(unsure(0.9))
+    assert eager.decide().length_m > 0

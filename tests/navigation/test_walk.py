@@ -7,6 +7,7 @@ import pytest
 from salframe_planners.planners import Dijkstra
 
 from salframe.localization.answers import Localization, LocalizationStatus, RankedPlace
+from salframe.localization.next_view import NextView
 from salframe.navigation.agent import Located
 from salframe.navigation.episodes import Episode, Site
 from salframe.navigation.guide import Guide
@@ -33,14 +34,14 @@ def located(T) -> Located:
     return Located(Localization((RankedPlace("frame", "room", 1.0),), T, LocalizationStatus.OK))
 
 
-def truly(T, yaw_rad):
+def truly(T, yaw_rad, turn):
     return located(T)
 
 
 def located_once():
     """Localizes the agent at its true pose once, and never again."""
     answers = [True]
-    return lambda T, yaw_rad: located(T) if answers and answers.pop() else NOWHERE
+    return lambda T, yaw_rad, turn: located(T) if answers and answers.pop() else NOWHERE
 
 
 def test_without_noise_the_way_walked_is_the_shortest(site):
@@ -55,7 +56,7 @@ def test_without_noise_the_way_walked_is_the_shortest(site):
 def test_spl_is_the_shortest_over_the_walked_way(site):
     longer = [np.array([0.0, 0.4]), np.array([0.0, -0.4])]
 
-    def detour(T, yaw_rad):
+    def detour(T, yaw_rad, turn):
         shift = longer.pop(0) if longer else np.zeros(2)
         return located(pose_2d(*(T[:2, 3] + shift), 2.0 if T[0, 3] == 1.5 else yaw_rad, 1.5))
 
@@ -69,7 +70,7 @@ def test_spl_is_the_shortest_over_the_walked_way(site):
 def test_to_say_so_elsewhere_is_no_success(site):
     row = walk(
         site,
-        lambda T, yaw_rad: located(pose_2d(7.0, 2.0, yaw_rad, 1.5)),
+        lambda T, yaw_rad, turn: located(pose_2d(7.0, 2.0, yaw_rad, 1.5)),
         episode(site, 5.0, 2.0),
         NavigationConfig(**STILL),
         0,
@@ -86,7 +87,7 @@ def test_looser_rules_take_a_greater_distance(site, x_m, reached):
     """The agent reports its arrival at 0.6 m and at 1.1 m from the goal."""
     row = walk(
         site,
-        lambda T, yaw_rad: located(pose_2d(7.0, 2.0, yaw_rad, 1.5)),
+        lambda T, yaw_rad, turn: located(pose_2d(7.0, 2.0, yaw_rad, 1.5)),
         episode(site, x_m, 2.0),
         NavigationConfig(**STILL),
         0,
@@ -95,7 +96,7 @@ def test_looser_rules_take_a_greater_distance(site, x_m, reached):
 
 
 def test_to_pass_the_goal_without_saying_so_is_the_oracles(site):
-    def behind(T, yaw_rad):
+    def behind(T, yaw_rad, turn):
         return located(pose_2d(T[0, 3] - 1.5, T[1, 3], yaw_rad, 1.5))
 
     row = walk(site, behind, episode(site, 5.0, 2.0), NavigationConfig(**STILL, budget=6), 0)
@@ -105,7 +106,7 @@ def test_to_pass_the_goal_without_saying_so_is_the_oracles(site):
 def test_a_wrong_localization_sends_the_agent_the_wrong_way(site):
     """An agent localized in room b, east of the goal, walks west, into the wall of room a."""
 
-    def astray(T, yaw_rad):
+    def astray(T, yaw_rad, turn):
         return located(pose_2d(7.7, 2.0, yaw_rad, 1.5))
 
     row = walk(site, astray, episode(site, 1.0, 2.0), NavigationConfig(**STILL, budget=2), 0)
@@ -113,7 +114,7 @@ def test_a_wrong_localization_sends_the_agent_the_wrong_way(site):
 
 
 def test_never_localized_it_keeps_trying_until_the_budget_ends(site):
-    row = walk(site, lambda T, yaw_rad: NOWHERE, episode(site, 1.0, 2.0), NavigationConfig(budget=5), 0)
+    row = walk(site, lambda T, yaw_rad, turn: NOWHERE, episode(site, 1.0, 2.0), NavigationConfig(budget=5), 0)
     assert (row["status"], row["panoramas"], row["not_localized"], row["believed"]) == (
         "out of budget",
         5,
@@ -180,3 +181,30 @@ def test_odometry_has_the_stated_noise(site):
     scale, turn_deg = np.std(off, axis=0)
     assert scale == pytest.approx(0.05, rel=0.25)
     assert turn_deg == pytest.approx(2.0, rel=0.25)
+
+
+class LeftIsBest:
+    """A predictor whose best view is 120 degrees to the left."""
+
+    def turn(self) -> NextView:
+        return NextView(120.0, 0.1, 0.7)
+
+
+def test_an_unsure_agent_turns_on_the_spot_and_passes_the_motion(site):
+    turns = []
+
+    def unsure(T, yaw_rad, turn):
+        turns.append(turn)
+        places = (RankedPlace("frame", "room", 1.0, 0.1),)
+        return Located(
+            Localization(
+                places, T, LocalizationStatus.OK, out_of_map_probability=0.9, predict_views=lambda answer: LeftIsBest()
+            )
+        )
+
+    row = walk(site, unsure, episode(site, 1.5, 2.0), NavigationConfig(**STILL, arrival_m=0.01, max_turns=1), 0)
+    assert (row["success"], row["collisions"]) == (True, 0)
+    assert row["travelled_m"] == pytest.approx(5.5)
+    assert row["panoramas"] == 8  # two at each of four positions
+    assert [turn is None for turn in turns] == [True, False] * 4
+    np.testing.assert_allclose(turns[1], pose_2d(0, 0, np.radians(120)), atol=1e-9)

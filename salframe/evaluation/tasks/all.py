@@ -6,6 +6,7 @@ from pathlib import Path
 
 from salframe.evaluation.runs.run_folder import Run
 from salframe.evaluation.runs.task import AnyTask
+from salframe.evaluation.tasks.asking.task import AskingTask
 from salframe.evaluation.tasks.detection.task import DetectionTask
 from salframe.evaluation.tasks.latency.task import LatencyTask
 from salframe.evaluation.tasks.localization.task import LocalizationTask
@@ -14,6 +15,7 @@ from salframe.evaluation.tasks.navigation.task import NavigationTask
 from salframe.evaluation.tasks.scale.task import ScaleTask
 from salframe.evaluation.tasks.sensor.task import SensorTask
 from salframe.evaluation.tasks.tracking.task import TrackingTask
+from salframe.evaluation.tasks.turning.task import TurningTask
 from salframe.framework.errors import ConfigError, UnknownName, unknown
 
 ALL: tuple[type[AnyTask], ...] = (
@@ -23,6 +25,8 @@ ALL: tuple[type[AnyTask], ...] = (
     SensorTask,
     NavigationTask,
     TrackingTask,
+    TurningTask,
+    AskingTask,
     ScaleTask,
     LatencyTask,
 )

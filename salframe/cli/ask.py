@@ -1,0 +1,32 @@
+"""The command `ask`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from salframe.cli.options import Json
+from salframe.cli.output import print_json
+
+
+def ask(
+    map: Annotated[Path, typer.Argument(help="Map folder written by `salframe build`")],
+    text: Annotated[str, typer.Argument(help='Description of a room, such as "red sofa, two plants left of the bed"')],
+    as_json: Json = False,
+) -> None:
+    """Find the places of a saved map that fit a description in words.
+
+    Prints the five likeliest places with their probabilities, and the yes-or-no question that would best tell them
+    apart. Commas separate objects. Objects may have a number or "no", and two objects may be in the order "left of",
+    "right of" or "opposite". Words and colours that are not known are reported.
+    """
+    from salframe.localization.asking import ask as run
+    from salframe.localization.map import open_map
+
+    answer = run(open_map(map), text)
+    if as_json:
+        print_json(answer.to_json())
+    else:
+        print(answer)

@@ -1,0 +1,1 @@
+"""The task `asking`: does a description in words find its room?"""

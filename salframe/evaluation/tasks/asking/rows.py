@@ -1,0 +1,37 @@
+"""The row of the task `asking`: one description of a room, and the rank of the room."""
+
+from __future__ import annotations
+
+from pydantic import Field, model_validator
+
+from salframe.evaluation.runs.rows import Count, PieceRow
+
+
+class DescriptionRow(PieceRow):
+    """A description of the room of a query.
+
+    Attributes:
+        query: Id of the query.
+        place: True place.
+        text: The description; None if the query shows too few different objects.
+        rank: Rank of the true place by the whole description, from 1.
+        rank_counts: The same by labels and numbers, without order.
+        rank_labels: The same by labels alone.
+        places: Number of places of the map.
+        probability: Probability of the first place by the whole description.
+    """
+
+    query: str
+    place: str
+    text: str | None = None
+    rank: Count | None = None
+    rank_counts: Count | None = None
+    rank_labels: Count | None = None
+    places: Count | None = None
+    probability: float | None = Field(None, ge=0, le=1)
+
+    @model_validator(mode="after")
+    def _complete(self) -> DescriptionRow:
+        if self.text is not None and None in (self.rank, self.rank_counts, self.rank_labels, self.places):
+            raise ValueError("the row of a description lacks a rank, expected a rank for each kind of description")
+        return self

@@ -1,0 +1,62 @@
+"""The table of the task `asking`: its rows and columns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from salframe.evaluation.runs.method_row import MethodRow
+from salframe.evaluation.statistics import Estimate
+from salframe.evaluation.tables.columns import INPUT, Column, number_column, rate_column, share_column
+
+TOP = 5
+"""Number of the best places that may contain the true place."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AskingRow(MethodRow):
+    """The row of a method. Shares are of all descriptions, with their 95 % intervals, clustered by the true place; a
+    crashed description counts as wrong.
+
+    Attributes:
+        descriptions: Number of descriptions.
+        top1: Share whose first place is the true one, by the whole description.
+        top5: Share whose true place is among the first TOP.
+        top1_counts: As `top1`, by labels and numbers, without order.
+        top5_counts: As `top5`, by labels and numbers, without order.
+        top1_labels: As `top1`, by labels alone.
+        top5_labels: As `top5`, by labels alone.
+        chance1: Mean share of random answers.
+        chance5: Mean share of TOP random places that contain the true one.
+        probability: Mean probability of the first place. It equals `top1` if the probabilities are calibrated.
+    """
+
+    descriptions: int
+    top1: Estimate | None = None
+    top5: Estimate | None = None
+    top1_counts: Estimate | None = None
+    top5_counts: Estimate | None = None
+    top1_labels: Estimate | None = None
+    top5_labels: Estimate | None = None
+    chance1: float | None = None
+    chance5: float | None = None
+    probability: float | None = None
+
+    @property
+    def measured(self) -> bool:
+        return self.top1 is not None
+
+
+COLUMNS: dict[str, Column[AskingRow]] = {
+    "input": INPUT,
+    "descriptions": Column("descriptions", lambda row: str(row.descriptions)),
+    "top1": rate_column("top 1 %\n(95 % CI)", lambda row: row.top1),
+    "top1_counts": rate_column("labels and\nnumbers %", lambda row: row.top1_counts),
+    "top1_labels": rate_column("labels\nalone %", lambda row: row.top1_labels),
+    "chance1": share_column("chance %", lambda row: row.chance1),
+    "top5": rate_column("top 5 %\n(95 % CI)", lambda row: row.top5),
+    "top5_counts": rate_column("top 5, labels\nand numbers %", lambda row: row.top5_counts),
+    "top5_labels": rate_column("top 5, labels\nalone %", lambda row: row.top5_labels),
+    "chance5": share_column("top 5,\nchance %", lambda row: row.chance5),
+    "probability": number_column("mean\nprobability", lambda row: row.probability, 2),
+}
+USUAL = tuple(COLUMNS)

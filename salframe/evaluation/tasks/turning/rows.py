@@ -1,0 +1,39 @@
+"""The row of the task `turning`: one query, and the answers after a turn on the spot."""
+
+from __future__ import annotations
+
+from pydantic import model_validator
+
+from salframe.evaluation.runs.rows import Line, PieceRow
+
+
+class TurnLine(Line):
+    """An answer: whether it is accepted, and whether its first place is correct; the turn before it in degrees."""
+
+    accepted: bool
+    right: bool
+    turn_deg: float = 0.0
+
+
+class TurnRow(PieceRow):
+    """A query.
+
+    Attributes:
+        query: Id of the query.
+        place: True place.
+        first: The answer to the query alone.
+        proposed: The answer after the proposed turn; None if the first answer is accepted, or proposes none.
+        random: The answer after a random turn; None if the first answer is accepted.
+    """
+
+    query: str
+    place: str
+    first: TurnLine | None = None
+    proposed: TurnLine | None = None
+    random: TurnLine | None = None
+
+    @model_validator(mode="after")
+    def _complete(self) -> TurnRow:
+        if self.error is None and self.first is None:
+            raise ValueError("the row of a query has neither an error nor an answer, expected one of them")
+        return self

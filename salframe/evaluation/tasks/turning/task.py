@@ -1,0 +1,142 @@
+"""The task `turning`: does the turn that an answer proposes help to localize a camera?"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from salframe.evaluation.runs.inputs import check_needs
+from salframe.evaluation.runs.records import Part, Survey, by_method
+from salframe.evaluation.runs.rows import PieceStatus, Row
+from salframe.evaluation.runs.task import Task, Worker
+from salframe.evaluation.tasks.turning.measures import summarize_turns
+from salframe.evaluation.tasks.turning.rows import TurnRow
+from salframe.evaluation.tasks.turning.table import COLUMNS, USUAL, TurnsRow
+from salframe.framework.component import ComponentConfig
+from salframe.framework.components.registry import registry
+from salframe.framework.errors import DataError, InputMissing
+from salframe.framework.files.cache import Cache
+from salframe.framework.files.hashes import digest
+from salframe.localization.answers import Localization
+from salframe.localization.described_query import DescribedView, describe_view
+from salframe.localization.localizer import Localizer
+from salframe.localization.map import LocalizationMap
+from salframe.localization.next_view import TURNS_DEG
+from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.frames import QueryFrame
+from salframe.panoramas.geometry import pose_2d
+from salframe.panoramas.opening import reference_frames
+from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.query_motion import OdometryErrors
+
+
+@dataclass(frozen=True, eq=False)
+class NarrowQuery:
+    """A query of one view, with its true place and pose T_world_pano (4, 4)."""
+
+    frame: QueryFrame
+    place: str
+    T_world_pano: np.ndarray
+
+
+@dataclass(frozen=True)
+class TurningTask(Task[NarrowQuery, Survey[NarrowQuery], TurnRow, TurnsRow]):
+    """The task `turning`: a query whose answer is not accepted is localized together with a second view, after a turn
+    on the spot that the answer proposes, and after a random turn."""
+
+    name = "turning"
+    prefix = "turning-"
+    counts = "queries"
+    key_fields = ("query",)
+    row = TurnRow
+    line = TurnsRow
+    columns = COLUMNS
+    usual = USUAL
+    maps = True
+
+    def survey(self, dataset: Dataset) -> Survey[NarrowQuery]:
+        if type(dataset).observe is Dataset.observe:
+            raise InputMissing(
+                f"the dataset {dataset.name} cannot render, and turning needs panoramas at other headings"
+            )
+        queries = []
+        for query in (query for fold in dataset.folds() for query in fold.queries):
+            truth = dataset.truth(query.id)
+            if truth.T_world_pano is None:
+                raise DataError(f"the true pose of the query {query.id} is missing, expected that of every query")
+            queries.append(NarrowQuery(query, truth.place, truth.T_world_pano))
+        return Survey(dataset, queries)
+
+    def key(self, piece: NarrowQuery) -> tuple[str]:
+        return (piece.frame.id,)
+
+    def open(
+        self, label: str, method: Localizer, survey: Survey[NarrowQuery], todo: Sequence[NarrowQuery], folder: Path
+    ) -> Worker[NarrowQuery]:
+        check_needs(method, survey.dataset)
+        return _Turning(method.config, survey.dataset)
+
+    def failed(self, piece: NarrowQuery) -> Row:
+        return {"place": piece.place}
+
+    def summarize(self, parts: Sequence[Part[Survey[NarrowQuery], TurnRow]], seed: int) -> tuple[TurnsRow, ...]:
+        return tuple(summarize_turns(records) for records in by_method(parts))
+
+
+class _Turning(Worker[NarrowQuery]):
+    """Localizes queries, and the same camera after a turn."""
+
+    def __init__(self, method: ComponentConfig, dataset: Dataset) -> None:
+        self._method, self._dataset, self._cache = method, dataset, Cache()
+        self._maps: list[LocalizationMap] = []
+
+    def prepare(self, piece: NarrowQuery) -> None:
+        if self._maps:
+            return
+        localizer: Localizer = registry().build(Localizer.role, self._method)
+        frames, floors = reference_frames(self._dataset), self._dataset.floors()
+        built = LocalizationMap.build(localizer, frames, self._cache, self._dataset.content_key, floors=floors)
+        self._maps.append(built)
+
+    def work(self, piece: NarrowQuery) -> Row:
+        (map,) = self._maps
+        view = describe_view(map.localizer, piece.frame, self._cache, self._dataset.content_key)
+        answer = map.answer_query(map.describe_query([view]))
+        row: Row = {"place": piece.place, "first": _line(answer, piece.place, 0.0), "status": PieceStatus.OK}
+        if answer.accepted is not True:
+            rng = np.random.default_rng(zlib.crc32(piece.frame.id.encode()))
+            drawn_deg, error = float(rng.choice(TURNS_DEG)), float(rng.standard_normal())
+            row["random"] = self._turn(map, piece, view, drawn_deg, error)
+            if (proposal := answer.next_view) is not None:
+                row["proposed"] = self._turn(map, piece, view, proposal.turn_deg, error)
+        return {**row, "error": None}
+
+    def _turn(
+        self, map: LocalizationMap, piece: NarrowQuery, view: DescribedView, turn_deg: float, error: float
+    ) -> Row:
+        """Return the answer to a view and the view after a turn, whose heading is measured with an error, in standard
+        deviations. Objects have the same simulated errors in both views."""
+        T_world_pano = piece.T_world_pano @ pose_2d(0, 0, np.radians(turn_deg))
+
+        def load() -> Panorama:
+            panorama = self._dataset.observe(T_world_pano)
+            if panorama.annotations is None:
+                return panorama
+            return replace(panorama, annotations=replace(panorama.annotations, error_id=piece.frame.id))
+
+        content = digest([self._dataset.content_key, piece.frame.id, "turned", turn_deg])
+        second = describe_view(map.localizer, QueryFrame(f"{piece.frame.id}/{turn_deg:g}", load, content), self._cache)
+        measured_deg = turn_deg + error * OdometryErrors().heading_drift_deg
+        T_last_view = np.stack([pose_2d(0, 0, -np.radians(measured_deg)), np.eye(4)])
+        answer = map.answer_query(map.describe_query([view, second], T_last_view))
+        return _line(answer, piece.place, turn_deg)
+
+
+def _line(answer: Localization, place: str, turn_deg: float) -> Row:
+    """Return an answer compared with the true place, the fields of TurnLine."""
+    is_right = bool(answer.places) and answer.places[0].place == place
+    return {"accepted": answer.accepted is True, "right": is_right, "turn_deg": turn_deg}
