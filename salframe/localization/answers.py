@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import partial
 from itertools import repeat
@@ -13,6 +13,7 @@ import numpy as np
 
 from salframe.framework.arrays import check_array
 from salframe.framework.errors import InvalidAnswer
+from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.geometry import is_rigid, pose_yaw, translation
 
 RIGID_TOLERANCE = 1e-3
@@ -112,6 +113,7 @@ class Localization:
         out_of_map_probability: Probability that the query is in none of the places. It and the probabilities of the
             places sum to 1. None from a localizer without probabilities.
         notes: Remarks for the user, such as labels of the query that the map does not know.
+        floors: Floors of the map, for the plan that notebooks show.
 
     Raises:
         InvalidAnswer: The status is not a LocalizationStatus; the pose is no rigid motion; the heading is not finite; a
@@ -126,6 +128,7 @@ class Localization:
     heading_rad: float | None = None
     out_of_map_probability: float | None = None
     notes: tuple[str, ...] = ()
+    floors: tuple[FloorMasks, ...] = field(default=(), repr=False, compare=False)
 
     def __post_init__(self) -> None:
         try:
@@ -169,6 +172,20 @@ class Localization:
         return (
             f"not accepted, because the query is probably out-of-map: {self.out_of_map_probability:.1%}, "
             f"expected at most {MAX_OUT_OF_MAP_PROBABILITY:.0%}"
+        )
+
+    def _repr_html_(self) -> str:
+        """Return the answer for notebooks: status, places with probabilities, pose, and a plan of the pose's floor."""
+        from salframe.localization.answer_html import localization_html
+
+        return localization_html(
+            self.summary,
+            self.places,
+            self.out_of_map_probability,
+            self.T_world_query,
+            self.covariance,
+            self.notes,
+            self.floors,
         )
 
     def moved(self, position_m: np.ndarray) -> Localization:
