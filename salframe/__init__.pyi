@@ -84,6 +84,8 @@ from .localization.tracking import open_tracker as open_tracker
 from .localization.tracking import track as track
 from .panoramas.camera import Camera as Camera
 from .panoramas.camera_file import read_camera as read_camera
+from .panoramas.camera_sequence import CameraSequence as CameraSequence
+from .panoramas.camera_sequence import read_sequence as read_sequence
 from .panoramas.dataset import Dataset as Dataset
 from .panoramas.floors import FloorMasks as FloorMasks
 from .panoramas.frames import Fold as Fold

@@ -14,7 +14,7 @@ import numpy as np
 from salframe.framework.arrays import check_array
 from salframe.framework.errors import InvalidAnswer
 from salframe.panoramas.floors import FloorMasks
-from salframe.panoramas.geometry import is_rigid, pose_yaw, translation
+from salframe.panoramas.geometry import is_rigid, moved_covariance, pose_yaw, translation
 
 RIGID_TOLERANCE = 1e-3
 """Tolerance of the check that a pose is a rigid motion."""
@@ -198,14 +198,8 @@ class Localization:
             return self
         T_world_query = np.asarray(self.T_world_query)
         covariance = self.covariance
-        if covariance is not None:  # to first order, a rotation by d moves the origin of the frame by (x, y, z) x d
-            x, y, z = T_world_query[:3, :3] @ position_m
-            jacobian = np.eye(len(covariance))
-            if len(covariance) == 3:
-                jacobian[:2, 2] = y, -x
-            else:
-                jacobian[:3, 3:] = [[0, -z, y], [z, 0, -x], [-y, x, 0]]
-            covariance = jacobian @ covariance @ jacobian.T
+        if covariance is not None:
+            covariance = moved_covariance(covariance, -T_world_query[:3, :3] @ position_m)
         return replace(self, T_world_query=T_world_query @ translation(-position_m), covariance=covariance)
 
     def _check_probabilities(self) -> None:

@@ -156,6 +156,30 @@ def invert_pose(pose: np.ndarray) -> np.ndarray:
     return inverse
 
 
+def moved_covariance(covariance: np.ndarray, offset_m: np.ndarray) -> np.ndarray:
+    """Return the covariance of the pose of a frame that is rigidly attached to a posed frame, to first order.
+
+    A rotation by d moves the origin of the attached frame by d x offset.
+
+    Args:
+        covariance: (3, 3) covariance of (x_m, y_m, yaw_rad), or (6, 6) of position and rotation, in the axes of the
+            world.
+        offset_m: (3,) position of the attached frame relative to the posed one, in the axes of the world.
+    """
+    x, y, z = offset_m
+    jacobian = np.eye(len(covariance))
+    if len(covariance) == 3:
+        jacobian[:2, 2] = -y, x
+    else:
+        jacobian[:3, 3:] = [[0, z, -y], [-z, 0, x], [y, -x, 0]]
+    return np.asarray(jacobian @ covariance @ jacobian.T)
+
+
+def flat_pose(pose: np.ndarray) -> np.ndarray:
+    """Return the pose (4, 4) with the position and the yaw of a pose (4, 4), without its tilt."""
+    return pose_2d(pose[0, 3], pose[1, 3], pose_yaw(pose), pose[2, 3])
+
+
 def transform_points(pose: np.ndarray, points_m: np.ndarray) -> np.ndarray:
     """Transform points (..., 3) by a (4, 4) rigid motion."""
     return points_m @ pose[:3, :3].T + pose[:3, 3]

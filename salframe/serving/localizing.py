@@ -13,12 +13,11 @@ from salframe.graphs.detections import Detections
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.packing import GRAPH_ARRAYS, graph_from_arrays
 from salframe.localization.answer_json import answer_json
-from salframe.localization.answers import Localization, NodeMatches
+from salframe.localization.answers import Localization
 from salframe.localization.described_query import DescribedView
 from salframe.localization.level_frames import split_level
-from salframe.localization.localizer import Description
 from salframe.localization.map import LocalizationMap
-from salframe.panoramas.geometry import transform_points
+from salframe.localization.matched_objects import find_matched_objects
 from salframe.serving.served_map import ServedMap
 from salframe.serving.uploads import ServedQuery
 
@@ -110,7 +109,7 @@ def _objects(localization: LocalizationMap, described: ServedView, answer: Local
     if query.rgb is not None:
         height, width = query.rgb.shape[:2]
         lines, size = find_lines(height, detections, query.camera), np.array([width, height])
-    matched = _matched_objects(localization, level, answer)
+    matched = find_matched_objects(localization, level, answer)
     objects = []
     for i, label in enumerate(graph.labels):
         x, y, z = detections.bearing[i]
@@ -126,7 +125,7 @@ def _objects(localization: LocalizationMap, described: ServedView, answer: Local
                 "size_m": graph.size_m[i].tolist() if has_range else None,
                 "yaw_deg": float(np.degrees(graph.yaw_rad[i])) if has_range else None,
                 "outline": [(line / size).round(5).tolist() for line in lines[i]],
-                "matched": matched.get(i),
+                "matched": {"label": matched[i].label, "xyz_m": matched[i].xyz_m.tolist()} if i in matched else None,
             }
         )
     return {"objects": objects, "edges": graph.edges.tolist()}
@@ -149,21 +148,6 @@ def _in_panorama(graph: SaliencyGraph, R_pano_level: np.ndarray) -> Detections:
         bearing=graph.bearing @ R_pano_level.T,
         solid_angle_sr=graph.solid_angle_sr,
     )
-
-
-def _matched_objects(
-    localization: LocalizationMap, description: Description, answer: Localization
-) -> dict[int, dict[str, Any]]:
-    """Return the matched objects of the best reference frame, by the number of the query's object."""
-    if not answer.places:
-        return {}
-    frame, reference = localization.reference(answer.places[0].frame)
-    matches = localization.localizer.correspond(description, reference)
-    if not isinstance(matches, NodeMatches) or "labels" not in reference:
-        return {}
-    world_m = transform_points(frame.T_world_pano, matches.reference_m)
-    labels = reference["labels"]
-    return {int(q): {"label": str(labels[r]), "xyz_m": world_m[r].tolist()} for q, r in matches.pairs}
 
 
 def _picture(rgb: np.ndarray) -> str:
