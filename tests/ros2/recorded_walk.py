@@ -20,6 +20,7 @@ from salframe.localization.map import LocalizationMap
 from salframe.panoramas.folder_format import FrameEntry, TruthEntry, write_manifest, write_panorama
 from salframe.panoramas.geometry import invert_pose, pose_2d, pose_yaw
 from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.range_encoding import RangeEncoding
 
 IMAGE, DEPTH, INFO, ODOM = "/camera/image", "/camera/depth", "/camera/camera_info", "/odom"
 T_BASE_PANO = pose_2d(0.3, -0.1, 0.0, 1.2)
@@ -51,7 +52,7 @@ class RecordedWalk:
     @property
     def depths_mm(self) -> list[np.ndarray]:
         """Range of each view in whole millimetres, 0 where it is unknown."""
-        return [np.nan_to_num(np.round(view.range_m * 1000)).astype(np.uint16) for view in self.views]
+        return [RangeEncoding().panorama_steps(view.range_m) for view in self.views]
 
     def write_folder(self, root: Path) -> Path:
         """Write a folder of panoramas with a sequence and the truth of all views."""
