@@ -2,6 +2,7 @@
 from .drawing.floor_picture import draw_topology as draw_topology
 from .drawing.import_preview import ImportPreview as ImportPreview
 from .drawing.import_preview import preview_import as preview_import
+from .drawing.rerun_recording import write_rerun as write_rerun
 from .drawing.show_objects import show_objects as show_objects
 from .drawing.trail_picture import draw_trail as draw_trail
 from .evaluation.finished_runs import Report as Report

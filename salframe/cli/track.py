@@ -30,6 +30,9 @@ def track(
     overrides: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a setting of the importer")
     ] = None,
+    rerun: Annotated[
+        Path | None, typer.Option(metavar="FILE.rrd", help="Write a recording for the rerun viewer")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Track the camera of a recording in a saved map.
@@ -39,12 +42,15 @@ def track(
     trajectory.tum (the poses with the status `tracking`), track.json (all steps) and trail.png.
     """
     from salframe.cli.output import Bars, warn
+    from salframe.drawing.rerun_recording import check_rerun_output, write_rerun
     from salframe.drawing.trail_picture import draw_trail
     from salframe.localization.map import open_map
     from salframe.localization.tracking import NUM_VIEWS
     from salframe.localization.tracking import track as run
     from salframe.panoramas.camera_sequence import read_sequence
 
+    if rerun is not None:
+        check_rerun_output(rerun)
     opened = open_map(map)
     moving = read_sequence(recording, sequence, format=format, settings=overrides or ())
     for note in moving.notes:
@@ -60,9 +66,13 @@ def track(
     if output is not None:
         tracked.write(output)
         draw_trail(tracked, output / "trail.png", opened.floors)
+    if rerun is not None:
+        write_rerun(tracked, moving, opened, rerun)
     if as_json:
         print_json(tracked.to_json())
         return
     print(tracked)
     if output is not None:
         print(f"written to {output}: trajectory.tum, track.json, trail.png")
+    if rerun is not None:
+        print(f"written to {rerun}")

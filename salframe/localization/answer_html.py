@@ -9,13 +9,11 @@ import numpy as np
 from salframe.framework.markup import element, table, to_html
 from salframe.panoramas.floor_outlines import draw_floor, floor_below
 from salframe.panoramas.floors import FloorMasks
-from salframe.panoramas.geometry import pose_yaw
+from salframe.panoramas.geometry import confidence_ellipse, pose_yaw
 
 NUM_PLACES = 5
 """Maximum number of places in the table."""
 POSE_COLOUR = "#1f4ea0"
-ELLIPSE_SIGMA = float(np.sqrt(5.991))
-"""Radius of the ellipse with 95 % of a normal distribution in the plane, in standard deviations."""
 
 
 def localization_html(
@@ -60,15 +58,8 @@ def localization_html(
         if floor is not None:
             drawing = draw_floor(floor, T_world_query[None, :2, 3])
             if covariance is not None and np.isfinite(covariance[:2, :2]).all():
-                ellipse_m = ELLIPSE_SIGMA * _ellipse(covariance[:2, :2]) + T_world_query[:2, 3]
+                ellipse_m = confidence_ellipse(covariance[:2, :2]) + T_world_query[:2, 3]
                 drawing.outline([ellipse_m], fill=POSE_COLOUR, fill_opacity="0.2", stroke=POSE_COLOUR)
             drawing.arrow(T_world_query[:2, 3], yaw_rad, POSE_COLOUR)
             parts.append(drawing.svg)
     return to_html(*parts, *(element("p", f"note: {note}") for note in notes))
-
-
-def _ellipse(covariance_m2: np.ndarray) -> np.ndarray:
-    """Return points (K, 2) at one standard deviation of a covariance (2, 2) around the origin."""
-    angle = np.linspace(0, 2 * np.pi, 48)
-    variances, axes = np.linalg.eigh(covariance_m2)
-    return np.column_stack([np.cos(angle), np.sin(angle)]) * np.sqrt(np.maximum(variances, 0)) @ axes.T

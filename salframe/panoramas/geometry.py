@@ -11,6 +11,9 @@ from functools import lru_cache
 
 import numpy as np
 
+_CHI2_95 = 5.991464547
+"""95 % quantile of the chi-squared distribution with two degrees of freedom."""
+
 
 def wrap_angle(angle_rad):
     """Return angles wrapped to [-pi, pi), float64, in the shape of the input."""
@@ -173,6 +176,18 @@ def moved_covariance(covariance: np.ndarray, offset_m: np.ndarray) -> np.ndarray
     else:
         jacobian[:3, 3:] = [[0, z, -y], [-z, 0, x], [y, -x, 0]]
     return np.asarray(jacobian @ covariance @ jacobian.T)
+
+
+def confidence_ellipse(covariance_m2: np.ndarray) -> np.ndarray:
+    """Return the ellipse around the origin that contains 95 % of a normal distribution, 48 points (x, y) in metres.
+
+    Args:
+        covariance_m2: (2, 2) covariance.
+    """
+    angle = np.linspace(0, 2 * np.pi, 48)
+    variances, axes = np.linalg.eigh(covariance_m2)
+    unit = np.column_stack([np.cos(angle), np.sin(angle)])
+    return np.asarray(np.sqrt(_CHI2_95) * unit * np.sqrt(np.maximum(variances, 0)) @ axes.T)
 
 
 def flat_pose(pose: np.ndarray) -> np.ndarray:

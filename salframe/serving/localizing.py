@@ -10,12 +10,10 @@ import numpy as np
 
 from salframe.drawing.object_picture import find_lines
 from salframe.graphs.detections import Detections
-from salframe.graphs.graph import SaliencyGraph
-from salframe.graphs.packing import GRAPH_ARRAYS, graph_from_arrays
 from salframe.localization.answer_json import answer_json
 from salframe.localization.answers import Localization
+from salframe.localization.described_objects import described_objects
 from salframe.localization.described_query import DescribedView
-from salframe.localization.level_frames import split_level
 from salframe.localization.map import LocalizationMap
 from salframe.localization.matched_objects import find_matched_objects
 from salframe.serving.served_map import ServedMap
@@ -24,7 +22,6 @@ from salframe.serving.uploads import ServedQuery
 MAX_PICTURE_WIDTH = 1280
 """Maximum width of the picture in an answer."""
 _JPEG_QUALITY = 80
-_CORNERS = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, 8).T
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,22 +96,22 @@ def describe_answer(
 def _objects(localization: LocalizationMap, described: ServedView, answer: Localization) -> dict[str, Any]:
     """Return the objects of a view whose description is a saliency graph, and the edges between them."""
     query = described.query
-    level, rotation = split_level(described.view.describe_turned()[0])
-    if not level.keys() >= GRAPH_ARRAYS:
+    description = described.view.describe_turned()[0]
+    objects = described_objects(description)
+    if objects is None:
         return {"objects": [], "edges": []}
-    graph = graph_from_arrays(level)
-    detections = _in_panorama(graph, np.eye(3) if rotation is None else rotation.T)
+    graph, detections = objects
     lines: list[list[np.ndarray]] = [[] for _ in graph.labels]
     size = np.ones(2)
     if query.rgb is not None:
         height, width = query.rgb.shape[:2]
         lines, size = find_lines(height, detections, query.camera), np.array([width, height])
-    matched = find_matched_objects(localization, level, answer)
-    objects = []
+    matched = find_matched_objects(localization, description, answer)
+    rows = []
     for i, label in enumerate(graph.labels):
         x, y, z = detections.bearing[i]
         has_range = bool(np.isfinite(graph.centroid_m[i]).all())
-        objects.append(
+        rows.append(
             {
                 "label": label,
                 "score": float(graph.scores[i]),
@@ -128,26 +125,7 @@ def _objects(localization: LocalizationMap, described: ServedView, answer: Local
                 "matched": {"label": matched[i].label, "xyz_m": matched[i].xyz_m.tolist()} if i in matched else None,
             }
         )
-    return {"objects": objects, "edges": graph.edges.tolist()}
-
-
-def _in_panorama(graph: SaliencyGraph, R_pano_level: np.ndarray) -> Detections:
-    """Return the objects of a graph in the frame of a panorama that was levelled, their boxes as corners."""
-    corners_m = []
-    for centroid_m, size_m, yaw_rad in zip(graph.centroid_m, graph.size_m, graph.yaw_rad, strict=True):
-        c, s = np.cos(yaw_rad), np.sin(yaw_rad)
-        box = centroid_m + (_CORNERS * size_m) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
-        corners_m.append((box @ R_pano_level.T).astype(np.float32))
-    return Detections(
-        graph.labels,
-        graph.scores,
-        graph.centroid_m @ R_pano_level.T,
-        graph.size_m,
-        graph.yaw_rad,
-        points_m=tuple(corners_m),
-        bearing=graph.bearing @ R_pano_level.T,
-        solid_angle_sr=graph.solid_angle_sr,
-    )
+    return {"objects": rows, "edges": graph.edges.tolist()}
 
 
 def _picture(rgb: np.ndarray) -> str:
