@@ -103,7 +103,12 @@ def _recorded_sequence(source: Path, format: str, settings: Sequence[str]) -> Ca
         raise DataError(
             f"{source} does not exist, expected a folder with a {MANIFEST}, or a recording in the format {format}"
         )
-    recording = find_importer(format, settings).read_views(source)
+    try:
+        recording = find_importer(format, settings).read_views(source)
+    except DataError as error:
+        if not source.is_dir():
+            raise
+        raise DataError(f"{error}; or a folder of panoramas with a {MANIFEST}") from None
     times = [record.t_s for record in recording.records if record.t_s is not None]
     if len(times) < len(recording.records) or recording.odometry is None:
         raise DataError(f"the importer {format} returned views without times or odometry, expected both")

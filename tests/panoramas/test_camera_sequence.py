@@ -37,6 +37,11 @@ def test_a_missing_recording_is_refused(tmp_path):
         read_sequence(tmp_path / "none.mcap")
 
 
+def test_a_folder_of_neither_kind_is_refused(tmp_path):
+    with pytest.raises(DataError, match=r"expected a ROS bag: .*; or a folder of panoramas with a manifest\.json"):
+        read_sequence(tmp_path)
+
+
 def test_a_format_without_odometry_is_refused(tmp_path):
     with pytest.raises(DataError, match="the format tum has no odometry, expected a recording with odometry such as"):
         read_sequence(tmp_path, format="tum")
