@@ -2,6 +2,7 @@
 from .drawing.floor_picture import draw_topology as draw_topology
 from .drawing.import_preview import ImportPreview as ImportPreview
 from .drawing.import_preview import preview_import as preview_import
+from .drawing.rerun_recording import write_rerun as write_rerun
 from .drawing.show_objects import show_objects as show_objects
 from .drawing.trail_picture import draw_trail as draw_trail
 from .evaluation.finished_runs import Report as Report
@@ -89,6 +90,8 @@ from .localization.tracking import open_tracker as open_tracker
 from .localization.tracking import track as track
 from .panoramas.camera import Camera as Camera
 from .panoramas.camera_file import read_camera as read_camera
+from .panoramas.camera_sequence import CameraSequence as CameraSequence
+from .panoramas.camera_sequence import read_sequence as read_sequence
 from .panoramas.dataset import Dataset as Dataset
 from .panoramas.floors import FloorMasks as FloorMasks
 from .panoramas.frames import Fold as Fold

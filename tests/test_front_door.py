@@ -17,7 +17,7 @@ from salframe.testing.rooms import PARTS, query_frames, query_truths
 
 # fmt: off
 DOOR = [
-    "export_map", "fetch_weights", "score",
+    "export_map", "fetch_weights", "score", "CameraSequence", "read_sequence", "write_rerun",
     "equirectangular_rays", "invert_pose", "pose_2d", "rays_to_pixels", "transform_points",
     "BuildingMap", "LocalizationMap",
     "Annotations", "Cache", "Camera", "Component", "ComponentConfig", "ConfigError", "Conformance", "DataError",

@@ -34,6 +34,11 @@ def test_it_runs_and_its_answer_is_right(tmp_path, monkeypatch):
     client = nbclient.NotebookClient(notebook, timeout=600, resources={"metadata": {"path": str(tmp_path)}})
     client.execute()
     _, asked, drawn, compared = (cell["outputs"] for cell in notebook["cells"] if cell["cell_type"] == "code")
+    (answer_html,), (result_html,) = (
+        [out["data"]["text/html"] for out in cell if "data" in out] for cell in (asked, compared)
+    )
+    assert "<svg" in answer_html
+    assert "accuracy" in result_html
     assert {out["name"] for out in (*asked, *drawn, *compared) if "name" in out} == {"stdout"}
     said, _, place = asked[0]["text"].strip().partition("; taken in ")
     assert said.endswith(f": ok, in {place}")

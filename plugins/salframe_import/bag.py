@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import weakref
+from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,40 +44,34 @@ class StampedMessage:
     log_ns: int
     content: Any
 
+    @classmethod
+    def of(cls, content: Any, log_ns: int) -> StampedMessage:
+        """Return a message with the time of its recording."""
+        stamp = getattr(getattr(content, "header", None), "stamp", None)
+        return cls(log_ns if stamp is None else stamp.sec * 10**9 + stamp.nanosec, log_ns, content)
 
-class Bag:
-    """An open ROS bag: a file .bag, .mcap or .db3, a folder of .bag files, or the folder of a ROS 2 bag. It is closed
-    when it is not used.
 
-    All methods raise DataError, in one line, where the bag cannot be read.
+class MessageStore(ABC):
+    """Messages of topics: those of a bag, or the latest ones of running topics.
+
+    All methods raise DataError, in one line, where the messages cannot be read.
 
     Attributes:
-        path: The file or folder.
-        files: The files of the bag.
+        path: The file or folder, or a name of the store for messages.
         types: Type of the messages of each topic.
     """
 
-    def __init__(self, path: Path, distribution: str) -> None:
-        """Open the bag.
+    path: Path | str
+    types: dict[str, str]
+
+    @abstractmethod
+    def messages(self, topics: Collection[str], at_log_ns: int | None = None) -> Iterator[tuple[str, StampedMessage]]:
+        """Yield (topic, message) in the order of their recording.
 
         Args:
-            path: The file or folder.
-            distribution: One of DISTRIBUTIONS. Its message definitions are used if the bag has none.
+            topics: Names of topics of the store.
+            at_log_ns: Time of the recording of the messages to read; None: all.
         """
-        from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_typestore
-
-        self.path = path
-        self.files = _bag_files(path)
-        try:
-            paths = [path] if self.files[0].suffix != ROS1_SUFFIX else self.files
-            store = get_typestore(Stores[_DISTRIBUTIONS[distribution]])
-            self._reader = AnyReader(paths, default_typestore=store)
-            self._reader.open()
-            weakref.finalize(self, self._reader.close)
-        except Exception as error:  # rosbags raises the errors of its parsers too
-            raise DataError(f"{path} cannot be read as a ROS bag: {describe_error(error)}") from None
-        self.types = {connection.topic: connection.msgtype for connection in self._reader.connections}
 
     def topics(self, types: Collection[str]) -> list[str]:
         """Return the names of the topics of these types, sorted."""
@@ -110,28 +105,6 @@ class Bag:
             fix = "expected one" if not candidates else f"expected one: choose it with {option}=TOPIC"
             raise DataError(f"{self.path} has {count} of the type {expected} ({listed}), {fix}")
         return next(iter(candidates))
-
-    def messages(self, topics: Collection[str], at_log_ns: int | None = None) -> Iterator[tuple[str, StampedMessage]]:
-        """Yield (topic, message) in the order of their recording.
-
-        Args:
-            topics: Names of topics of the bag.
-            at_log_ns: Time of the recording of the messages to read; None: all.
-        """
-        connections = [connection for connection in self._reader.connections if connection.topic in topics]
-        if not connections:
-            return
-        stop = None if at_log_ns is None else at_log_ns + 1
-        try:
-            for connection, log_ns, raw in self._reader.messages(connections, at_log_ns, stop):
-                content = self._reader.deserialize(raw, connection.msgtype)
-                stamp = getattr(getattr(content, "header", None), "stamp", None)
-                stamp_ns = log_ns if stamp is None else stamp.sec * 10**9 + stamp.nanosec
-                yield connection.topic, StampedMessage(stamp_ns, log_ns, content)
-        except DataError:
-            raise
-        except Exception as error:  # rosbags raises the errors of its parsers too
-            raise DataError(f"{self.path} cannot be read, {', '.join(topics)}: {describe_error(error)}") from None
 
     def first(self, topic: str) -> StampedMessage:
         """Return the first message of a topic. Raises DataError if it has none."""
@@ -169,6 +142,51 @@ class Bag:
 
     def _all_topics(self) -> str:
         return _listed([f"{topic} [{kind}]" for topic, kind in sorted(self.types.items())])
+
+
+class Bag(MessageStore):
+    """An open ROS bag: a file .bag, .mcap or .db3, a folder of .bag files, or the folder of a ROS 2 bag. It is closed
+    when it is not used.
+
+    Attributes:
+        files: The files of the bag.
+    """
+
+    def __init__(self, path: Path, distribution: str) -> None:
+        """Open the bag.
+
+        Args:
+            path: The file or folder.
+            distribution: One of DISTRIBUTIONS. Its message definitions are used if the bag has none.
+        """
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+
+        self.path = path
+        self.files = _bag_files(path)
+        try:
+            paths = [path] if self.files[0].suffix != ROS1_SUFFIX else self.files
+            store = get_typestore(Stores[_DISTRIBUTIONS[distribution]])
+            self._reader = AnyReader(paths, default_typestore=store)
+            self._reader.open()
+            weakref.finalize(self, self._reader.close)
+        except Exception as error:  # rosbags raises the errors of its parsers too
+            raise DataError(f"{path} cannot be read as a ROS bag: {describe_error(error)}") from None
+        self.types = {connection.topic: connection.msgtype for connection in self._reader.connections}
+
+    def messages(self, topics: Collection[str], at_log_ns: int | None = None) -> Iterator[tuple[str, StampedMessage]]:
+        connections = [connection for connection in self._reader.connections if connection.topic in topics]
+        if not connections:
+            return
+        stop = None if at_log_ns is None else at_log_ns + 1
+        try:
+            for connection, log_ns, raw in self._reader.messages(connections, at_log_ns, stop):
+                content = self._reader.deserialize(raw, connection.msgtype)
+                yield connection.topic, StampedMessage.of(content, log_ns)
+        except DataError:
+            raise
+        except Exception as error:  # rosbags raises the errors of its parsers too
+            raise DataError(f"{self.path} cannot be read, {', '.join(topics)}: {describe_error(error)}") from None
 
 
 def _bag_files(path: Path) -> list[Path]:

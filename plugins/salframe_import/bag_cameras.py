@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from salframe.framework.errors import DataError
 from salframe.panoramas.camera import Camera
-from salframe_import.bag import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE, Bag
+from salframe_import.bag import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE, MessageStore
 from salframe_import.bag_images import image_size, is_depth
 from salframe_import.bag_poses import frame_name
 
@@ -42,7 +42,7 @@ class BagCamera:
 
 
 def find_cameras(
-    bag: Bag,
+    bag: MessageStore,
     images: str | None = None,
     depths: str | None = None,
     infos: str | None = None,
@@ -96,7 +96,7 @@ def find_cameras(
     return cameras
 
 
-def _images(bag: Bag, topic: str, info_topic: str | None, projection: Projection) -> BagImages:
+def _images(bag: MessageStore, topic: str, info_topic: str | None, projection: Projection) -> BagImages:
     """Return a topic of images with its camera."""
     message = bag.first(topic).content
     width, height = image_size(message, topic)
@@ -151,7 +151,7 @@ def _intrinsics(info: Any) -> tuple[list[float], list[float], list[float]]:
     return [float(x) for x in K], [float(x) for x in P], [float(x) for x in D]
 
 
-def _info_topic(bag: Bag, topic: str) -> str | None:
+def _info_topic(bag: MessageStore, topic: str) -> str | None:
     """Return the topic camera_info beside a topic of images; None if there is none."""
     parent = topic.rsplit("/", 2)[0] if topic.rsplit("/", 1)[-1] in _TRANSPORTS else topic.rsplit("/", 1)[0]
     name = f"{parent}/camera_info"

@@ -8,6 +8,7 @@ import numpy as np
 
 from salframe.framework.errors import DataError
 from salframe.framework.files.image_files import decode_image
+from salframe.panoramas.range_encoding import RangeEncoding
 
 _CHANNELS = {
     "mono8": (np.uint8, 1, "COLOR_GRAY2RGB"),
@@ -90,10 +91,9 @@ def depth_image(message: Any, topic: str, unit_m: float) -> np.ndarray:
             raise DataError(f"the topic {topic} has images of {values.dtype}, expected depth of 16 bits")
     else:
         values = _pixels(message, _DEPTH[encoding], 1, topic)
-    if encoding == "32FC1":
-        depth_m = _unquantized(message, values) if _is_compressed(message) else values
-    else:
-        depth_m = values * np.float32(unit_m)
+    if encoding != "32FC1":
+        return RangeEncoding(unit_m).photograph_depth(values)
+    depth_m = _unquantized(message, values) if _is_compressed(message) else values
     return np.where(np.isfinite(depth_m) & (depth_m > 0), depth_m, np.nan).astype(np.float32)
 
 

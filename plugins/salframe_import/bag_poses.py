@@ -10,7 +10,7 @@ import numpy as np
 
 from salframe.framework.errors import DataError
 from salframe.panoramas.geometry import invert_pose
-from salframe_import.bag import ODOMETRY, TF_TYPES, Bag
+from salframe_import.bag import ODOMETRY, TF_TYPES, MessageStore
 
 MAX_GAP_S = 1.0
 """Maximum time between two poses, to interpolate a pose between them."""
@@ -165,7 +165,7 @@ class TransformTree:
         return chain
 
 
-def read_transforms(bag: Bag) -> TransformTree:
+def read_transforms(bag: MessageStore) -> TransformTree:
     """Read /tf and /tf_static of a bag, of any namespace. Raises DataError if a transform is invalid."""
     rows: dict[str, list[StampedPose]] = {}
     parents: dict[str, str] = {}
@@ -185,7 +185,7 @@ def read_transforms(bag: Bag) -> TransformTree:
     )
 
 
-def read_odometry(bag: Bag, topic: str) -> PoseTrack:
+def read_odometry(bag: MessageStore, topic: str) -> PoseTrack:
     """Read the poses of an odometry topic. Raises DataError if it is empty or a pose is invalid."""
     rows, names = [], set()
     for _, message in bag.messages([topic]):
@@ -242,7 +242,7 @@ class PoseSource:
         return None if T_world_child is None or T_child_frame is None else T_world_child @ T_child_frame
 
 
-def find_poses(bag: Bag, tree: TransformTree, frame: str, topic: str | None, world: str | None) -> PoseSource:
+def find_poses(bag: MessageStore, tree: TransformTree, frame: str, topic: str | None, world: str | None) -> PoseSource:
     """Return the source of the poses of a frame.
 
     Args:
@@ -276,7 +276,7 @@ def find_poses(bag: Bag, tree: TransformTree, frame: str, topic: str | None, wor
     return PoseSource(tree, world)
 
 
-def odometry_source(bag: Bag, tree: TransformTree, topic: str) -> PoseSource:
+def odometry_source(bag: MessageStore, tree: TransformTree, topic: str) -> PoseSource:
     """Return the poses of a topic of odometry. Raises DataError."""
     odometry = read_odometry(bag, topic)
     return PoseSource(tree, odometry.parent, odometry, topic)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -11,15 +13,18 @@ import numpy as np
 from salframe.framework.errors import DataError
 from salframe.panoramas.camera import LEVEL
 from salframe.panoramas.geometry import invert_pose, range_of_cube_depth
+from salframe.panoramas.importer import PanoramaRecord
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.range_encoding import RangeKind
 from salframe.panoramas.stitching import PosedCamera
-from salframe_import.bag import Bag
+from salframe_import.bag import MessageStore
 from salframe_import.bag_cameras import BagCamera, BagImages
 from salframe_import.bag_images import color_image, depth_image
 from salframe_import.bag_poses import TransformTree
-from salframe_import.stations import PosedImage, z_depth
+from salframe_import.stations import PosedImage, station_record, z_depth
 
+MIN_UP = float(np.cos(np.radians(45)))
+"""Minimum mean z of the up directions of equirectangular images."""
 CameraAxes = Literal["auto", "optical", "body"]
 Message = tuple[int, int]
 """Header stamp and time of the recording of a message in nanoseconds."""
@@ -59,7 +64,7 @@ class BagRig:
         axes: Axes of the frame of equirectangular images.
     """
 
-    bag: Bag
+    bag: MessageStore
     cameras: tuple[BagCamera, ...]
     tree: TransformTree
     tolerance_s: float
@@ -139,6 +144,60 @@ class BagRig:
         if range_m.shape != rgb.shape[:2]:
             range_m = cv2.resize(range_m, rgb.shape[1::-1], interpolation=cv2.INTER_NEAREST)
         return Panorama(name, rgb, range_of_cube_depth(range_m) if self.depth_kind == RangeKind.CUBE else range_m)
+
+    def record(
+        self, shot: BagShot, T_world_frame: np.ndarray, height: int, sources: Sequence[Path] = ()
+    ) -> PanoramaRecord:
+        """Return the panorama of a shot.
+
+        Args:
+            shot: The shot.
+            T_world_frame: (4, 4) pose of the frame of the first camera.
+            height: Height of the panorama of images that are not equirectangular.
+            sources: Files of the bag.
+
+        Raises:
+            DataError: The transform of a camera is unknown.
+        """
+        id = f"{shot.number:06d}"
+        if not self.is_equirectangular:
+            return station_record(id, self.posed_images(shot, T_world_frame), height, sources)
+        parts = frozenset({"rgb", "range"} if self.cameras[0].depth else {"rgb"})
+        load = partial(self.equirectangular, id, shot)
+        pose = self.pano_pose(T_world_frame)
+        return PanoramaRecord(id, load, parts, pose, t_s=shot.stamp_ns / 1e9, sources=tuple(sources))
+
+    def with_upright_axes(self, T_world_frames: Sequence[np.ndarray], axes: CameraAxes | Literal["auto"]) -> BagRig:
+        """Return the rig with the axes of its frame. Images that are not equirectangular have optical axes.
+
+        Args:
+            T_world_frames: (4, 4) poses of the frame of the first camera, at least one.
+            axes: Axes of the frame of equirectangular images; "auto": those under which the images are upright.
+
+        Raises:
+            DataError: Equirectangular images are not upright under these axes. Axes that are set are accepted if the
+                images are upright under no axes.
+        """
+        if not self.is_equirectangular:
+            return self
+        poses = np.array(T_world_frames)
+        up = {"body": float(poses[:, 2, 2].mean()), "optical": float((poses @ invert_pose(LEVEL))[:, 2, 2].mean())}
+        best: CameraAxes = "body" if up["body"] > up["optical"] else "optical"
+        if axes != "auto" and (up[axes] >= MIN_UP or up[best] < MIN_UP):
+            return replace(self, axes=axes)
+        where = f"the frame {self.frame} of {self.cameras[0].color.topic} is not upright by its poses"
+        if axes != "auto":
+            raise DataError(
+                f"{where}: the mean z of its up direction is {up[axes]:.2f} with the axes {axes}, expected "
+                f"{MIN_UP:.2f} to 1: likely --set camera_axes={best}"
+            )
+        if up[best] < MIN_UP:
+            raise DataError(
+                f"{where}: the mean z of its up direction is {up['optical']:.2f} with optical axes (y down) and "
+                f"{up['body']:.2f} with axes of the body (z up), expected {MIN_UP:.2f} to 1: check the transforms of "
+                "this frame in /tf_static, whether they are inverted, and the order of quaternions (x, y, z, w)"
+            )
+        return replace(self, axes=best)
 
     def pano_pose(self, T_world_frame: np.ndarray) -> np.ndarray:
         """Return the pose T_world_pano (4, 4) of an equirectangular picture."""

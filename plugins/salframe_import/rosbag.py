@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -12,7 +11,6 @@ import numpy as np
 from pydantic import Field
 
 from salframe.framework.errors import ConfigError, DataError
-from salframe.panoramas.camera import LEVEL
 from salframe.panoramas.geometry import invert_pose, pose_yaw
 from salframe.panoramas.importer import Importer, PanoramaRecord, Recording
 from salframe.panoramas.range_encoding import MILLIMETRE, RangeKind
@@ -25,8 +23,8 @@ from salframe_import.view_selection import ViewSpacing, choose_views
 
 MAX_DELAY_S = 0.25
 """Maximum difference of the delays of pictures and poses, from their stamps to their recording, without a warning."""
-MIN_UP = float(np.cos(np.radians(45)))
-"""Minimum mean z of the up directions of equirectangular images."""
+VIEWS = "views"
+"""Name of the sequence of all views."""
 
 
 class RosBagImporter(Importer):
@@ -105,30 +103,16 @@ class RosBagImporter(Importer):
     def read(self, source: Path) -> Recording:
         self._check_settings()
         config = self.config
-        bag = Bag(source, config.distribution)
-        cameras = find_cameras(bag, config.image, config.depth, config.camera_info, config.projection)
-        rig = BagRig(
-            bag, tuple(cameras), read_transforms(bag), config.tolerance_s, config.depth_unit_m, self._kind(cameras)
-        )
+        bag, rig = self._open(source)
         poses = find_poses(bag, rig.tree, rig.frame, config.poses, config.world)
         shots, notes = rig.find_shots()
         odometries = bag.topics([ODOMETRY])
         if config.poses is None and poses.odometry is None and odometries:
             others = ", ".join(odometries)
             notes.insert(0, f"the poses are those of {poses}. To use the poses of {others}, pass --set poses=TOPIC")
-        posed = [
-            (shot, T) for shot in shots if (T := poses.pose(rig.frame, shot.stamp_ns, rig.tolerance_s)) is not None
-        ]
-        if not posed:
-            raise DataError(
-                f"{source} has {len(shots)} pictures and no pose of {poses} at their times, expected header stamps of "
-                "one clock"
-            )
-        if len(posed) < len(shots):
-            notes.append(f"{len(shots) - len(posed)} of {len(shots)} pictures have no pose at their time: left out")
-        notes += [*_delay_notes(shots, poses), *rig.notes(*posed[0])]
-        if rig.is_equirectangular:
-            rig = replace(rig, axes=_upright_axes(rig, [T for _, T in posed], config.camera_axes))
+        posed, more = _posed(rig, shots, poses)
+        notes += [*more, *_delay_notes(shots, poses), *rig.notes(*posed[0])]
+        rig = rig.with_upright_axes([T for _, T in posed], config.camera_axes)
         if config.group_by == "motion":
             images = [image for shot, T in posed for image in rig.posed_images(shot, T)]
             groups, note = group_by_motion(images, config)
@@ -138,7 +122,7 @@ class RosBagImporter(Importer):
                 for id, group in groups.items()
             )
             return Recording(tuple(stations), notes=tuple(notes))
-        records = [self._record(rig, shot, T, bag.files) for shot, T in posed]
+        records = [rig.record(shot, T, config.height, bag.files) for shot, T in posed]
         if not config.num_views:
             return Recording(tuple(records), notes=tuple(notes))
         motion = self._motion(bag, poses)
@@ -146,6 +130,49 @@ class RosBagImporter(Importer):
         odometry = _odometry_rows(rig, motion, [(*shot, record) for shot, record in zip(posed, sequenced, strict=True)])
         remaining = tuple(record for number, record in enumerate(sequenced) if number not in left_out)
         return Recording(remaining, odometry, notes=tuple(notes))
+
+    def read_views(self, source: Path) -> Recording:
+        """Return the views of the recording as one sequence.
+
+        A view is taken after each `view_distance_m` or `view_turn_deg` of the odometry. The true poses are those of
+        `poses` where these are not the odometry.
+        """
+        if self.config.group_by == "motion":
+            raise ConfigError("group_by is motion for a sequence of views, expected group_by=time")
+        bag, rig = self._open(source)
+        poses = find_poses(bag, rig.tree, rig.frame, self.config.poses, self.config.world)
+        motion = self._motion(bag, poses)
+        shots, notes = rig.find_shots()
+        posed, more = _posed(rig, shots, motion)
+        notes += [*more, *_delay_notes(shots, motion), *rig.notes(*posed[0])]
+        rig = rig.with_upright_axes([T for _, T in posed], self.config.camera_axes)
+        records = [rig.record(shot, T, self.config.height, bag.files) for shot, T in posed]
+        chosen = self._spacing.steps([record.T_world_pano for record in records if record.T_world_pano is not None])
+        views, rows = [], []
+        for number in chosen:
+            (shot, T_motion_frame), record = posed[number], records[number]
+            T_motion_pano = np.asarray(record.T_world_pano)
+            truth = None if poses is motion else poses.pose(rig.frame, shot.stamp_ns, rig.tolerance_s)
+            if truth is not None:
+                truth = truth @ invert_pose(T_motion_frame) @ T_motion_pano
+            views.append(replace(record, T_world_pano=truth, is_query=True, sequence=VIEWS))
+            rows.append(_odometry_row(shot, T_motion_pano))
+        return Recording(tuple(views), np.array(rows, np.float64), notes=tuple(notes))
+
+    def _open(self, source: Path) -> tuple[Bag, BagRig]:
+        """Return a bag and its cameras, with optical axes."""
+        config = self.config
+        bag = Bag(source, config.distribution)
+        cameras = find_cameras(bag, config.image, config.depth, config.camera_info, config.projection)
+        tree, kind = read_transforms(bag), self._kind(cameras)
+        return bag, BagRig(bag, tuple(cameras), tree, config.tolerance_s, config.depth_unit_m, kind)
+
+    @property
+    def _spacing(self) -> ViewSpacing:
+        config = self.config
+        return ViewSpacing(
+            config.num_views, config.sequence_period, config.view_distance_m, np.radians(config.view_turn_deg)
+        )
 
     def _check_settings(self) -> None:
         """Check that the settings do not contradict each other. Raises ConfigError."""
@@ -174,16 +201,6 @@ class RosBagImporter(Importer):
             raise ConfigError(f"depth_kind is {kind} for {projection} images, expected {' or '.join(kinds)}")
         return kind
 
-    def _record(self, rig: BagRig, shot: BagShot, T_world_frame: np.ndarray, files: Sequence[Path]) -> PanoramaRecord:
-        """Return the panorama of a shot."""
-        id = f"{shot.number:06d}"
-        if not rig.is_equirectangular:
-            return station_record(id, rig.posed_images(shot, T_world_frame), self.config.height, files)
-        parts = frozenset({"rgb", "range"} if rig.cameras[0].depth else {"rgb"})
-        pose = rig.pano_pose(T_world_frame)
-        load = partial(rig.equirectangular, id, shot)
-        return PanoramaRecord(id, load, parts, pose, t_s=shot.stamp_ns / 1e9, sources=tuple(files))
-
     def _motion(self, bag: Bag, poses: PoseSource) -> PoseSource:
         """Return the source of the motion between views."""
         topic = self.config.odometry
@@ -200,9 +217,7 @@ class RosBagImporter(Importer):
             DataError: The recording has too few views for a sequence.
         """
         config = self.config
-        spacing = ViewSpacing(
-            config.num_views, config.sequence_period, config.view_distance_m, np.radians(config.view_turn_deg)
-        )
+        spacing = self._spacing
         sequences = choose_views(
             [record.T_world_pano for record in records if record.T_world_pano is not None], spacing
         )
@@ -220,31 +235,22 @@ class RosBagImporter(Importer):
         return chosen, between
 
 
-def _upright_axes(rig: BagRig, T_world_frames: Sequence[np.ndarray], axes: CameraAxes | Literal["auto"]) -> CameraAxes:
-    """Return the axes of the frame of equirectangular images; "auto": those under which the images are upright.
+def _posed(
+    rig: BagRig, shots: Sequence[BagShot], poses: PoseSource
+) -> tuple[list[tuple[BagShot, np.ndarray]], list[str]]:
+    """Return the shots with a pose of the frame of the first camera (4, 4), at least one, and a note on the others.
 
     Raises:
-        DataError: The images are not upright under these axes. Axes that are set are accepted if the images are upright
-            under no axes.
+        DataError: No shot has a pose.
     """
-    poses = np.array(T_world_frames)
-    up = {"body": float(poses[:, 2, 2].mean()), "optical": float((poses @ invert_pose(LEVEL))[:, 2, 2].mean())}
-    best: CameraAxes = "body" if up["body"] > up["optical"] else "optical"
-    if axes != "auto" and (up[axes] >= MIN_UP or up[best] < MIN_UP):
-        return axes
-    where = f"the frame {rig.frame} of {rig.cameras[0].color.topic} is not upright by its poses"
-    if axes != "auto":
+    posed = [(shot, T) for shot in shots if (T := poses.pose(rig.frame, shot.stamp_ns, rig.tolerance_s)) is not None]
+    if not posed:
         raise DataError(
-            f"{where}: the mean z of its up direction is {up[axes]:.2f} with the axes {axes}, expected {MIN_UP:.2f} to "
-            f"1: likely --set camera_axes={best}"
+            f"{rig.bag.path} has {len(shots)} pictures and no pose of {poses} at their times, expected header stamps "
+            "of one clock"
         )
-    if up[best] < MIN_UP:
-        raise DataError(
-            f"{where}: the mean z of its up direction is {up['optical']:.2f} with optical axes (y down) and "
-            f"{up['body']:.2f} with axes of the body (z up), expected {MIN_UP:.2f} to 1: check the transforms of this "
-            "frame in /tf_static, whether they are inverted, and the order of quaternions (x, y, z, w)"
-        )
-    return best
+    missing = len(shots) - len(posed)
+    return posed, [f"{missing} of {len(shots)} pictures have no pose at their time: left out"] if missing else []
 
 
 def _delay_notes(shots: Sequence[BagShot], poses: PoseSource) -> list[str]:
@@ -274,5 +280,9 @@ def _odometry_rows(
         T_motion_frame = motion.pose(rig.frame, shot.stamp_ns, rig.tolerance_s)
         if record.sequence is not None and record.T_world_pano is not None and T_motion_frame is not None:
             pose = T_motion_frame @ invert_pose(T_world_frame) @ record.T_world_pano
-            rows.append([shot.stamp_ns / 1e9, *pose[:3, 3], np.degrees(pose_yaw(pose))])
+            rows.append(_odometry_row(shot, pose))
     return np.array(rows, np.float64).reshape(-1, 5)
+
+
+def _odometry_row(shot: BagShot, T_motion_pano: np.ndarray) -> list[float]:
+    return [shot.stamp_ns / 1e9, *T_motion_pano[:3, 3], np.degrees(pose_yaw(T_motion_pano))]

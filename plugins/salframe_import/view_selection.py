@@ -28,6 +28,23 @@ class ViewSpacing:
     distance_m: float
     turn_rad: float
 
+    def steps(self, poses: Sequence[np.ndarray]) -> list[int]:
+        """Return the indices of the images that are views.
+
+        Args:
+            poses: (4, 4) poses of the images in the order of time.
+        """
+        steps: list[int] = []
+        for number, pose in enumerate(poses):
+            if not steps or self.is_view(pose, poses[steps[-1]]):
+                steps.append(number)
+        return steps
+
+    def is_view(self, pose: np.ndarray, last: np.ndarray) -> bool:
+        """Return whether an image at a pose (4, 4) is far enough from the last view."""
+        distance_m, turn_rad = pose_errors(pose, last)
+        return bool(distance_m >= self.distance_m or turn_rad >= self.turn_rad)
+
 
 def choose_views(poses: Sequence[np.ndarray], spacing: ViewSpacing) -> list[list[int]]:
     """Return the indices of the images of each sequence, in order.
@@ -39,12 +56,6 @@ def choose_views(poses: Sequence[np.ndarray], spacing: ViewSpacing) -> list[list
         poses: (4, 4) poses of the images in the order of time.
         spacing: Spacing of the views.
     """
-    steps: list[int] = []
-    for number, pose in enumerate(poses):
-        if steps:
-            distance_m, turn_rad = pose_errors(pose, poses[steps[-1]])
-            if distance_m < spacing.distance_m and turn_rad < spacing.turn_rad:
-                continue
-        steps.append(number)
+    steps = spacing.steps(poses)
     ends = range(spacing.period, len(steps) + 1, spacing.period)
     return [steps[end - spacing.num_views : end] for end in ends]

@@ -13,8 +13,10 @@ from salframe.cli.output import print_json
 
 def track(
     map: Annotated[Path, typer.Argument(help="Map folder written by `salframe build`")],
-    folder: Annotated[Path, typer.Argument(metavar="SEQUENCE", help="Folder of panoramas with a sequence")],
-    sequence: Annotated[str | None, typer.Option(help="Name of the sequence, if the folder has several")] = None,
+    recording: Annotated[
+        Path, typer.Argument(help="Folder of panoramas with a sequence, or a recording such as a ROS bag")
+    ],
+    sequence: Annotated[str | None, typer.Option(help="Name of the sequence, if a folder has several")] = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="DIR", help="Folder of trajectory, JSON and picture")
     ] = None,
@@ -22,26 +24,41 @@ def track(
     views: Annotated[
         int | None, typer.Option(min=1, help="Number of the latest views that are localized together (default: 8)")
     ] = None,
+    format: Annotated[
+        str | None, typer.Option(help="Importer of the recording (default: rosbag, if there is no manifest.json)")
+    ] = None,
+    overrides: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a setting of the importer")
+    ] = None,
+    rerun: Annotated[
+        Path | None, typer.Option(metavar="FILE.rrd", help="Write a recording for the rerun viewer")
+    ] = None,
     as_json: Json = False,
 ) -> None:
-    """Track the camera of a sequence in a saved map.
+    """Track the camera of a recording in a saved map.
 
-    Prints the status, the place and the pose after each frame. In the manifest of the folder, each frame of the
-    sequence has the keys `sequence` and `t_s`, and the key `odometry` is the name of the file with the motion. With
-    --output, writes trajectory.tum (the poses with the status `tracking`), track.json (all steps) and trail.png.
+    Prints the status, the place and the pose after each frame. In the manifest of a folder, each frame of the sequence
+    has the keys `sequence` and `t_s`, and the key `odometry` is the name of the file with the motion. With --output,
+    writes trajectory.tum (the poses with the status `tracking`), track.json (all steps) and trail.png.
     """
-    from salframe.cli.output import Bars
+    from salframe.cli.output import Bars, warn
+    from salframe.drawing.rerun_recording import check_rerun_output, write_rerun
     from salframe.drawing.trail_picture import draw_trail
     from salframe.localization.map import open_map
     from salframe.localization.tracking import NUM_VIEWS
     from salframe.localization.tracking import track as run
+    from salframe.panoramas.camera_sequence import read_sequence
 
+    if rerun is not None:
+        check_rerun_output(rerun)
     opened = open_map(map)
+    moving = read_sequence(recording, sequence, format=format, settings=overrides or ())
+    for note in moving.notes:
+        warn(note)
     with Bars() as bars:
         tracked = run(
             opened,
-            folder,
-            sequence,
+            moving,
             tracker=tracker,
             num_views=views or NUM_VIEWS,
             progress=lambda done, total: bars.update("frames", done, total),
@@ -49,9 +66,13 @@ def track(
     if output is not None:
         tracked.write(output)
         draw_trail(tracked, output / "trail.png", opened.floors)
+    if rerun is not None:
+        write_rerun(tracked, moving, opened, rerun)
     if as_json:
         print_json(tracked.to_json())
         return
     print(tracked)
     if output is not None:
         print(f"written to {output}: trajectory.tum, track.json, trail.png")
+    if rerun is not None:
+        print(f"written to {rerun}")

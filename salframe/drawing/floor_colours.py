@@ -5,20 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from salframe.drawing.canvas import PAPER, Colour
+from salframe.panoramas.floor_outlines import REGION_COLOURS
 from salframe.panoramas.floors import FloorMasks
 
 WALL: Colour = (92, 96, 104)
-REGIONS: tuple[Colour, ...] = (
-    (222, 235, 247),
-    (229, 241, 222),
-    (253, 238, 217),
-    (240, 229, 243),
-    (252, 228, 226),
-    (224, 242, 241),
-    (249, 245, 215),
-    (232, 232, 240),
-)
-"""Colours of regions, by the number of the region."""
 WALL_M = 0.12
 """Thickness of drawn walls."""
 
@@ -31,5 +21,7 @@ def floor_colours(floor: FloorMasks) -> np.ndarray:
     inside = floor.free | (floor.region > 0)
     reach = max(1, round(WALL_M / floor.resolution_m))
     wall = ndimage.binary_dilation(inside, np.ones((2 * reach + 1,) * 2, bool)) & ~inside
-    colour = np.array(REGIONS)[floor.region % len(REGIONS)] * np.where(floor.obstacle, 0.84, 1.0)[..., None]
+    colour = (
+        np.array(REGION_COLOURS)[floor.region % len(REGION_COLOURS)] * np.where(floor.obstacle, 0.84, 1.0)[..., None]
+    )
     return np.select([inside[..., None], wall[..., None]], [colour, np.array(WALL)], np.array(PAPER)).astype(np.uint8)

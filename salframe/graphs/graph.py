@@ -105,6 +105,21 @@ class SaliencyGraph:
         matrix[self.edges[:, 0], self.edges[:, 1]] = matrix[self.edges[:, 1], self.edges[:, 0]] = True
         return matrix
 
+    def _repr_html_(self) -> str:
+        """Return the graph from above for notebooks, the direction of the panorama's +x axis up."""
+        from salframe.graphs.graph_html import graph_html
+
+        return graph_html(
+            self.labels,
+            self.saliency,
+            self.centroid_m,
+            box_footprints(self),
+            self.edges,
+            self.weights,
+            self.bearing,
+            self.origin_m,
+        )
+
 
 def without_positions(centroid_m: np.ndarray) -> bool:
     """Return whether there are objects and none of their centroids (N, 3) is known."""

@@ -14,7 +14,8 @@ import numpy as np
 from salframe.framework.arrays import check_array
 from salframe.framework.errors import InvalidAnswer
 from salframe.localization.next_view import NextView, ViewPredictor
-from salframe.panoramas.geometry import is_rigid, pose_yaw, translation
+from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.geometry import is_rigid, moved_covariance, pose_yaw, translation
 
 RIGID_TOLERANCE = 1e-3
 """Tolerance of the check that a pose is a rigid motion."""
@@ -100,6 +101,7 @@ class Localization:
         notes: Remarks for the user, such as labels of the query that the map does not know.
         predict_views: Returns the predictor of the views around the query; None without a map, or for a method that
             does not return a pose in each place. `LocalizationMap` sets it.
+        floors: Floors of the map, for the plan that notebooks show.
 
     Raises:
         InvalidAnswer: The status is not a LocalizationStatus; the pose is no rigid motion; the heading is not finite; a
@@ -118,6 +120,7 @@ class Localization:
     predict_views: Callable[[Localization], ViewPredictor | None] | None = field(
         default=None, compare=False, repr=False
     )
+    floors: tuple[FloorMasks, ...] = field(default=(), repr=False, compare=False)
 
     def __post_init__(self) -> None:
         try:
@@ -185,6 +188,20 @@ class Localization:
             f"expected at most {100 * self.max_accepted_probability:.3g}%"
         )
 
+    def _repr_html_(self) -> str:
+        """Return the answer for notebooks: status, places with probabilities, pose, and a plan of the pose's floor."""
+        from salframe.localization.answer_html import localization_html
+
+        return localization_html(
+            self.summary,
+            self.places,
+            self.out_of_map_probability,
+            self.T_world_query,
+            self.covariance,
+            self.notes,
+            self.floors,
+        )
+
     def moved(self, position_m: np.ndarray) -> Localization:
         """Return the answer with the pose of another coordinate frame with the same axes, such as the base of a robot.
 
@@ -195,14 +212,8 @@ class Localization:
             return self
         T_world_query = np.asarray(self.T_world_query)
         covariance = self.covariance
-        if covariance is not None:  # to first order, a rotation by d moves the origin of the frame by (x, y, z) x d
-            x, y, z = T_world_query[:3, :3] @ position_m
-            jacobian = np.eye(len(covariance))
-            if len(covariance) == 3:
-                jacobian[:2, 2] = y, -x
-            else:
-                jacobian[:3, 3:] = [[0, -z, y], [z, 0, -x], [-y, x, 0]]
-            covariance = jacobian @ covariance @ jacobian.T
+        if covariance is not None:
+            covariance = moved_covariance(covariance, -T_world_query[:3, :3] @ position_m)
         return replace(self, T_world_query=T_world_query @ translation(-position_m), covariance=covariance)
 
     def _check_probabilities(self) -> None:

@@ -322,7 +322,8 @@ class LocalizationMap:
     ) -> Localization:
         """Localize the views of one query, joined where possible. Raises as `localize`."""
         views = [self._describe_frame(frame, warn) for frame in frames]
-        return self.answer_query(self.describe_query(views, T_last_view, warn=warn))
+        answer = self.answer_query(self.describe_query(views, T_last_view, warn=warn))
+        return replace(answer, floors=self.floors)
 
     def _describe_frame(self, frame: QueryFrame, warn: Callable[[str], object]) -> DescribedView:
         for note in query_notes(frame.load(), self._camera_z_m):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,21 +13,26 @@ from salframe.framework.component import ComponentConfig
 from salframe.framework.components.defaults import default_of
 from salframe.framework.components.presets import configure_default
 from salframe.framework.components.registry import registry
-from salframe.framework.errors import FRAME_ERRORS, ConfigError, DataError, UnknownName, unknown
+from salframe.framework.errors import FRAME_ERRORS, ConfigError
 from salframe.framework.files.writing import write_json, write_text
 from salframe.localization.answers import Localization
 from salframe.localization.described_query import DescribedView, describe_view
+from salframe.localization.localizer import Description
 from salframe.localization.map import LocalizationMap
 from salframe.localization.place_lookup import PlaceLookup
 from salframe.localization.query_input import query_frame
 from salframe.localization.tracker import TrackedPose, Tracker, TrackStatus
-from salframe.panoramas.folder_reader import Folder
+from salframe.panoramas.camera_sequence import CameraSequence, read_sequence
 from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.geometry import invert_pose, pose_yaw
 from salframe.panoramas.panorama import Panorama
 
 NUM_VIEWS = 8
 """Default number of the latest views that are localized together. Chosen on `house-42`, seeds 100 and 101."""
+
+MOTION_DECIMALS = 12
+"""Number of decimals of the motions between views. Motions that are equal up to rounding errors, such as those of a bag
+and of a request, are then equal. Joined views can amplify a rounding error of 1e-16 m to 1e-5 m."""
 
 
 def open_tracker(map: LocalizationMap, tracker: ComponentConfig | str | None = None) -> Tracker:
@@ -67,7 +72,7 @@ class ViewWindow:
         if odometry is None:
             self._views = []
             return
-        back = invert_pose(odometry)
+        back = invert_pose(np.round(odometry, MOTION_DECIMALS))
         self._views = [(view, back @ T_present_view) for view, T_present_view in self._views]
 
     def localize(self, view: DescribedView) -> Localization:
@@ -90,11 +95,13 @@ class TrackStep:
         pose: The belief after the step.
         answer: The answer to the latest views; None where the view could not be used.
         error: Why the view could not be used.
+        description: The description of the view; None where it could not be used.
     """
 
     pose: TrackedPose
     answer: Localization | None = None
     error: str | None = None
+    description: Description | None = None
 
 
 class TrackedCamera:
@@ -138,7 +145,7 @@ class TrackedCamera:
             return TrackStep(self._tracker.belief(), error=str(error))
         answer = self._window.localize(described)
         self._tracker.observe(answer)
-        return TrackStep(self._tracker.belief(), answer)
+        return TrackStep(self._tracker.belief(), answer, description=described.description)
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +199,7 @@ class Track:
                 x, y = pose[:2, 3]
                 where = f"  {step.pose.place}  x {x:.2f} m, y {y:.2f} m, yaw {np.degrees(pose_yaw(pose)):.1f} deg"
             error = f"  ({frame} cannot be used: {step.error})" if step.error else ""
-            lines.append(f"{t_s:g} s  {step.pose.status}{where}{error}")
+            lines.append(f"{t_s:.13g} s  {step.pose.status}{where}{error}")
         return "\n".join(lines)
 
     def write(self, folder: str | Path) -> None:
@@ -203,40 +210,36 @@ class Track:
 
 def track(
     map: LocalizationMap,
-    folder: str | Path,
+    recording: str | Path | CameraSequence,
     sequence: str | None = None,
     *,
     tracker: ComponentConfig | str | None = None,
     num_views: int = NUM_VIEWS,
     progress: Callable[[int, int], None] | None = None,
 ) -> Track:
-    """Track the camera of a sequence of a folder of panoramas.
+    """Track the camera of a sequence of views.
 
-    The folder has the format of docs/reference/folder-format.md. Its `odometry` gives the motion. Truth in the folder
-    is not read. A frame that cannot be used costs only its own step.
+    Truth in the recording is not used. A frame that cannot be used costs only its own step.
 
     Args:
         map: The map.
-        folder: The folder.
-        sequence: Name of the sequence; None: the only one.
+        recording: The views, or the folder or recording that `read_sequence` reads them from.
+        sequence: Name of the sequence of a folder; None: the only one.
         tracker: As in `open_tracker`.
         num_views: As in `TrackedCamera`.
         progress: Called as progress(done, total) with numbers of frames.
 
     Raises:
-        ConfigError: The folder has several sequences, and none was named; or there are no views.
-        DataError: The folder cannot be read, or has no sequence.
-        UnknownName: The folder has no such sequence, or there is no such tracker.
+        ConfigError: As `read_sequence`, or there are no views.
+        DataError: As `read_sequence`.
+        UnknownName: As `read_sequence`, or there is no such tracker.
     """
-    opened = Folder(Path(folder))
-    name, entries = _choose_sequence(opened, sequence)
+    if not isinstance(recording, CameraSequence):
+        recording = read_sequence(recording, sequence)
     camera = TrackedCamera(map, tracker, num_views=num_views)
-    frames = opened.view_frames(entries, {})
-    t_s = [entry.t_s or 0.0 for entry in entries]
-    poses = [None if opened.odometry is None else opened.odometry.pose(time) for time in t_s]
-    steps: list[TrackStep] = []
+    frames, steps = recording.frames, list[TrackStep]()
     last: np.ndarray | None = None
-    for number, (frame, pose) in enumerate(zip(frames, poses, strict=True)):
+    for number, (frame, pose) in enumerate(zip(frames, recording.odometry, strict=True)):
         if progress:
             progress(number, len(frames))
         motion = None if last is None or pose is None else invert_pose(last) @ pose
@@ -244,23 +247,7 @@ def track(
         last = pose
     if progress:
         progress(len(frames), len(frames))
-    return Track(name, np.array(t_s), tuple(frame.id for frame in frames), tuple(steps))
-
-
-def _choose_sequence(folder: Folder, name: str | None) -> tuple[str, Sequence[Any]]:
-    """Return the name and the entries of a sequence. Raises as `track`."""
-    sequences = folder.sequences
-    if not sequences:
-        raise DataError(
-            f"{folder.root} has no sequence, expected query frames with the keys `sequence` and `t_s` in its manifest"
-        )
-    if name is None and len(sequences) > 1:
-        names = ", ".join(list(sequences)[:5]) + (", ..." if len(sequences) > 5 else "")
-        raise ConfigError(f"{folder.root} has {len(sequences)} sequences, expected the name of one of them: {names}")
-    name = next(iter(sequences)) if name is None else name
-    if name not in sequences:
-        raise UnknownName(unknown("sequence", name, list(sequences)))
-    return name, sequences[name]
+    return Track(recording.name, recording.t_s, tuple(frame.id for frame in frames), tuple(steps))
 
 
 def _step_json(t_s: float, frame: str, step: TrackStep) -> dict[str, Any]:

@@ -86,6 +86,12 @@ class Folder:
             ) from None
         return Truth(entry.place, self._pose(entry.pose), entry.instances)
 
+    @property
+    def true_poses(self) -> dict[str, np.ndarray]:
+        """True poses T_world_pano (4, 4) of query frames, where they are known, by the id of the frame."""
+        poses = {id: self._pose(entry.pose) for id, entry in self._truth.items()}
+        return {id: pose for id, pose in poses.items() if pose is not None}
+
     def reference_frame(self, entry: FrameEntry, content: str = "") -> ReferenceFrame:
         """Return a reference frame of the manifest with this `content`; its images are read when it is loaded."""
         kind = FrameKind.TRANSITION if entry.role == "transition" else FrameKind.SCENE

@@ -11,6 +11,9 @@ from functools import lru_cache
 
 import numpy as np
 
+_CHI2_95 = 5.991464547
+"""95 % quantile of the chi-squared distribution with two degrees of freedom."""
+
 
 def wrap_angle(angle_rad):
     """Return angles wrapped to [-pi, pi), float64, in the shape of the input."""
@@ -154,6 +157,42 @@ def invert_pose(pose: np.ndarray) -> np.ndarray:
     inverse[:3, :3] = pose[:3, :3].T
     inverse[:3, 3] = -pose[:3, :3].T @ pose[:3, 3]
     return inverse
+
+
+def moved_covariance(covariance: np.ndarray, offset_m: np.ndarray) -> np.ndarray:
+    """Return the covariance of the pose of a frame that is rigidly attached to a posed frame, to first order.
+
+    A rotation by d moves the origin of the attached frame by d x offset.
+
+    Args:
+        covariance: (3, 3) covariance of (x_m, y_m, yaw_rad), or (6, 6) of position and rotation, in the axes of the
+            world.
+        offset_m: (3,) position of the attached frame relative to the posed one, in the axes of the world.
+    """
+    x, y, z = offset_m
+    jacobian = np.eye(len(covariance))
+    if len(covariance) == 3:
+        jacobian[:2, 2] = -y, x
+    else:
+        jacobian[:3, 3:] = [[0, z, -y], [-z, 0, x], [y, -x, 0]]
+    return np.asarray(jacobian @ covariance @ jacobian.T)
+
+
+def confidence_ellipse(covariance_m2: np.ndarray) -> np.ndarray:
+    """Return the ellipse around the origin that contains 95 % of a normal distribution, 48 points (x, y) in metres.
+
+    Args:
+        covariance_m2: (2, 2) covariance.
+    """
+    angle = np.linspace(0, 2 * np.pi, 48)
+    variances, axes = np.linalg.eigh(covariance_m2)
+    unit = np.column_stack([np.cos(angle), np.sin(angle)])
+    return np.asarray(np.sqrt(_CHI2_95) * unit * np.sqrt(np.maximum(variances, 0)) @ axes.T)
+
+
+def flat_pose(pose: np.ndarray) -> np.ndarray:
+    """Return the pose (4, 4) with the position and the yaw of a pose (4, 4), without its tilt."""
+    return pose_2d(pose[0, 3], pose[1, 3], pose_yaw(pose), pose[2, 3])
 
 
 def transform_points(pose: np.ndarray, points_m: np.ndarray) -> np.ndarray:

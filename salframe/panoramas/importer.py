@@ -181,3 +181,20 @@ class Importer(Role):
         Raises:
             DataError: The source is missing or is no recording of this format. The message is one line.
         """
+
+    def read_views(self, source: Path) -> Recording:
+        """Return the views of a moving camera as one sequence, for `track`.
+
+        All records have `t_s`, and `odometry` has a row at the time of each. The pose of a record is its true pose in
+        the world of maps, not that of the odometry; None if it is unknown.
+
+        Args:
+            source: As in `read`.
+
+        Raises:
+            DataError: As in `read`, or the format has no odometry.
+        """
+        raise DataError(
+            f"the format {self.name} has no odometry, expected a recording with odometry such as a ROS bag, or a "
+            "folder of panoramas with a sequence"
+        )

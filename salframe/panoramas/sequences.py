@@ -44,11 +44,24 @@ class Odometry:
         values = read_csv_numbers(path, COLUMNS)
         if not len(values):
             raise DataError(f"{path} has no row, expected the pose of the camera over time")
-        values = np.unique(values, axis=0)  # sorts by time
+        return cls.of_rows(values, str(path))
+
+    @classmethod
+    def of_rows(cls, rows: np.ndarray, where: str) -> Odometry:
+        """Return the odometry of rows (N, 5) in any order: t_s, x_m, y_m, z_m, yaw_deg, at least one.
+
+        Args:
+            rows: The rows.
+            where: Name of their source, for errors.
+
+        Raises:
+            DataError: Two different poses are at one time.
+        """
+        values = np.unique(rows, axis=0)  # sorts by time
         repeated = np.flatnonzero(np.diff(values[:, 0]) == 0)
         if len(repeated):
             raise DataError(
-                f"{path} has two different poses at t_s = {values[repeated[0], 0]:g}, expected one pose for each time"
+                f"{where} has two different poses at t_s = {values[repeated[0], 0]:g}, expected one pose for each time"
             )
         return cls(values[:, 0], values[:, 1:4], np.radians(values[:, 4]))
 

@@ -10,22 +10,18 @@ import numpy as np
 
 from salframe.drawing.object_picture import find_lines
 from salframe.graphs.detections import Detections
-from salframe.graphs.graph import SaliencyGraph
-from salframe.graphs.packing import GRAPH_ARRAYS, graph_from_arrays
 from salframe.localization.answer_json import answer_json
-from salframe.localization.answers import Localization, NodeMatches
+from salframe.localization.answers import Localization
+from salframe.localization.described_objects import described_objects
 from salframe.localization.described_query import DescribedView
-from salframe.localization.level_frames import split_level
-from salframe.localization.localizer import Description
 from salframe.localization.map import LocalizationMap
-from salframe.panoramas.geometry import transform_points
+from salframe.localization.matched_objects import find_matched_objects
 from salframe.serving.served_map import ServedMap
 from salframe.serving.uploads import ServedQuery
 
 MAX_PICTURE_WIDTH = 1280
 """Maximum width of the picture in an answer."""
 _JPEG_QUALITY = 80
-_CORNERS = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, 8).T
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,22 +96,22 @@ def describe_answer(
 def _objects(localization: LocalizationMap, described: ServedView, answer: Localization) -> dict[str, Any]:
     """Return the objects of a view whose description is a saliency graph, and the edges between them."""
     query = described.query
-    level, rotation = split_level(described.view.describe_turned()[0])
-    if not level.keys() >= GRAPH_ARRAYS:
+    description = described.view.describe_turned()[0]
+    objects = described_objects(description)
+    if objects is None:
         return {"objects": [], "edges": []}
-    graph = graph_from_arrays(level)
-    detections = _in_panorama(graph, np.eye(3) if rotation is None else rotation.T)
+    graph, detections = objects
     lines: list[list[np.ndarray]] = [[] for _ in graph.labels]
     size = np.ones(2)
     if query.rgb is not None:
         height, width = query.rgb.shape[:2]
         lines, size = find_lines(height, detections, query.camera), np.array([width, height])
-    matched = _matched_objects(localization, level, answer)
-    objects = []
+    matched = find_matched_objects(localization, description, answer)
+    rows = []
     for i, label in enumerate(graph.labels):
         x, y, z = detections.bearing[i]
         has_range = bool(np.isfinite(graph.centroid_m[i]).all())
-        objects.append(
+        rows.append(
             {
                 "label": label,
                 "score": float(graph.scores[i]),
@@ -126,44 +122,10 @@ def _objects(localization: LocalizationMap, described: ServedView, answer: Local
                 "size_m": graph.size_m[i].tolist() if has_range else None,
                 "yaw_deg": float(np.degrees(graph.yaw_rad[i])) if has_range else None,
                 "outline": [(line / size).round(5).tolist() for line in lines[i]],
-                "matched": matched.get(i),
+                "matched": {"label": matched[i].label, "xyz_m": matched[i].xyz_m.tolist()} if i in matched else None,
             }
         )
-    return {"objects": objects, "edges": graph.edges.tolist()}
-
-
-def _in_panorama(graph: SaliencyGraph, R_pano_level: np.ndarray) -> Detections:
-    """Return the objects of a graph in the frame of a panorama that was levelled, their boxes as corners."""
-    corners_m = []
-    for centroid_m, size_m, yaw_rad in zip(graph.centroid_m, graph.size_m, graph.yaw_rad, strict=True):
-        c, s = np.cos(yaw_rad), np.sin(yaw_rad)
-        box = centroid_m + (_CORNERS * size_m) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
-        corners_m.append((box @ R_pano_level.T).astype(np.float32))
-    return Detections(
-        graph.labels,
-        graph.scores,
-        graph.centroid_m @ R_pano_level.T,
-        graph.size_m,
-        graph.yaw_rad,
-        points_m=tuple(corners_m),
-        bearing=graph.bearing @ R_pano_level.T,
-        solid_angle_sr=graph.solid_angle_sr,
-    )
-
-
-def _matched_objects(
-    localization: LocalizationMap, description: Description, answer: Localization
-) -> dict[int, dict[str, Any]]:
-    """Return the matched objects of the best reference frame, by the number of the query's object."""
-    if not answer.places:
-        return {}
-    frame, reference = localization.reference(answer.places[0].frame)
-    matches = localization.localizer.correspond(description, reference)
-    if not isinstance(matches, NodeMatches) or "labels" not in reference:
-        return {}
-    world_m = transform_points(frame.T_world_pano, matches.reference_m)
-    labels = reference["labels"]
-    return {int(q): {"label": str(labels[r]), "xyz_m": world_m[r].tolist()} for q, r in matches.pairs}
+    return {"objects": rows, "edges": graph.edges.tolist()}
 
 
 def _picture(rgb: np.ndarray) -> str:

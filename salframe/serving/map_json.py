@@ -11,6 +11,7 @@ import numpy as np
 from salframe.graphs.graph import box_footprints
 from salframe.graphs.packing import GRAPH_ARRAYS, graph_from_arrays
 from salframe.localization.map import LocalizationMap
+from salframe.panoramas.floor_outlines import floor_outlines
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import FrameKind, ReferenceFrame
 from salframe.panoramas.geometry import pose_yaw, transform_points
@@ -19,8 +20,6 @@ from salframe.topology.topological_map import TopologicalMap
 
 MAX_FRAMES_WITH_OBJECTS = 500
 """Maximum number of places whose objects are listed."""
-_SIMPLIFY_PX = 0.7
-"""Tolerance of the outlines of floors, in pixels of the masks."""
 
 
 def map_json(name: str, localization: LocalizationMap, topology: TopologicalMap | None) -> bytes:
@@ -101,25 +100,14 @@ def _floor_features(floor: FloorMasks) -> Iterator[dict[str, Any]]:
 
 def _outlines(floor: FloorMasks, mask: np.ndarray) -> list[list[list[list[float]]]]:
     """Return the polygons of a mask in world coordinates: an outer ring and its holes each."""
-    import cv2
-
-    contours, hierarchy = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    if hierarchy is None:
-        return []
-    rings = []
-    for contour in contours:
-        pixels = cv2.approxPolyDP(contour, _SIMPLIFY_PX, True)[:, 0].astype(np.float64) + 0.5
-        rings.append(_closed(floor.origin_m + np.array([1, -1]) * pixels * floor.resolution_m))
-    polygons: dict[int, list[list[list[float]]]] = {}
-    for i, (*_, parent) in enumerate(hierarchy[0]):
-        if parent < 0 and len(rings[i]) > 3:
-            polygons[i] = [rings[i]]
-    for i, (*_, parent) in enumerate(hierarchy[0]):
-        if parent in polygons and len(rings[i]) > 3:
-            polygons[parent].append(rings[i])
-    return list(polygons.values())
+    return [[_rounded(ring) for ring in polygon] for polygon in floor_outlines(floor, mask)]
 
 
 def _closed(corners: np.ndarray) -> list[list[float]]:
-    """Return the ring of corners (K, 2), in millimetres precision, whose last position is its first."""
-    return np.vstack([corners, corners[:1]]).round(3).tolist()  # type: ignore[no-any-return]
+    """Return the ring of corners (K, 2), whose last position is its first."""
+    return _rounded(np.vstack([corners, corners[:1]]))
+
+
+def _rounded(ring: np.ndarray) -> list[list[float]]:
+    """Return positions (K, 2) in millimetres precision."""
+    return ring.round(3).tolist()  # type: ignore[no-any-return]

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from salframe.framework.validation import Settings
-from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.floors import FloorMasks, find_floor
 from salframe.panoramas.geometry import wrap_angle
 
 
@@ -100,3 +102,32 @@ class TopologicalMap:
     floors: tuple[FloorMasks, ...] = field(default=(), compare=False)
     parameters: TopologySettings = field(default_factory=TopologySettings)
     notes: tuple[str, ...] = ()
+
+    def _repr_html_(self) -> str:
+        """Return the map for notebooks: its numbers of nodes and edges, a plan of each floor, and its notes."""
+        from salframe.framework.markup import element, to_html
+
+        kinds = {kind: sum(node.kind is kind for node in self.nodes) for kind in NodeKind}
+        counts = ", ".join(f"{count} {kind} nodes" for kind, count in kinds.items() if count)
+        length_m = sum(edge.length_m for edge in self.edges)
+        parts = [element("p", f"{counts or 'no nodes'}, {len(self.edges)} edges, {length_m:.1f} m in all")]
+        by_height = sorted(self.floors, key=lambda floor: floor.z_m)
+        for number, floor in enumerate(by_height):
+            parts.append(element("p", f"floor at z = {floor.z_m:g} m"))
+            parts.append(self._draw(floor, {n.id: n for n in self.nodes if find_floor(by_height, n.xyz_m) == number}))
+        return to_html(*parts, *(element("p", f"note: {note}") for note in self.notes))
+
+    def _draw(self, floor: FloorMasks, nodes: Mapping[str, MapNode]) -> Element:
+        """Return the drawing of a floor with its nodes by id, and the edges from them."""
+        from salframe.panoramas.floor_outlines import draw_floor
+
+        at_m = {id: np.array(node.xyz_m[:2]) for id, node in nodes.items()}
+        drawing = draw_floor(floor, np.array(list(at_m.values())).reshape(-1, 2))
+        for edge in self.edges:
+            if edge.start in at_m and edge.end in at_m:
+                path_m = np.array(edge.path_m) if edge.path_m else np.stack([at_m[edge.start], at_m[edge.end]])
+                drawing.line(path_m, stroke="#46629a", stroke_width="1.5")
+        colours = {NodeKind.SCENE: "#1f4ea0", NodeKind.TRANSITION: "#d65422", NodeKind.CORNER: "#b06208"}
+        for id, node in nodes.items():
+            drawing.dot(at_m[id], 4, id, fill=colours[node.kind], stroke="#ffffff")
+        return drawing.svg

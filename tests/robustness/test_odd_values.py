@@ -62,7 +62,7 @@ BASE: dict[str, dict[str, str]] = {
     "map route": ROUTE,
     "map query": {"map": "building", "frame": "kitchen-query", "data": "./data", "goal": "bedroom"},
     "map export": WAYS | {"file": "ways.geojson"},
-    "track": MAP | {"folder": "./data"},
+    "track": MAP | {"recording": "./data"},
     "serve": MAP | {"host": "192.0.2.1", "port": "65536"},  # whichever is replaced, the other prevents the start
     "data list": {},
     "data import": {"format": "pictures", "source": "data/frames", "output": "imported"},

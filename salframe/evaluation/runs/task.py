@@ -264,6 +264,16 @@ class Result(Rows, Generic[LineT]):
         """Return the rows as tables, with the columns of these names. Raises ConfigError on an unknown name."""
         return self.kind.tables(self.rows, columns)
 
+    def _repr_html_(self) -> str:
+        """Return the tables, the path of the report and the notes for notebooks."""
+        from salframe.framework.markup import element, table, to_html
+
+        tables = [
+            table([heading.replace("\n", " ") for heading in shown.headings], shown.rows, shown.title)
+            for shown in self.tables()
+        ]
+        return to_html(*tables, *(element("p", line) for line in (self.where, *self.notes)))
+
     def row(self, method: str) -> LineT:
         """Return the row of a method by its label. Raises KeyError."""
         return {row.method: row for row in self.rows}[method]

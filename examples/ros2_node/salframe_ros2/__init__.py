@@ -1,0 +1,1 @@
+"""Localize a robot in a map of salframe, with ROS 2."""

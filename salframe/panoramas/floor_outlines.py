@@ -1,0 +1,79 @@
+"""Outlines of the floor masks: polygons of the free floor and of the places."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from salframe.framework.markup import PlanDrawing
+from salframe.panoramas.floors import FloorMasks, find_floor
+
+REGION_COLOURS: tuple[tuple[int, int, int], ...] = (
+    (222, 235, 247),
+    (229, 241, 222),
+    (253, 238, 217),
+    (240, 229, 243),
+    (252, 228, 226),
+    (224, 242, 241),
+    (249, 245, 215),
+    (232, 232, 240),
+)
+"""Colours of regions, by the number of the region modulo their number."""
+_SIMPLIFY_PX = 0.7
+"""Tolerance of the outlines, in pixels of the masks."""
+
+
+def floor_outlines(floor: FloorMasks, mask: np.ndarray) -> list[list[np.ndarray]]:
+    """Return the polygons of a mask of a floor: an outer ring and its holes each.
+
+    Args:
+        floor: The floor.
+        mask: (rows, columns) bool.
+
+    Returns:
+        Rings (K, 2) in metres in the world. The last point of a ring is its first.
+    """
+    import cv2
+
+    contours, hierarchy = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    if hierarchy is None:
+        return []
+    rings = []
+    for contour in contours:
+        pixels = cv2.approxPolyDP(contour, _SIMPLIFY_PX, True)[:, 0].astype(np.float64) + 0.5
+        ring = floor.origin_m + np.array([1, -1]) * pixels * floor.resolution_m
+        rings.append(np.vstack([ring, ring[:1]]))
+    polygons: dict[int, list[np.ndarray]] = {}
+    for i, (*_, parent) in enumerate(hierarchy[0]):
+        if parent < 0 and len(rings[i]) > 3:
+            polygons[i] = [rings[i]]
+    for i, (*_, parent) in enumerate(hierarchy[0]):
+        if parent in polygons and len(rings[i]) > 3:
+            polygons[parent].append(rings[i])
+    return list(polygons.values())
+
+
+def draw_floor(floor: FloorMasks, points_m: np.ndarray, width_px: int = 420) -> PlanDrawing:
+    """Return a drawing of a floor with the names of its places, which also shows points (N, 2)."""
+    areas = {number: floor_outlines(floor, floor.region == number) for number in floor.regions}
+    free = floor_outlines(floor, floor.free | (floor.region > 0))
+    rings = [polygon[0] for polygon in free]
+    drawing = PlanDrawing(np.concatenate([points_m, *rings]) if rings else points_m, width_px, "plan of the floor")
+    drawing.outline([ring for polygon in free for ring in polygon], fill="#f0f1f4", stroke="#5c6068", stroke_width="2")
+    for number, polygons in areas.items():
+        colour = "#{:02x}{:02x}{:02x}".format(*REGION_COLOURS[number % len(REGION_COLOURS)])
+        drawing.outline([ring for polygon in polygons for ring in polygon], fill=colour, stroke="#5c6068")
+    for number, polygons in areas.items():
+        if polygons:
+            corners = max((polygon[0] for polygon in polygons), key=lambda ring: float(np.ptp(ring, axis=0).prod()))
+            drawing.text((corners.min(0) + corners.max(0)) / 2, floor.regions[number])
+    return drawing
+
+
+def floor_below(floors: Sequence[FloorMasks], position_m: np.ndarray) -> FloorMasks | None:
+    """Return the floor of a position (3,); the lowest one where it is on none; None without floors."""
+    by_height = sorted(floors, key=lambda floor: floor.z_m)
+    if not by_height:
+        return None
+    return by_height[find_floor(by_height, position_m) or 0]
