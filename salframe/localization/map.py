@@ -28,12 +28,13 @@ from salframe.localization.described_query import DescribedQuery, DescribedView,
 from salframe.localization.describing import describe_ahead
 from salframe.localization.detecting import DetectingLocalizer
 from salframe.localization.fusing import FUSED, Fusion, choose_surest, fuse_answers
-from salframe.localization.level_frames import as_it_stood, better_answer, level_motions, split_level, upright_frame
+from salframe.localization.left_out import check_left_out
+from salframe.localization.level_frames import as_it_stood, better_answer, level_motions, split_level
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map_files import MapParts, find_not_finite, read_map, write_map
 from salframe.localization.preparing import Tell, python_warning, silent
 from salframe.localization.query_input import query_frame
-from salframe.localization.references import describe_references
+from salframe.localization.references import complete_references, describe_references
 from salframe.panoramas.camera_height import LevelSurfaces
 from salframe.panoramas.data_checks import query_notes
 from salframe.panoramas.dataset import Dataset
@@ -112,10 +113,11 @@ class LocalizationMap:
         frames: Sequence[ReferenceFrame],
         floors: Sequence[FloorMasks] = (),
     ) -> LocalizationMap:
-        """Index described reference frames, packed and unpacked as in a saved map."""
-        packed = [localizer.pack(split_level(description)[0]) for description in descriptions]
-        upright = [upright_frame(localizer, frame) for frame in frames]
-        built = cls(localizer, *in_canonical_order(packed, upright), floors)
+        """Index described reference frames, packed and unpacked as in a saved map. Raises InputMissing as `build`."""
+        completed = complete_references(localizer, descriptions, frames)
+        check_left_out(completed.left_out, len(frames))
+        packed = [localizer.pack(description) for description in completed.descriptions]
+        built = cls(localizer, *in_canonical_order(packed, completed.frames), floors)
         built._index()
         return built
 

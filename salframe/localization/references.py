@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 from salframe.framework.errors import FRAME_ERRORS, DataError, InputMissing
 from salframe.framework.files.cache import Cache
@@ -28,7 +29,7 @@ def describe_references(
     """
     if not frames:
         raise DataError("a map needs at least one reference frame, received none")
-    packed, usable, notes = [], [], []
+    descriptions, described, notes = [], [], []
     left_out: dict[str, DataError | InputMissing] = {}
     for done, frame in enumerate(frames):
         if progress:
@@ -38,13 +39,63 @@ def describe_references(
         except FRAME_ERRORS as error:
             left_out[frame.id] = error
             continue
-        packed.append(localizer.pack(split_level(description)[0]))
-        usable.append(upright_frame(localizer, frame))
+        descriptions.append(description)
+        described.append(frame)
         if note := localizer.note(description):
             notes.append(f"{frame.id}: {note}")
     if progress:
         progress(len(frames), len(frames))
+    completed = complete_references(localizer, descriptions, described)
+    left_out |= completed.left_out
     check_left_out(left_out, len(frames))
-    for note in [*notes, *filter(None, [left_out_note(left_out)])]:
+    for note in [*notes, *completed.notes, *filter(None, [left_out_note(left_out)])]:
         tell(note)
-    return packed, usable
+    return [localizer.pack(description) for description in completed.descriptions], list(completed.frames)
+
+
+@dataclass(frozen=True, eq=False)
+class CompletedReferences:
+    """Reference frames that a localizer can use.
+
+    Attributes:
+        descriptions: Their completed descriptions, without the rotations of the levelling.
+        frames: The frames, with the poses of their levelled panoramas.
+        left_out: The error of each frame that cannot be used, by id.
+        notes: Remarks for the user.
+    """
+
+    descriptions: Sequence[Description]
+    frames: Sequence[ReferenceFrame]
+    left_out: Mapping[str, DataError | InputMissing]
+    notes: Sequence[str]
+
+
+def complete_references(
+    localizer: Localizer, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]
+) -> CompletedReferences:
+    """Complete the descriptions of reference frames by each other, and leave out those that cannot be in a map.
+
+    Args:
+        localizer: The localizer.
+        descriptions: One description for each frame.
+        frames: The frames.
+    """
+    upright = [upright_frame(localizer, frame) for frame in frames]
+    level = [split_level(description)[0] for description in descriptions]
+    completed = localizer.complete(level, upright)
+    changed = [number for number, one in enumerate(completed) if one is not level[number]]
+    before, after = (sum(localizer.count_objects(part[number]) for number in changed) for part in (level, completed))
+    notes = (
+        [
+            f"{before - after} of {before} objects in {len(changed)} reference frames without range are left out, "
+            "because no second panorama gives their position"
+        ]
+        if before > after
+        else []
+    )
+    left_out: dict[str, DataError | InputMissing] = {}
+    for frame, description in zip(frames, completed, strict=True):
+        if reason := localizer.unfit_for_map(description):
+            left_out[frame.id] = InputMissing(f"{frame.id} cannot be a reference frame: {reason}")
+    rows = [number for number, frame in enumerate(frames) if frame.id not in left_out]
+    return CompletedReferences([completed[n] for n in rows], [upright[n] for n in rows], left_out, notes)
