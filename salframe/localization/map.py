@@ -28,8 +28,8 @@ from salframe.localization.described_query import DescribedQuery, DescribedView,
 from salframe.localization.describing import describe_ahead
 from salframe.localization.detecting import DetectingLocalizer
 from salframe.localization.fusing import FUSED, Fusion, choose_surest, fuse_answers
-from salframe.localization.left_out import check_left_out
-from salframe.localization.level_frames import as_it_stood, better_answer, level_motions, split_level
+from salframe.localization.left_out import check_left_out, left_out_note
+from salframe.localization.level_frames import as_it_stood, better_answer, level_motions, split_level, upright_frame
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map_files import MapParts, find_not_finite, read_map, write_map
 from salframe.localization.preparing import Tell, python_warning, silent
@@ -112,12 +112,19 @@ class LocalizationMap:
         descriptions: Sequence[Description],
         frames: Sequence[ReferenceFrame],
         floors: Sequence[FloorMasks] = (),
+        tell: Tell = silent,
     ) -> LocalizationMap:
-        """Index described reference frames, packed and unpacked as in a saved map. Raises InputMissing as `build`."""
+        """Index described reference frames, packed and unpacked as in a saved map.
+
+        `tell` is called with notes on objects and frames that are left out. Raises InputMissing as `build`.
+        """
         completed = complete_references(localizer, descriptions, frames)
         check_left_out(completed.left_out, len(frames))
-        packed = [localizer.pack(description) for description in completed.descriptions]
-        built = cls(localizer, *in_canonical_order(packed, completed.frames), floors)
+        packed = [localizer.pack(split_level(description)[0]) for description in completed.descriptions]
+        upright = [upright_frame(localizer, frame) for frame in completed.frames]
+        built = cls(localizer, *in_canonical_order(packed, upright), floors)
+        for note in [*completed.notes, *filter(None, [left_out_note(completed.left_out)])]:
+            tell(note)
         built._index()
         return built
 

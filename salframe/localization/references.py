@@ -9,7 +9,7 @@ from salframe.framework.errors import FRAME_ERRORS, DataError, InputMissing
 from salframe.framework.files.cache import Cache
 from salframe.localization.describing import describe_frame
 from salframe.localization.left_out import check_left_out, left_out_note
-from salframe.localization.level_frames import split_level, upright_frame
+from salframe.localization.level_frames import R_LEVEL_PANO, split_level, upright_frame
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.preparing import Tell
 from salframe.panoramas.frames import ReferenceFrame
@@ -50,7 +50,8 @@ def describe_references(
     check_left_out(left_out, len(frames))
     for note in [*notes, *completed.notes, *filter(None, [left_out_note(left_out)])]:
         tell(note)
-    return [localizer.pack(description) for description in completed.descriptions], list(completed.frames)
+    packed = [localizer.pack(split_level(description)[0]) for description in completed.descriptions]
+    return packed, [upright_frame(localizer, frame) for frame in completed.frames]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +59,8 @@ class CompletedReferences:
     """Reference frames that a localizer can use.
 
     Attributes:
-        descriptions: Their completed descriptions, without the rotations of the levelling.
-        frames: The frames, with the poses of their levelled panoramas.
+        descriptions: Their completed descriptions.
+        frames: The frames.
         left_out: The error of each frame that cannot be used, by id.
         notes: Remarks for the user.
     """
@@ -80,22 +81,24 @@ def complete_references(
         descriptions: One description for each frame.
         frames: The frames.
     """
-    upright = [upright_frame(localizer, frame) for frame in frames]
-    level = [split_level(description)[0] for description in descriptions]
-    completed = localizer.complete(level, upright)
-    changed = [number for number, one in enumerate(completed) if one is not level[number]]
-    before, after = (sum(localizer.count_objects(part[number]) for number in changed) for part in (level, completed))
+    level = [split_level(description) for description in descriptions]
+    before = [description for description, _ in level]
+    after = localizer.complete(before, [upright_frame(localizer, frame) for frame in frames])
+    changed = [number for number, description in enumerate(after) if description is not before[number]]
+    total, placed = (sum(localizer.count_objects(part[number]) for number in changed) for part in (before, after))
     notes = (
-        [
-            f"{before - after} of {before} objects in {len(changed)} reference frames without range are left out, "
-            "because no second panorama gives their position"
-        ]
-        if before > after
-        else []
+        f"{total - placed} of {total} objects in {len(changed)} reference frames without range are left out, because "
+        "no second panorama gives their position"
     )
     left_out: dict[str, DataError | InputMissing] = {}
-    for frame, description in zip(frames, completed, strict=True):
+    for frame, description in zip(frames, after, strict=True):
         if reason := localizer.unfit_for_map(description):
             left_out[frame.id] = InputMissing(f"{frame.id} cannot be a reference frame: {reason}")
     rows = [number for number, frame in enumerate(frames) if frame.id not in left_out]
-    return CompletedReferences([completed[n] for n in rows], [upright[n] for n in rows], left_out, notes)
+    tilted = {number: {R_LEVEL_PANO: rotation} for number, (_, rotation) in enumerate(level) if rotation is not None}
+    return CompletedReferences(
+        [{**after[row], **tilted[row]} if row in tilted else after[row] for row in rows],
+        [frames[row] for row in rows],
+        left_out,
+        [notes] if placed < total else [],
+    )
