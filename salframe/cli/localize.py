@@ -46,6 +46,9 @@ def localize(
     labels: Annotated[
         Path | None, typer.Option(metavar="FILE", help='Labels of the object ids, JSON such as {"1": "bed"}')
     ] = None,
+    trajectory: Annotated[
+        Path | None, typer.Option(metavar="FILE.tum", help="File to write the pose to, as a TUM trajectory")
+    ] = None,
     data_dir: DataDir = None,
     overrides: Set = None,
     as_json: Json = False,
@@ -55,12 +58,14 @@ def localize(
     Prints the places, best first, and the pose. The images are panoramas, or photographs of a camera with --fov or
     --camera. With --views, several images are one query, in the order in which they were taken, and the pose is that
     of the last one. If the file of --camera has the position of the camera on the robot, the pose is that of the
-    robot's base.
+    robot's base. With --trajectory, the pose is written at time 0; without a pose, the file has no line.
     """
     from salframe.cli.output import warn
     from salframe.cli.queries import QueryOptions
+    from salframe.framework.files.writing import write_text
     from salframe.localization.answer_json import answer_json
     from salframe.localization.map import open_map
+    from salframe.localization.trajectory import tum_lines
 
     query = QueryOptions(
         frames=frame or (),
@@ -80,6 +85,9 @@ def localize(
     saved_map = open_map(map)
     answer = saved_map.localize(views=query.read(), warn=warn)
     tell_choices(map)
+    if trajectory is not None:
+        pose = answer.T_world_query
+        write_text(trajectory, tum_lines([] if pose is None else [(0.0, pose)], [f"localize: {answer.summary}"]))
     if as_json:
         print_json(answer_json(answer))
     else:
