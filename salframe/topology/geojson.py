@@ -192,7 +192,7 @@ def _floor_features(floor: FloorMasks) -> Iterator[dict[str, Any]]:
 
 
 def mask_outlines(floor: FloorMasks, mask: np.ndarray) -> list[list[list[list[float]]]]:
-    """Return the polygons of a mask (rows, columns) of a floor in world coordinates: an outer ring and its holes each."""
+    """Return the polygons of a mask (rows, columns) in world coordinates: an outer ring and its holes each."""
     import cv2
 
     contours, hierarchy = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
