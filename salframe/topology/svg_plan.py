@@ -87,7 +87,8 @@ def _shapes(feature: dict[str, Any]) -> Iterator[str]:
     layer, coordinates = properties["layer"], geometry["coordinates"]
     if layer == "node":
         x, y = coordinates[:2]
-        yield f'<circle class="node" cx="{x:.3f}" cy="{-y:.3f}" r="0.08"><title>{escape(properties["id"])}</title></circle>'
+        title = f"<title>{escape(properties['id'])}</title>"
+        yield f'<circle class="node" cx="{x:.3f}" cy="{-y:.3f}" r="0.08">{title}</circle>'
     elif layer == "place":
         x, y = coordinates[:2]
         yield f'<text x="{x:.3f}" y="{-y:.3f}">{escape(properties["place"])}</text>'
