@@ -217,16 +217,10 @@ class _LabelRays:
         total = missed + np.where(used, gain, 0).sum(1)
         if self._size is not None:
             median, spread = self._size
-            mean_area = (
-                np.array(
-                    [
-                        np.nanmean(self._areas(p[None], rows[b_[u]][None]))
-                        for p, b_, u in zip(point, best, used, strict=True)
-                    ]
-                )
-                if len(point)
-                else np.zeros(0)
-            )
+            mean_area = np.full(len(point), np.nan)
+            for number in np.flatnonzero(used.any(1)).tolist():
+                members = rows[best[number][used[number]]]
+                mean_area[number] = self._areas(point[[number]], members[None]).mean()
             prior = np.log(AREA_SPAN_LOG / (np.sqrt(2 * np.pi) * spread)) - 0.5 * ((mean_area - median) / spread) ** 2
             total += np.nan_to_num(prior)
         keep = np.flatnonzero((total > MIN_LOG_RATIO) & (used.sum(1) >= 2))
