@@ -12,12 +12,14 @@ from salframe.framework.components.registry import registry
 from salframe.framework.components.slots import slot
 from salframe.graphs.detections import Detections
 from salframe.graphs.graph import REACH_M, GraphConfig, SaliencyGraph, build_graph
-from salframe.graphs.packing import graph_from_arrays, graph_to_arrays, pack_graph, unpack_graph
+from salframe.graphs.packing import BEARING_ARRAYS, graph_from_arrays, graph_to_arrays, pack_graph, unpack_graph
 from salframe.graphs.vocabulary import WRITTEN_LABELS, with_object_labels, written_labels
 from salframe.localization.detecting import DetectingLocalizer
 from salframe.localization.localizer import Description, LevelledConfig, range_slot
+from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.view import OdometryNoise
+from salframe_graphs.triangulated import place_objects
 from salframe_graphs.views import ViewObjects, join_objects
 
 
@@ -81,12 +83,29 @@ class GraphLocalizer(DetectingLocalizer):
         written = np.unique(np.concatenate([description[WRITTEN_LABELS] for description in descriptions]))
         return {**graph_to_arrays(joined), WRITTEN_LABELS: written}
 
+    def complete(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> Sequence[Description]:
+        """Triangulate the objects of frames without range from the bearings of several frames.
+
+        Objects without a position are left out. A frame none of whose objects has a position keeps its description.
+        """
+        graphs = [graph_from_arrays(description) for description in descriptions]
+        rows = [number for number, graph in enumerate(graphs) if graph.bearings_only]
+        completed = list(descriptions)
+        placed = place_objects([graphs[row] for row in rows], [frames[row] for row in rows])
+        for row, (objects, variance_m2) in zip(rows, placed, strict=True):
+            if len(objects):
+                graph = build_graph(objects, self._saliency.score(objects), self.config.graph, variance_m2)
+                kept = {name: value for name, value in descriptions[row].items() if name not in BEARING_ARRAYS}
+                completed[row] = {**kept, **graph_to_arrays(graph)}
+        return completed
+
     def unfit_for_map(self, description: Description) -> str | None:
         if not graph_from_arrays(description).bearings_only:
             return None
         return (
-            "it has no range; build the map from panoramas with range (only queries may lack it), "
-            "or use the method 'objects', which needs labels only"
+            "it has no range, and no other panorama of its place gives the position of one of its objects; take at "
+            "least 2 panoramas of each place, about 1 m apart, or add range, or use the method 'objects', which needs "
+            "labels only"
         )
 
     def pack(self, description: Description) -> Description:

@@ -27,6 +27,8 @@ class Sightings:
         range_m: (N,) horizontal distances from the camera.
         log_size: (N, 3) logarithms of length, width and height.
         log_saliency: (N,) logarithm of saliency relative to the panorama's average.
+        common_m2: (N,) variance of the part of the position error that all sightings of an object have in common,
+            because they were triangulated together; 0 where positions were measured.
     """
 
     frame: np.ndarray
@@ -35,6 +37,7 @@ class Sightings:
     range_m: np.ndarray
     log_size: np.ndarray
     log_saliency: np.ndarray
+    common_m2: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +71,7 @@ def merge_sightings(sightings: Sightings, variance_m2: np.ndarray) -> MergedSigh
 
     Args:
         sightings: N sightings.
-        variance_m2: (N,) variance of each sighting's position along each axis.
+        variance_m2: (N,) variance of each sighting's position along each axis, without the error in common.
     """
     count = len(sightings.labels)
     owner = np.full(count, -1)
@@ -98,14 +101,15 @@ def merge_sightings(sightings: Sightings, variance_m2: np.ndarray) -> MergedSigh
         weight[group] = total
     size = len(labels)
     num_sightings = np.bincount(owner, minlength=size).astype(np.float64)
-    log_size, log_saliency = np.zeros((size, 3)), np.zeros(size)
+    log_size, log_saliency, common_m2 = np.zeros((size, 3)), np.zeros(size), np.zeros(size)
     np.add.at(log_size, owner, sightings.log_size)
     np.add.at(log_saliency, owner, sightings.log_saliency)
+    np.add.at(common_m2, owner, sightings.common_m2)
     return MergedSightings(
         owner,
         tuple(labels),
         centre[:size],
-        1 / weight[:size],
+        1 / weight[:size] + common_m2 / num_sightings,
         log_size / num_sightings[:, None],
         log_saliency / num_sightings,
         num_sightings,
@@ -132,6 +136,7 @@ def sightings_of(number: int, graph: SaliencyGraph, T_common_pano: np.ndarray) -
         np.hypot(*graph.centroid_m[:, :2].T),
         np.log(graph.size_m),
         relative_log_saliency(graph),
+        graph.variance_m2,
     )
 
 

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 FRAME_SETTINGS = (
     "queries_per_room",
     "frames_per_room",
+    "frames_per_position",
+    "map_spacing_m",
+    "map_range",
     "query_shift_m",
     "query_yaw",
     "query_tilt_deg",
@@ -55,15 +58,14 @@ class House(RenderedDataset["HouseFrame"], NavigableDataset):
 
     @property
     def provides(self) -> frozenset[str]:
-        channels = {
-            "annotations",
-            *(["rgb"] if self.config.rgb else []),
-            *(["range"] if self.config.query_range else []),
-        }
-        return frozenset(channels)
+        return self._parts(self.config.query_range and self.config.map_range)
 
     def stored_parts(self, frame: HouseFrame) -> frozenset[str]:
-        return self.provides if frame.is_query else self.provides | {"range"}
+        return self._parts(self.config.query_range if frame.is_query else self.config.map_range)
+
+    def _parts(self, has_range: bool) -> frozenset[str]:
+        """Return the parts of panoramas with or without range."""
+        return frozenset({"annotations", *(["rgb"] if self.config.rgb else []), *(["range"] if has_range else [])})
 
     def list_frames(self) -> Sequence[HouseFrame]:
         from salframe_house.rendering import frames_of

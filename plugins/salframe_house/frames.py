@@ -30,6 +30,7 @@ MEAN_SHIFT_M = 0.70
 SHIFT_M = (0.3, 1.1)
 """Minimum and maximum of this distance, for a mean of `MEAN_SHIFT_M`."""
 _MEAN_TOLERANCE_M = 0.01
+_POSITION_STEP_M = 0.1  # grid spacing of candidate positions of reference frames
 _GRID_M = 0.05  # grid spacing of candidate query positions
 _MAP_CLEARANCE_M = 0.40
 _HEIGHT_JITTER_M = 0.03
@@ -99,6 +100,8 @@ def choose_frames(
     query_yaw: QueryYaw = "uniform",
     query_shift_m: float = MEAN_SHIFT_M,
     frames_per_room: int | None = None,
+    frames_per_position: int = 1,
+    spacing_m: float = 1.0,
 ) -> tuple[HouseFrame, ...]:
     """Choose the frames of a building.
 
@@ -117,6 +120,9 @@ def choose_frames(
             limits, as far as the size of the rooms allows.
         frames_per_room: Maximum number of reference frames in a room. Rooms that need more get this number of frames at
             new positions. The queries do not change.
+        frames_per_position: Maximum number of reference frames at each of the positions that cover a room. The queries
+            do not change.
+        spacing_m: Distance of neighbouring frames at a position.
     """
     rng = np.random.default_rng((building.seed, seed, 6))
     frames = []
@@ -129,7 +135,10 @@ def choose_frames(
         name = f"transition-{number:02d}"
         frames.append(_frame(name, "transition", name, door.centre_m, rng.uniform(-np.pi, np.pi), "day"))
     queries = _queries(frames, changed, rng, queries_per_room, query_yaw, query_shift_m)
-    return (*(frames if frames_per_room is None else _limit_frames(frames, building, frames_per_room)), *queries)
+    if frames_per_room is not None:
+        frames = _limit_frames(frames, building, frames_per_room)
+    yaws = np.random.default_rng((building.seed, seed, 8))
+    return (*frames, *_neighbours(frames, building, frames_per_position - 1, spacing_m, yaws), *queries)
 
 
 def _frame(
@@ -152,15 +161,46 @@ def _limit_frames(frames: list[HouseFrame], building: Building, max_frames: int)
     return limited
 
 
+def _neighbours(
+    frames: list[HouseFrame], building: Building, count: int, spacing_m: float, rng: np.random.Generator
+) -> list[HouseFrame]:
+    """Return up to `count` more frames near each scene frame, `spacing_m` from each other and from it.
+
+    A frame is left out where the room is too small, and where it would be nearer than half of the distance to another.
+    """
+    if not count:
+        return []
+    open_space = building.free_space(_MAP_CLEARANCE_M, _POSITION_STEP_M)
+    taken = {frame.place: [] for frame in frames}
+    for frame in frames:
+        taken[frame.place].append((frame.x_m, frame.y_m))
+    added = []
+    for frame in (frame for frame in frames if frame.role == "map"):
+        group = [(frame.x_m, frame.y_m)]
+        free = open_space[frame.place]
+        for number in range(count if len(free) else 0):
+            nearest_m = cdist(free, taken[frame.place]).min(1)
+            off_m = np.maximum(np.abs(nearest_m - spacing_m) - _POSITION_STEP_M / 2, 0)
+            # Among positions at the distance, the one nearest to the whole group: the group stays compact.
+            best = np.lexsort((cdist(free, group).mean(1), off_m))[0]
+            if nearest_m[best] < spacing_m / 2:
+                break
+            group.append(tuple(free[best]))
+            taken[frame.place].append(tuple(free[best]))
+            name = f"{frame.id}-{number + 1}"
+            added.append(_frame(name, "map", frame.place, free[best], rng.uniform(-np.pi, np.pi), "day"))
+    return added
+
+
 def _map_points(building: Building, max_points: float = np.inf) -> dict[str, np.ndarray]:
     """Choose positions that cover the free floor of each room: greedily, then each moved to the centre of its part.
 
     Returns:
         Room id -> (N, 2) positions, N at most `max_points`.
     """
-    open_space = building.free_space(_MAP_CLEARANCE_M, 0.1)
+    open_space = building.free_space(_MAP_CLEARANCE_M, _POSITION_STEP_M)
     positions = {}
-    for room, free in building.free_space(CLEARANCE_M, 0.1).items():
+    for room, free in building.free_space(CLEARANCE_M, _POSITION_STEP_M).items():
         distance = cdist(open_space[room] if len(open_space[room]) else free, free)
         centres = [int(distance.mean(1).argmin())]
         while distance[centres].min(0).max() > REACH_M and len(centres) < max_points:

@@ -61,6 +61,8 @@ def frames_of(config: HouseConfig) -> tuple[HouseFrame, ...]:
         config.query_yaw,
         config.query_shift_m,
         config.frames_per_room,
+        config.frames_per_position,
+        config.map_spacing_m,
     )
     frames = move_queries(frames, config.seed, config.query_tilt_deg, config.query_height_m)
     if config.lighting != "other":
@@ -131,7 +133,8 @@ def _render(config: HouseConfig, T_world_pano: np.ndarray, changed: bool, lighti
     else:
         rgb, (range_m, instance_id) = None, renderer.geometry(T_world_pano)
     annotations = Annotations(instance_id, labels, rendered=True)
-    return Panorama(id, rgb, _query_range(config, range_m, id) if changed else range_m, annotations=annotations)
+    shown_m = _query_range(config, range_m, id) if changed else range_m if config.map_range else None
+    return Panorama(id, rgb, shown_m, annotations=annotations)
 
 
 def _query_range(config: HouseConfig, range_m: np.ndarray, id: str) -> np.ndarray | None:

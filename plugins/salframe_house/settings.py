@@ -28,6 +28,20 @@ class HouseConfig(QueryView):
         description="maximum number of reference frames per room; the queries do not depend on it; null: as many "
         "as the room needs",
     )
+    frames_per_position: int = added(
+        1,
+        ge=1,
+        le=16,
+        description="number of reference frames at each of the positions that cover a room; most rooms have one "
+        "position. The queries do not depend on it",
+    )
+    map_spacing_m: float = added(
+        1.0,
+        gt=0,
+        le=3,
+        description="distance (m) of neighbouring reference frames at a position, as far as the room allows; without "
+        "effect if frames_per_position is 1",
+    )
     query_shift_m: float = added(
         0.7,
         ge=0,
@@ -89,7 +103,10 @@ class HouseConfig(QueryView):
         True, description="true: render colour, range and instances; false: only range and instances, 9 times faster"
     )
     query_range: bool = Field(
-        True, description="true: queries and reference frames have range; false: only the reference frames have range"
+        True, description="true: the queries have range; false: they have colour and annotations only"
+    )
+    map_range: bool = added(
+        True, description="true: the reference frames have range; false: they have colour and annotations only"
     )
     query_scale_share: float = Field(
         0.0,

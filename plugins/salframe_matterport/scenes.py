@@ -11,10 +11,10 @@ import numpy as np
 
 from salframe.framework.errors import DataError
 from salframe.framework.files.hashes import digest
+from salframe.graphs.triangulation import triangulate
 from salframe.panoramas.panorama import Annotations, ObjectBoxes
 from salframe_matterport.bearings import bearing, direction
 from salframe_matterport.readers import boxes_path, connectivity_path, read_boxes, read_connectivity
-from salframe_matterport.triangulation import triangulate
 
 
 @dataclass(frozen=True, eq=False)

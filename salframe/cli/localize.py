@@ -64,6 +64,9 @@ def localize(
             help="Maximum share of accepted out-of-map queries (conformal test)",
         ),
     ] = None,
+    trajectory: Annotated[
+        Path | None, typer.Option(metavar="FILE.tum", help="File to write the pose to, as a TUM trajectory")
+    ] = None,
     data_dir: DataDir = None,
     overrides: Set = None,
     as_json: Json = False,
@@ -73,12 +76,15 @@ def localize(
     Prints the places, best first, and the pose. If the answer is not accepted, also prints the turn whose view would
     help most. The images are panoramas, or photographs of a camera with --fov or --camera. With --views, several images
     are one query, in the order in which they were taken, and the pose is that of the last one. If the file of --camera
-    has the position of the camera on the robot, the pose is that of the robot's base.
+    has the position of the camera on the robot, the pose is that of the robot's base. With --trajectory, the pose is
+    written at time 0; without a pose, the file has no line.
     """
     from salframe.cli.output import warn
     from salframe.cli.queries import QueryOptions
+    from salframe.framework.files.writing import write_text
     from salframe.localization.answer_json import answer_json, next_view_json
     from salframe.localization.map import open_map
+    from salframe.localization.trajectory import tum_lines
 
     query = QueryOptions(
         frames=frame or (),
@@ -99,6 +105,9 @@ def localize(
     answer = saved_map.localize(views=query.read(), warn=warn)
     tell_choices(map)
     next_view = answer.next_view if answer.accepted is False else None
+    if trajectory is not None:
+        pose = answer.T_world_query
+        write_text(trajectory, tum_lines([] if pose is None else [(0.0, pose)], [f"localize: {answer.summary}"]))
     if as_json:
         print_json({**answer_json(answer), "next_view": next_view_json(next_view)})
         return

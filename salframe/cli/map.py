@@ -226,18 +226,25 @@ def query(
 def export(
     map: AnyMap,
     file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="File to write: FILE.graphml, FILE.geojson or FILE.parquet")
+        Path,
+        typer.Argument(metavar="FILE", help="FILE.json, FILE.geojson, FILE.yaml, FILE.svg, FILE.graphml, FILE.parquet"),
     ],
+    anchor: Annotated[
+        str | None,
+        typer.Option(metavar="LAT,LON,BEARING", help="Geographic origin of FILE.geojson and bearing of +y, degrees"),
+    ] = None,
 ) -> None:
     """Export a map for other programs.
 
-    GraphML and GeoJSON files hold the topology. The coordinates of GeoJSON are metres in the world frame of the map.
-    Parquet files hold the descriptions of the reference frames.
+    The suffix of FILE selects the format: places with their objects (json), a geographic map (geojson), free floor for
+    map_server of ROS (yaml and pgm), a floor plan (svg), the topology (graphml), or the descriptions of the reference
+    frames (parquet). Each file states its axes and units. Without --anchor, the coordinates of GeoJSON are metres.
     """
     from salframe.topology.export import export_map
+    from salframe.topology.geojson import GeoAnchor
 
-    export_map(map, file)
-    print(file)
+    for written in export_map(map, file, None if anchor is None else GeoAnchor.parse(anchor)):
+        print(written)
 
 
 def _print_change(map: Path, change: MapChange, as_json: bool) -> None:

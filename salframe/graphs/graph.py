@@ -21,6 +21,11 @@ REACH_M = 32.767
 farther away is an error of the range image rather than an object in the room."""
 
 
+_NODE_COLUMNS = (
+    *("scores", "saliency", "centroid_m", "size_m", "yaw_rad", "bearing", "solid_angle_sr", "origin_m", "variance_m2"),
+)
+
+
 @dataclass(frozen=True, eq=False)
 class SaliencyGraph:
     """A place as a 360-degree saliency graph (docs/explanation/method.md#from-panorama-to-graph): salient objects and
@@ -44,6 +49,8 @@ class SaliencyGraph:
             the node has a range.
         origin_m: (N, 3) float64, position of the camera that saw each node, in the panorama frame: 0 but for nodes
             without range in a graph of several views.
+        variance_m2: (N,) float64, variance of each node's position along each horizontal axis if it was triangulated
+            from several panoramas, which all have this error in common; 0 for a measured position.
         out_of_reach: Number of objects that were left out because they lie beyond REACH_M along an axis.
     """
 
@@ -57,6 +64,7 @@ class SaliencyGraph:
     bearing: np.ndarray = None  # type: ignore[assignment]  # set in __post_init__
     solid_angle_sr: np.ndarray = None  # type: ignore[assignment]
     origin_m: np.ndarray = None  # type: ignore[assignment]
+    variance_m2: np.ndarray = None  # type: ignore[assignment]
     out_of_reach: int = 0
 
     def __post_init__(self) -> None:
@@ -73,9 +81,12 @@ class SaliencyGraph:
             object.__setattr__(self, "solid_angle_sr", np.full(n, np.nan))
         if self.origin_m is None:
             object.__setattr__(self, "origin_m", np.zeros((n, 3)))
+        if self.variance_m2 is None:
+            object.__setattr__(self, "variance_m2", np.zeros(n))
         check_array(self, "bearing", np.float64, n, 3)
         check_array(self, "solid_angle_sr", np.float64, n)
         check_array(self, "origin_m", np.float64, n, 3)
+        check_array(self, "variance_m2", np.float64, n)
         edges = check_array(self, "edges", np.int64, None, 2)
         if len(edges) and not (edges[:, 0].min() >= 0 and (edges[:, 0] < edges[:, 1]).all() and edges[:, 1].max() < n):
             raise DataError(f"SaliencyGraph.edges must be pairs a < b of nodes below {n}, the number of nodes")
@@ -137,20 +148,18 @@ def with_range(graph: SaliencyGraph) -> SaliencyGraph:
     count = int(np.isfinite(graph.centroid_m).all(1).sum())
     if count == len(graph):
         return graph
-    names = ("scores", "saliency", "centroid_m", "size_m", "yaw_rad", "bearing", "solid_angle_sr", "origin_m")
-    return replace(graph, labels=graph.labels[:count], **{name: getattr(graph, name)[:count] for name in names})
+    return replace(graph, labels=graph.labels[:count], **{name: getattr(graph, name)[:count] for name in _NODE_COLUMNS})
 
 
 def concatenate_graphs(parts: Sequence[SaliencyGraph]) -> SaliencyGraph:
     """Return the nodes and edges of all parts, at least one, as one graph."""
     first = np.cumsum([0, *(len(part) for part in parts)])
     edges = [part.edges + offset for part, offset in zip(parts, first[:-1], strict=True)]
-    names = ("scores", "saliency", "centroid_m", "size_m", "yaw_rad", "bearing", "solid_angle_sr", "origin_m")
     return SaliencyGraph(
         tuple(label for part in parts for label in part.labels),
         edges=np.concatenate(edges),
         out_of_reach=sum(part.out_of_reach for part in parts),
-        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names},
+        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in _NODE_COLUMNS},
     )
 
 
@@ -176,7 +185,9 @@ class GraphConfig(Settings):
     )
 
 
-def build_graph(detections: Detections, saliency: np.ndarray, config: GraphConfig) -> SaliencyGraph:
+def build_graph(
+    detections: Detections, saliency: np.ndarray, config: GraphConfig, variance_m2: np.ndarray | None = None
+) -> SaliencyGraph:
     """Return the saliency graph of detections.
 
     Its nodes are the detections with known positions within REACH_M; where no position is known, the graph has bearings
@@ -186,6 +197,7 @@ def build_graph(detections: Detections, saliency: np.ndarray, config: GraphConfi
         detections: N detections.
         saliency: (N,), their saliency.
         config: Which detections become nodes, and how edges are computed.
+        variance_m2: (N,) as in SaliencyGraph; None: 0.
     """
     has_position = np.isfinite(detections.centroid_m).all(1)
     # Break ties by position: the order of the detections changes when the panorama is rotated.
@@ -207,6 +219,7 @@ def build_graph(detections: Detections, saliency: np.ndarray, config: GraphConfi
         np.zeros((0, 2), np.int64) if bearings_only else _edges(chosen, config),
         chosen.bearing if bearings_only else unit_vectors(chosen.centroid_m),
         chosen.solid_angle_sr if bearings_only else np.full(len(nodes), np.nan),
+        variance_m2=None if variance_m2 is None else variance_m2[nodes],  # type: ignore[arg-type]
         out_of_reach=int(far.sum()),
     )
 

@@ -19,6 +19,9 @@ GRAPH_ARRAYS = frozenset({"labels", "scores", "saliency", "centroid_m", "size_m"
 BEARING_ARRAYS = ("bearing", "solid_angle_sr", "origin_m")
 """Names of the arrays of graphs with nodes without range."""
 
+VARIANCE, DEVIATION = "variance_m2", "deviation_mm"
+"""Names of the arrays of graphs with triangulated nodes, exact and packed."""
+
 
 def graph_to_arrays(graph: SaliencyGraph) -> dict[str, np.ndarray]:
     """Return a graph as named arrays, without loss."""
@@ -26,6 +29,7 @@ def graph_to_arrays(graph: SaliencyGraph) -> dict[str, np.ndarray]:
     has_range = np.isfinite(graph.centroid_m).all()
     # With range, bearings are computed from the centroids.
     bearing = {} if has_range else {name: getattr(graph, name) for name in BEARING_ARRAYS}
+    variance = {VARIANCE: graph.variance_m2} if graph.variance_m2.any() else {}
     out_of_reach = {"out_of_reach": np.array(graph.out_of_reach)} if graph.out_of_reach else {}
     return {
         "labels": labels,
@@ -36,6 +40,7 @@ def graph_to_arrays(graph: SaliencyGraph) -> dict[str, np.ndarray]:
         "yaw_rad": graph.yaw_rad,
         "edges": graph.edges,
         **bearing,
+        **variance,
         **out_of_reach,
     }
 
@@ -43,7 +48,7 @@ def graph_to_arrays(graph: SaliencyGraph) -> dict[str, np.ndarray]:
 def graph_from_arrays(arrays: Mapping[str, np.ndarray]) -> SaliencyGraph:
     """Return the graph of arrays from `graph_to_arrays`."""
     fields = {name: arrays[name] for name in ("scores", "saliency", "centroid_m", "size_m", "yaw_rad", "edges")}
-    fields |= {name: arrays[name] for name in BEARING_ARRAYS if name in arrays}
+    fields |= {name: arrays[name] for name in (*BEARING_ARRAYS, VARIANCE) if name in arrays}
     out_of_reach = int(arrays.get("out_of_reach", 0))
     return SaliencyGraph(tuple(arrays["labels"].tolist()), **fields, out_of_reach=out_of_reach)
 
@@ -53,7 +58,8 @@ def pack_graph(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
     Returns:
         `labels`; `nodes` (N,): score in 1/255, yaw in pi/256, saliency in 1/65535, position and size in mm, a size from
-        1 to 65535; `edges`: a bit for each pair of nodes, row by row above the diagonal.
+        1 to 65535; `edges`: a bit for each pair of nodes, row by row above the diagonal. If nodes were triangulated,
+        `deviation_mm` (N,): standard deviation of the position along each horizontal axis.
 
     Raises:
         DataError: A position is unknown or beyond +-32.7 m.
@@ -69,14 +75,19 @@ def pack_graph(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     nodes["saliency"] = np.round(arrays["saliency"] * 65535)
     nodes["position_mm"] = np.round(centroid_m * 1000)
     nodes["size_mm"] = np.clip(np.round(arrays["size_m"] * 1000), 1, 65535)
-    return {"labels": arrays["labels"], "nodes": nodes, "edges": edge_bits(arrays["edges"], count)}
+    packed = {"labels": arrays["labels"], "nodes": nodes, "edges": edge_bits(arrays["edges"], count)}
+    if VARIANCE in arrays:
+        deviation_mm = np.round(np.sqrt(arrays[VARIANCE]) * 1000)
+        packed[DEVIATION] = np.minimum(deviation_mm, 65535).astype(np.uint16)
+    return packed
 
 
 def unpack_graph(packed: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Return the arrays of `graph_to_arrays`, rounded as in `pack_graph`."""
     pairs = _pairs(len(packed["nodes"]))
     edges = pairs[np.unpackbits(packed["edges"], count=len(pairs)).view(bool)]
-    return {"labels": packed["labels"], **unpack_nodes(packed["nodes"]), "edges": edges}
+    variance = {VARIANCE: (packed[DEVIATION] / 1000) ** 2} if DEVIATION in packed else {}
+    return {"labels": packed["labels"], **unpack_nodes(packed["nodes"]), "edges": edges, **variance}
 
 
 def unpack_nodes(nodes: np.ndarray) -> dict[str, np.ndarray]:

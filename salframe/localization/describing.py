@@ -104,18 +104,9 @@ def describe_frame(
             `content` of the frame, or by this key where the frame has no `content`.
 
     Raises:
-        InputMissing: The panorama lacks a part, or a ReferenceFrame cannot be a reference frame of this localizer.
+        InputMissing: The panorama lacks a part.
         DataError: The panorama cannot be read.
     """
-    description, seconds = _describe_cached(localizer, frame, cache, dataset)
-    if isinstance(frame, ReferenceFrame) and (reason := localizer.unfit_for_map(description)):
-        raise InputMissing(f"{frame.id} cannot be a reference frame: {reason}")
-    return description, seconds
-
-
-def _describe_cached(
-    localizer: Localizer, frame: ReferenceFrame | QueryFrame, cache: Cache | None, dataset: str
-) -> tuple[Description, float]:
     cache_key = {"dataset": frame.content or dataset, "frame": frame.id}
     if cache is not None:
         key = {**cache_key, **level_key(localizer, frame), "describe": localizer.describe_identity()}

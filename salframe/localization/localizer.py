@@ -179,6 +179,17 @@ class Localizer(Role):
         """Return the labels of a described query that are missing in the map; () for methods without labels."""
         return ()
 
+    def complete(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> Sequence[Description]:
+        """Return the descriptions of the reference frames of a map, completed by those of the other frames.
+
+        A localizer that locates objects by the bearings of several frames does it here. The default completes nothing.
+
+        Args:
+            descriptions: One description for each frame.
+            frames: The frames: id, place and pose.
+        """
+        return descriptions
+
     def unfit_for_map(self, description: Description) -> str | None:
         """Return the reason why a frame with this description cannot be a reference frame, and what to do; None if it
         can be one."""

@@ -36,6 +36,7 @@ from salframe.localization.described_query import DescribedQuery, DescribedView,
 from salframe.localization.describing import describe_ahead
 from salframe.localization.detecting import DetectingLocalizer
 from salframe.localization.fusing import FUSED, Fusion, choose_surest, fuse_answers
+from salframe.localization.left_out import check_left_out, left_out_note
 from salframe.localization.level_frames import as_it_stood, better_answer, level_motions, split_level, upright_frame
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map_files import METHOD, MapParts, find_not_finite, read_map, write_map
@@ -43,7 +44,7 @@ from salframe.localization.next_view import MAX_PLACES, ViewPredictor
 from salframe.localization.posterior import Posterior
 from salframe.localization.preparing import Tell, python_warning, silent
 from salframe.localization.query_input import query_frame
-from salframe.localization.references import describe_references
+from salframe.localization.references import complete_references, describe_references
 from salframe.panoramas.camera_height import LevelSurfaces
 from salframe.panoramas.data_checks import query_notes
 from salframe.panoramas.dataset import Dataset
@@ -134,11 +135,20 @@ class LocalizationMap:
         floors: Sequence[FloorMasks] = (),
         *,
         calibrate: bool = False,
+        tell: Tell = silent,
     ) -> LocalizationMap:
-        """Index described reference frames, packed and unpacked as in a saved map. `calibrate` is as in `build`."""
-        packed = [localizer.pack(split_level(description)[0]) for description in descriptions]
-        upright = [upright_frame(localizer, frame) for frame in frames]
+        """Index described reference frames, packed and unpacked as in a saved map.
+
+        `calibrate` is as in `build`. `tell` is called with notes on objects and frames that are left out. Raises
+        InputMissing as `build`.
+        """
+        completed = complete_references(localizer, descriptions, frames)
+        check_left_out(completed.left_out, len(frames))
+        packed = [localizer.pack(split_level(description)[0]) for description in completed.descriptions]
+        upright = [upright_frame(localizer, frame) for frame in completed.frames]
         built = cls(localizer, *in_canonical_order(packed, upright), floors)
+        for note in [*completed.notes, *filter(None, [left_out_note(completed.left_out)])]:
+            tell(note)
         built._index(calibrate and is_calibrated(localizer))
         return built
 

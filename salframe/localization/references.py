@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 from salframe.framework.errors import FRAME_ERRORS, DataError, InputMissing
 from salframe.framework.files.cache import Cache
 from salframe.localization.describing import describe_frame
 from salframe.localization.left_out import check_left_out, left_out_note
-from salframe.localization.level_frames import split_level, upright_frame
+from salframe.localization.level_frames import R_LEVEL_PANO, split_level, upright_frame
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.preparing import Tell
 from salframe.panoramas.frames import ReferenceFrame
@@ -28,7 +29,7 @@ def describe_references(
     """
     if not frames:
         raise DataError("a map needs at least one reference frame, received none")
-    packed, usable, notes = [], [], []
+    descriptions, described, notes = [], [], []
     left_out: dict[str, DataError | InputMissing] = {}
     for done, frame in enumerate(frames):
         if progress:
@@ -38,13 +39,66 @@ def describe_references(
         except FRAME_ERRORS as error:
             left_out[frame.id] = error
             continue
-        packed.append(localizer.pack(split_level(description)[0]))
-        usable.append(upright_frame(localizer, frame))
+        descriptions.append(description)
+        described.append(frame)
         if note := localizer.note(description):
             notes.append(f"{frame.id}: {note}")
     if progress:
         progress(len(frames), len(frames))
+    completed = complete_references(localizer, descriptions, described)
+    left_out |= completed.left_out
     check_left_out(left_out, len(frames))
-    for note in [*notes, *filter(None, [left_out_note(left_out)])]:
+    for note in [*notes, *completed.notes, *filter(None, [left_out_note(left_out)])]:
         tell(note)
-    return packed, usable
+    packed = [localizer.pack(split_level(description)[0]) for description in completed.descriptions]
+    return packed, [upright_frame(localizer, frame) for frame in completed.frames]
+
+
+@dataclass(frozen=True, eq=False)
+class CompletedReferences:
+    """Reference frames that a localizer can use.
+
+    Attributes:
+        descriptions: Their completed descriptions.
+        frames: The frames.
+        left_out: The error of each frame that cannot be used, by id.
+        notes: Remarks for the user.
+    """
+
+    descriptions: Sequence[Description]
+    frames: Sequence[ReferenceFrame]
+    left_out: Mapping[str, DataError | InputMissing]
+    notes: Sequence[str]
+
+
+def complete_references(
+    localizer: Localizer, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]
+) -> CompletedReferences:
+    """Complete the descriptions of reference frames by each other, and leave out those that cannot be in a map.
+
+    Args:
+        localizer: The localizer.
+        descriptions: One description for each frame.
+        frames: The frames.
+    """
+    level = [split_level(description) for description in descriptions]
+    before = [description for description, _ in level]
+    after = localizer.complete(before, [upright_frame(localizer, frame) for frame in frames])
+    changed = [number for number, description in enumerate(after) if description is not before[number]]
+    total, placed = (sum(localizer.count_objects(part[number]) for number in changed) for part in (before, after))
+    notes = (
+        f"{total - placed} of {total} objects in {len(changed)} reference frames without range are left out, because "
+        "no second panorama gives their position"
+    )
+    left_out: dict[str, DataError | InputMissing] = {}
+    for frame, description in zip(frames, after, strict=True):
+        if reason := localizer.unfit_for_map(description):
+            left_out[frame.id] = InputMissing(f"{frame.id} cannot be a reference frame: {reason}")
+    rows = [number for number, frame in enumerate(frames) if frame.id not in left_out]
+    tilted = {number: {R_LEVEL_PANO: rotation} for number, (_, rotation) in enumerate(level) if rotation is not None}
+    return CompletedReferences(
+        [{**after[row], **tilted[row]} if row in tilted else after[row] for row in rows],
+        [frames[row] for row in rows],
+        left_out,
+        [notes] if placed < total else [],
+    )

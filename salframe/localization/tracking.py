@@ -22,6 +22,7 @@ from salframe.localization.map import LocalizationMap
 from salframe.localization.place_lookup import PlaceLookup
 from salframe.localization.query_input import query_frame
 from salframe.localization.tracker import TrackedPose, Tracker, TrackStatus
+from salframe.localization.trajectory import tum_lines
 from salframe.panoramas.camera_sequence import CameraSequence, read_sequence
 from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.geometry import invert_pose, pose_yaw
@@ -174,15 +175,12 @@ class Track:
 
         It has the steps with the status `tracking`. A comment at the start has the number of steps that are left out.
         """
-        from scipy.spatial.transform import Rotation
-
-        lines = [f"# {self.name}: timestamp tx ty tz qx qy qz qw; {(~self.is_tracking).sum()} steps are not tracked"]
-        for t_s, step in zip(self.t_s, self.steps, strict=True):
-            if step.pose.status is TrackStatus.TRACKING and step.pose.T_world_pano is not None:
-                pose = step.pose.T_world_pano
-                numbers = [*pose[:3, 3], *Rotation.from_matrix(pose[:3, :3]).as_quat()]
-                lines.append(" ".join([f"{t_s:.6f}", *(f"{number:.6f}" for number in numbers)]))
-        return "\n".join(lines) + "\n"
+        poses = [
+            (float(t_s), step.pose.T_world_pano)
+            for t_s, step in zip(self.t_s, self.steps, strict=True)
+            if step.pose.status is TrackStatus.TRACKING and step.pose.T_world_pano is not None
+        ]
+        return tum_lines(poses, [f"{self.name}; {(~self.is_tracking).sum()} steps are not tracked"])
 
     def to_json(self) -> dict[str, Any]:
         """Return the track as JSON, with all steps."""

@@ -10,11 +10,11 @@ from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 
 from salframe.graphs.packing import GRAPH_ARRAYS, graph_from_arrays
-from salframe.serving.map_json import find_places
 from salframe.serving.problems import MEDIA_TYPE
 from salframe.serving.schemas import DetectionsObservation, DetectionsQuery, ProblemBody, RouteQuery
 from salframe.serving.served_map import ServedMap
 from salframe.serving.uploads import FILES, JSON, MULTIPART, ObservationFields, UploadFields
+from salframe.topology.geojson import find_places
 
 _SCHEMAS = "#/components/schemas/"
 _MODELS: tuple[type[BaseModel], ...] = (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import threading
 import time
@@ -17,10 +18,12 @@ from salframe.localization.map import LocalizationMap
 from salframe.localization.map_files import MAP, MapParts, read_map
 from salframe.localization.preparing import silent
 from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
-from salframe.serving.map_json import map_json
+from salframe.topology.geojson import map_geojson
 from salframe.topology.store import TOPOLOGY, read_topology
 from salframe.topology.topological_map import TopologicalMap
 
+MAX_PLACES_WITH_OBJECTS = 500
+"""Maximum number of places whose objects are listed in the GeoJSON of the map."""
 WARM_HEIGHT = 256
 """Height of the panorama that is localized before the service starts."""
 _log = logging.getLogger("salframe.serving")
@@ -64,7 +67,10 @@ class ServedMap:
     @cached_property
     def json(self) -> bytes:
         """The map as GeoJSON."""
-        return map_json(self.name, self.localization, self.topology)
+        collection = map_geojson(
+            self.name, self.localization, self.topology, max_places_with_objects=MAX_PLACES_WITH_OBJECTS
+        )
+        return json.dumps(collection, allow_nan=False, separators=(",", ":")).encode()
 
     def _warm(self) -> None:
         """Load what the first query needs: the detector with an image, and the matching with a reference frame."""

@@ -1,49 +1,101 @@
-"""Exports a map to other programs: its topology as GraphML or GeoJSON, its scenes as Parquet."""
+"""Exports a map to other programs, in the format that the suffix of the file names."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from salframe.framework.errors import ConfigError
+from salframe.framework.errors import ConfigError, DataError
 from salframe.framework.files.writing import atomic_path, write_text
 from salframe.localization.export import export_scenes
-from salframe.topology.store import open_topology
+from salframe.localization.map import LocalizationMap
+from salframe.localization.map_files import METHOD, MapParts, read_map
+from salframe.topology.geojson import GeoAnchor, map_geojson
+from salframe.topology.map_server import write_map_server
+from salframe.topology.places_json import write_places
+from salframe.topology.store import TOPOLOGY, open_topology, read_topology
+from salframe.topology.svg_plan import write_plan
 from salframe.topology.topological_map import TopologicalMap
 
-COORDINATES = (
-    "x, y, z in metres in the map's world frame, z up; "
-    "not longitude and latitude, although GeoJSON readers interpret them as WGS 84"
-)
-"""Coordinates of GeoJSON, stated in every file."""
 
+def export_map(directory: str | Path, path: str | Path, anchor: GeoAnchor | None = None) -> tuple[Path, ...]:
+    """Write a map for other programs, in the format of the file's suffix.
 
-def export_map(directory: str | Path, path: str | Path) -> None:
-    """Write the topology of a map as .graphml or .geojson, or its scenes as .parquet, by the file's suffix.
+    - .json: the places with their frames and objects, and a JSON schema beside it.
+    - .geojson: floors, places, objects, nodes and edges.
+    - .yaml: the free floor for map_server of ROS, with a PGM image per storey.
+    - .svg: a floor plan.
+    - .graphml: the topology.
+    - .parquet: the descriptions of the reference frames.
+
+    Args:
+        directory: The saved map.
+        path: The file.
+        anchor: Geographic anchor of a .geojson file; None: its coordinates are metres.
+
+    Returns:
+        The written files.
 
     Raises:
-        ConfigError: The file has another suffix.
+        ConfigError: The file has another suffix, or an anchor was passed for another format.
         DataError: The map has no such part.
     """
     directory, path = Path(directory), Path(path)
-    if path.suffix == ".parquet":
-        export_scenes(directory, path)
-    elif path.suffix in _WRITERS:
-        _WRITERS[path.suffix](open_topology(directory), path)
-    else:
-        suffixes = f"{', '.join(_WRITERS)} or .parquet"
-        raise ConfigError(f"received the file {path.name}, expected one that ends in {suffixes}")
+    if path.suffix not in _WRITERS:
+        *suffixes, last = _WRITERS
+        raise ConfigError(f"received the file {path.name}, expected one that ends in {', '.join(suffixes)} or {last}")
+    if anchor is not None and path.suffix != ".geojson":
+        raise ConfigError(f"received an anchor for the file {path.name}, expected a file that ends in .geojson")
+    if path.suffix == ".geojson":
+        return _write_geojson(directory, path, anchor)
+    return _WRITERS[path.suffix](directory, path)
 
 
-def _write_graphml(topology: TopologicalMap, path: Path) -> None:
+def _read_both(parts: MapParts) -> tuple[LocalizationMap | None, TopologicalMap | None]:
+    localization = LocalizationMap.read(parts, indexed=False) if parts.has(METHOD) else None
+    return localization, read_topology(parts) if parts.has(TOPOLOGY) else None
+
+
+def _write_geojson(directory: Path, path: Path, anchor: GeoAnchor | None = None) -> tuple[Path, ...]:
+    localization, topology = read_map(directory, _read_both)
+    collection = map_geojson(directory.name, localization, topology, anchor)
+    write_text(path, json.dumps(collection, indent=1, allow_nan=False) + "\n")
+    return (path,)
+
+
+def _write_json(directory: Path, path: Path) -> tuple[Path, ...]:
+    localization, _ = read_map(directory, _read_both)
+    if localization is None:
+        raise DataError(f"{directory} has no reference frames, expected a map with places")
+    return write_places(directory.name, localization, path)
+
+
+def _write_map_server(directory: Path, path: Path) -> tuple[Path, ...]:
+    return write_map_server(open_topology(directory).floors, path)
+
+
+def _write_svg(directory: Path, path: Path) -> tuple[Path, ...]:
+    localization, topology = read_map(directory, _read_both)
+    if topology is None:
+        raise DataError(f"{directory} has no topology, expected a map of data with floor masks")
+    write_plan(directory.name, localization, topology, path)
+    return (path,)
+
+
+def _write_parquet(directory: Path, path: Path) -> tuple[Path, ...]:
+    export_scenes(directory, path)
+    return (path,)
+
+
+def _write_graphml(directory: Path, path: Path) -> tuple[Path, ...]:
     """Write nodes with kind, x_m, y_m, z_m, regions and frames, and edges with length_m, azimuth_deg and path_m; lists
     are joined by ';'."""
     import networkx as nx
 
+    topology = open_topology(directory)
     graph = nx.MultiGraph(name="topological map")
     for node in topology.nodes:
         x, y, z = node.xyz_m
@@ -60,37 +112,14 @@ def _write_graphml(topology: TopologicalMap, path: Path) -> None:
         )
     with atomic_path(path) as temporary:
         nx.write_graphml(graph, temporary)
+    return (path,)
 
 
-def _write_geojson(topology: TopologicalMap, path: Path) -> None:
-    write_text(path, json.dumps(topology_geojson(topology), indent=1, allow_nan=False) + "\n")
-
-
-def topology_geojson(topology: TopologicalMap) -> dict[str, Any]:
-    """Return a point for each node and a line for each edge as GeoJSON.
-
-    GeoJSON coordinates are longitude and latitude; these are local metres, which is stated in the collection.
-    """
-    height = {node.id: node.xyz_m[2] for node in topology.nodes}
-    place = {node.id: node.xyz_m[:2] for node in topology.nodes}
-    features = [
-        geojson_feature("Point", node.xyz_m, id=node.id, kind=node.kind, regions=node.regions, frames=node.frames)
-        for node in topology.nodes
-    ]
-    for edge in topology.edges:
-        line = [(x, y, height[edge.start]) for x, y in edge.path_m or (place[edge.start], place[edge.end])]
-        azimuth_deg = float(np.degrees(edge.azimuth_rad))
-        features.append(
-            geojson_feature(
-                "LineString", line, start=edge.start, end=edge.end, length_m=edge.length_m, azimuth_deg=azimuth_deg
-            )
-        )
-    return {"type": "FeatureCollection", "properties": {"coordinates": COORDINATES}, "features": features}
-
-
-def geojson_feature(geometry: str, coordinates: Any, **properties: Any) -> dict[str, Any]:
-    """Return a GeoJSON feature of a geometry with coordinates in metres and properties."""
-    return {"type": "Feature", "geometry": {"type": geometry, "coordinates": coordinates}, "properties": properties}
-
-
-_WRITERS: dict[str, Callable[[TopologicalMap, Path], None]] = {".graphml": _write_graphml, ".geojson": _write_geojson}
+_WRITERS: dict[str, Callable[[Path, Path], tuple[Path, ...]]] = {
+    ".json": _write_json,
+    ".geojson": _write_geojson,
+    ".yaml": _write_map_server,
+    ".svg": _write_svg,
+    ".graphml": _write_graphml,
+    ".parquet": _write_parquet,
+}

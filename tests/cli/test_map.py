@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
+from xml.etree import ElementTree
 
+import jsonschema
 import networkx as nx
 import numpy as np
 import pyarrow.parquet as pq
@@ -157,7 +159,16 @@ def test_show_and_export(built, tmp_path):
     assert Image.open(tmp_path / "other.png").format == "PNG"
     assert run("map", "export", "map", "map.graphml").code == run("map", "export", "map", "map.geojson").code == 0
     assert len(nx.read_graphml(tmp_path / "map.graphml")) == 9
-    assert len(json.loads((tmp_path / "map.geojson").read_text())["features"]) == 9 + 14
+    features = json.loads((tmp_path / "map.geojson").read_text())["features"]
+    layers = [feature["properties"]["layer"] for feature in features]
+    assert (layers.count("node"), layers.count("edge"), layers.count("place")) == (9, 14, 5)
+    for name in ("map.json", "map.yaml", "map.svg"):
+        assert run("map", "export", "map", name).code == 0
+    places, schema = (json.loads((tmp_path / name).read_text()) for name in ("map.json", "map.schema.json"))
+    jsonschema.validate(places, schema)
+    assert len(places["places"]) == 5
+    assert ElementTree.parse(tmp_path / "map.svg").getroot().tag == "{http://www.w3.org/2000/svg}svg"
+    assert run("map", "export", "map", "map.svg", "--anchor", "52,13,0").code != 0
     assert run("map", "export", "map", "map.parquet").code == 0
     rows = pq.read_table(tmp_path / "map.parquet").to_pylist()
     assert [(row["frame"], row["place"], row["kind"]) for row in rows][1] == ("map-1", "room-1", "scene")

@@ -16,7 +16,7 @@ from salframe.framework.components.registry import registry
 from salframe.framework.files.columns import Columns
 from salframe.graphs.detections import Detections
 from salframe.graphs.graph import SaliencyGraph
-from salframe.graphs.packing import graph_from_arrays
+from salframe.graphs.packing import DEVIATION, graph_from_arrays
 from salframe.graphs.scene_index import SceneIndex
 from salframe.graphs.table import MappedGraphs
 from salframe.graphs.vocabulary import unknown_labels
@@ -187,8 +187,8 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
     def open_index(self, folder: Path, packed: Columns, frames: SavedFrames) -> None:
         self._matching.open_index(folder, MappedGraphs(packed), frames)
         regions = Regions(self.floors) if self.floors else None
-        height_mm = packed.columns.get(PACKED_HEIGHT)
-        self._map = MapPlaces.read(folder, height_mm, len(packed), frames.poses(), regions)
+        optional = (packed.columns.get(name) for name in (PACKED_HEIGHT, DEVIATION))
+        self._map = MapPlaces.read(folder, *optional, len(packed), frames.poses(), regions)
         self._evidence.open_index(packed, self._map, self._matching)
         self._windows = self._map.windows(self.config.distant_views.window_m)
         self._scenes = self._new_scene_index()

@@ -71,7 +71,9 @@ class MapPlaces:
         cameras_m = [T_world_pano[list(place.frames), :, 3] for place in places]
         shown = ShownPlaces.of(places)
         camera_height_m = place_heights(shown, heights_m, T_world_pano[:, 2, 3])
-        index = index_places(places, cameras_m, rates, likelihood, camera_height_m)
+        triangulated = np.array([graph.variance_m2.any() for graph in graphs])
+        has_boxes = _of_places(shown, ~triangulated)
+        index = index_places(places, cameras_m, rates, likelihood, camera_height_m, has_boxes)
         return cls(shown, index, T_world_pano, regions)
 
     def write(self, folder: Path) -> None:
@@ -89,6 +91,7 @@ class MapPlaces:
         cls,
         folder: Path,
         height_mm: PackedColumn | None,
+        deviation_mm: PackedColumn | None,
         num_frames: int,
         T_world_pano: np.ndarray,
         regions: Regions | None,
@@ -98,6 +101,7 @@ class MapPlaces:
         Args:
             folder: The folder of `write`.
             height_mm: The packed heights of the frames' cameras; None if no frame has one.
+            deviation_mm: The packed deviations of triangulated objects; None if no frame has one.
             num_frames: Number of reference frames, S.
             T_world_pano: (S, 3, 4) poses of the frames.
             regions: The floor area of each place, or None.
@@ -109,7 +113,11 @@ class MapPlaces:
         if height_mm is not None:
             height_m[np.diff(height_mm.start) > 0] = height_mm.values / 1000
         camera_height_m = place_heights(shown, height_m, T_world_pano[:, 2, 3])
-        index = read_places(columns, T_world_pano[shown.padded, :2, 3], camera_height_m)
+        measured = np.ones(num_frames, bool)
+        if deviation_mm is not None:
+            measured = np.diff(deviation_mm.start) == 0
+        cameras_m = T_world_pano[shown.padded, :2, 3]
+        index = read_places(columns, cameras_m, camera_height_m, _of_places(shown, measured))
         return cls(shown, index, T_world_pano, regions)
 
     def __len__(self) -> int:
@@ -179,6 +187,11 @@ class MapPlaces:
         near_m = np.append(poses.shift_m, [[np.nan, np.nan]], 0)[row]
         nearest: list[int] = self.shown.nearest(names, self._frames_m[:, :2], near_m).tolist()
         return nearest
+
+
+def _of_places(shown: ShownPlaces, of_frames: np.ndarray) -> np.ndarray:
+    """Return whether a statement (S,) is true of all scene frames of each place, (K,) bool."""
+    return np.array([of_frames[frames].all() for frames in np.split(shown.frame, shown.start[1:-1])], bool)
 
 
 def _places_at(regions: Regions, xy_m: np.ndarray, frame: ReferenceFrame) -> list[str | None]:

@@ -45,6 +45,8 @@ class PlaceIndex:
         detection_logit: (M,) logit of the probability of detection from a distance of 2 m.
         cameras_m: (K, F, 2) positions of the scene frames; the last one is repeated.
         camera_height_m: (K,) height above the floor of the camera that `z_m` refers to; NaN where it is unknown.
+        has_boxes: (K,) bool, whether `log_size` holds the sides of boxes. Otherwise the objects were triangulated, and
+            `log_size` holds the sides of cubes with the same projected area.
     """
 
     vocabulary: dict[str, int]
@@ -59,6 +61,7 @@ class PlaceIndex:
     detection_logit: np.ndarray
     cameras_m: np.ndarray
     camera_height_m: np.ndarray
+    has_boxes: np.ndarray
 
     def __len__(self) -> int:
         return len(self.count)
@@ -91,14 +94,16 @@ class PlaceIndex:
         return np.nan_to_num(self.camera_height_m - camera_height_m)
 
     def appearance(self, camera_height_m: float) -> np.ndarray:
-        """Return z, log length, log box height, their squares, and ones, (7, M) float64; for `PlaceLikelihood`.
+        """Return z, log length, log box height, their squares, ones, and whether the box is known, (8, M) float64; for
+        `PlaceLikelihood`. The sizes of unknown boxes are 0.
 
         z is relative to a camera at `camera_height_m` above the floor. If this height or the camera height of a place
         is unknown (NaN), the two heights are assumed to be equal.
         """
         height_m = self.z_m + self.segments.spread(self.raised_m(camera_height_m))
-        values = np.stack([height_m, self.log_size[:, 0], self.log_size[:, 2]])
-        return np.concatenate([values, values**2, np.ones((1, values.shape[1]))])
+        has_box = self.segments.spread(self.has_boxes).astype(np.float64)
+        values = np.stack([height_m, self.log_size[:, 0] * has_box, self.log_size[:, 2] * has_box])
+        return np.concatenate([values, values**2, np.ones((1, values.shape[1])), has_box[None]])
 
     def take(self, places: np.ndarray) -> PlaceIndex:
         """Return the index of a subset of places (C,), ascending, with the same vocabulary and frequencies."""
@@ -107,7 +112,9 @@ class PlaceIndex:
         objects = ranges(self.segments.start[places], self.count[places])
         of_objects = ("label", "xy_m", "z_m", "variance_m2", "log_size", "detection_logit")
         columns = {name: getattr(self, name)[objects] for name in of_objects}
-        of_places = {name: getattr(self, name)[places] for name in ("count", "cameras_m", "camera_height_m")}
+        of_places = {
+            name: getattr(self, name)[places] for name in ("count", "cameras_m", "camera_height_m", "has_boxes")
+        }
         return replace(self, **of_places, **columns)
 
 
@@ -117,6 +124,7 @@ def index_places(
     rates: Rates,
     likelihood: Likelihood,
     camera_height_m: np.ndarray | None = None,
+    has_boxes: np.ndarray | None = None,
 ) -> PlaceIndex:
     """Return the index of places.
 
@@ -126,6 +134,7 @@ def index_places(
         rates: Error rates of the detector.
         likelihood: Constants of the likelihood.
         camera_height_m: (K,) as in PlaceIndex; None: unknown.
+        has_boxes: (K,) as in PlaceIndex; None: all.
     """
     names = sorted({label for place in places for label in place.labels})
     number = {label: i for i, label in enumerate(names)}
@@ -151,6 +160,7 @@ def index_places(
         },
         cameras,
         np.full(len(places), np.nan) if camera_height_m is None else camera_height_m,
+        np.ones(len(places), bool) if has_boxes is None else has_boxes,
     )
 
 
@@ -167,16 +177,19 @@ def place_rows(index: PlaceIndex) -> Iterator[Row]:
         }
 
 
-def read_places(columns: Mapping[str, PackedColumn], cameras_m: np.ndarray, camera_height_m: np.ndarray) -> PlaceIndex:
-    """Return the index of places from the columns PLACE_COLUMNS; cameras_m (K, F, 2) and camera_height_m (K,) as in
-    PlaceIndex."""
+def read_places(
+    columns: Mapping[str, PackedColumn], cameras_m: np.ndarray, camera_height_m: np.ndarray, has_boxes: np.ndarray
+) -> PlaceIndex:
+    """Return the index of places from the columns PLACE_COLUMNS; the other arguments are as in PlaceIndex."""
     labels = columns["labels"]
     values = {
         name: columns[name].values.reshape(-1, *kind.shape[1:])
         for name, kind in PLACE_COLUMNS.items()
         if name != "labels"
     }
-    return _index(labels.words or (), np.diff(labels.start), labels.values, values, cameras_m, camera_height_m)
+    return _index(
+        labels.words or (), np.diff(labels.start), labels.values, values, cameras_m, camera_height_m, has_boxes
+    )
 
 
 def _index(
@@ -186,6 +199,7 @@ def _index(
     values: Mapping[str, np.ndarray],
     cameras_m: np.ndarray,
     camera_height_m: np.ndarray,
+    has_boxes: np.ndarray,
 ) -> PlaceIndex:
     """Return the index of places with `count` (K,) objects; label (M,) contains positions in `names`."""
     number = np.bincount(label, minlength=len(names) + 1) + 0.5
@@ -202,4 +216,5 @@ def _index(
         values["detection_logit"],
         cameras_m,
         camera_height_m,
+        has_boxes,
     )

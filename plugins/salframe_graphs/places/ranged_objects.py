@@ -62,7 +62,7 @@ class RangedObjects(ObservedObjects):
 
         A query object that is real with probability s (the score) contributes 1 + s x ratio. The normal densities of
         height, log length and log box height are quadratic forms of the map object's values, so one matrix product
-        evaluates all of them.
+        evaluates all of them. Unknown boxes of the map say nothing about the size.
         """
         rates, likelihood = self._rates, self._likelihood
         log_size = np.log(query.size_m)
@@ -71,9 +71,11 @@ class RangedObjects(ObservedObjects):
         variance[:, 0] = 2 * (rates.height_error_m**2 + (rates.range_error_share * appearance[:, 0]) ** 2)
         variance[:, 1:] = 2 * rates.length_error_log**2, 2 * rates.box_height_error_log**2
         span = np.array([likelihood.height_span_m, likelihood.size_span_log, likelihood.size_span_log])
-        constant = (np.log(span) - 0.5 * (appearance**2 / variance + np.log(2 * np.pi * variance))).sum(1)
-        constant += np.log(np.maximum(query.scores, MIN_SCORE))
-        log_ratio_sum = np.concatenate([appearance / variance, -0.5 / variance, constant[:, None]], 1) @ map_appearance
+        constants = np.log(span) - 0.5 * (appearance**2 / variance + np.log(2 * np.pi * variance))
+        constant = constants[:, 0] + np.log(np.maximum(query.scores, MIN_SCORE))
+        of_size = constants[:, 1:].sum(1)
+        factors = [appearance / variance, -0.5 / variance, constant[:, None], of_size[:, None]]
+        log_ratio_sum = np.concatenate(factors, 1) @ map_appearance
         log_ratio_sum += label_ratio(query.label, self.same_label, self._index, rates)
         return np.maximum(log_ratio_sum, -MAX_LOG_RATIO).astype(np.float32)
 

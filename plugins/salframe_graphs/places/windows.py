@@ -91,6 +91,7 @@ class Windows:
             np.hypot(offset_m[..., 0], offset_m[..., 1]).min(1),
             index.log_size[rows],
             np.zeros(len(rows)),
+            np.zeros(len(rows)),
         )
         merged = merge_sightings(sightings, index.variance_m2[rows].astype(np.float64))
         label = np.zeros(len(merged.centroid_m), np.int64)

@@ -7,7 +7,8 @@ from typing import Any
 from salframe.framework.component import Component, components_in, nested_components
 from salframe.framework.components.auto import needs_of, why_unfit
 from salframe.framework.components.registry import registry
-from salframe.framework.errors import InputMissing
+from salframe.framework.errors import FRAME_ERRORS, InputMissing
+from salframe.graphs.annotated import has_points
 from salframe.graphs.detector import Detector
 from salframe.localization.describing import estimates_range, required_parts
 from salframe.localization.localizer import Localizer
@@ -18,6 +19,8 @@ ORDER = ("annotations", "rgb", "range")
 """Order in which the parts of panoramas are listed."""
 ESTIMATED_RANGE = "estimated range"
 """Input of a method whose range model estimates the range that a dataset lacks."""
+TRIANGULATED = "range: triangulated"
+"""Input of a method that triangulates the objects of reference frames without range."""
 
 
 def parts_needed(method: Any, dataset: Dataset) -> frozenset[str]:
@@ -29,7 +32,7 @@ def input_parts(method: Component, dataset: Dataset) -> tuple[str, ...]:
     """Return the parts of a data set's panoramas that a method receives as input.
 
     These are the parts that it needs or uses, and the noise that a detector adds. If its range model estimates the
-    range, ESTIMATED_RANGE is among them.
+    range, ESTIMATED_RANGE is among them. If it triangulates the objects of reference frames, TRIANGULATED is.
     """
     used = method.uses & dataset.provides if isinstance(method, Localizer) else frozenset[str]()
     parts = sorted(parts_needed(method, dataset) | used, key=ORDER.index)
@@ -38,7 +41,21 @@ def input_parts(method: Component, dataset: Dataset) -> tuple[str, ...]:
             noise = inner.component.noise_in(inner, dataset.rendered)
             parts = [f"{part} + {noise} noise" if noise and part in inner.component.needs else part for part in parts]
     estimates = isinstance(method, Localizer) and estimates_range(method, dataset.provides)
-    return (*parts, *([ESTIMATED_RANGE] if estimates else []))
+    derived = [ESTIMATED_RANGE] if estimates else [TRIANGULATED] if triangulates_range(method, dataset) else []
+    return (*parts, *derived)
+
+
+def triangulates_range(method: Component, dataset: Dataset) -> bool:
+    """Return whether a method triangulates the objects of the reference frames, because they have no range."""
+    if not isinstance(method, Localizer) or type(method).complete is Localizer.complete:
+        return False
+    if "range" in dataset.provides or estimates_range(method, dataset.provides):
+        return False
+    frame = next((frame for fold in dataset.folds() for frame in fold.references), None)
+    try:
+        return frame is not None and not has_points(frame.load())
+    except FRAME_ERRORS:
+        return False
 
 
 def check_needs(method: Component, dataset: Dataset) -> None:

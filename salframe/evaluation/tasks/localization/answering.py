@@ -59,6 +59,7 @@ class Answering(Worker[Query]):
         self._descriptions = _Descriptions(localizer, dataset.content_key, frames, folder / DESCRIPTIONS)
         self._measured = {row.fold for row in read_rows(folder / MAPS, MapLine)}
         self._maps = RowWriter(folder / MAPS)
+        self._completed: dict[str, str] = {}
         self._left_out: dict[str, DataError | InputMissing] = {}
         self._unusable: list[str] = []
 
@@ -111,7 +112,14 @@ class Answering(Worker[Query]):
                 frames.append(frame)
         check_left_out(left_out, len(fold.references))
         self._left_out |= left_out
-        indexed = LocalizationMap.from_descriptions(self._localizer, descriptions, frames, self._floors, calibrate=True)
+        indexed = LocalizationMap.from_descriptions(
+            self._localizer,
+            descriptions,
+            frames,
+            self._floors,
+            calibrate=True,
+            tell=lambda note: self._completed.update({fold.id: note}),
+        )
         self._places = {frame.id: frame.place for frame in frames}
         if fold.id not in self._measured:
             self._measured.add(fold.id)
@@ -125,6 +133,7 @@ class Answering(Worker[Query]):
     @property
     def warning(self) -> str | None:
         problems = {
+            "map(s) with objects without position": list(self._completed.values()),
             "query frame(s) that cannot be used": self._unusable,
             "queries of several views answered view by view": self._fused,
             "frame(s) partly described": list(self._descriptions.notes.values()),

@@ -30,6 +30,7 @@ from salframe.localization.evidence import Evidence
 from salframe.localization.level_frames import correspond
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map import LocalizationMap
+from salframe.localization.references import complete_references
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.frames import Fold, QueryFrame, ReferenceFrame, Truth
 from salframe.panoramas.opening import Progress
@@ -134,11 +135,15 @@ class _Method:
             except FRAME_ERRORS:
                 continue
             usable[frame.id] = frame
-        self._frames = usable
-        if self._weights and usable:
-            descriptions = [self._descriptions[id] for id in usable]
-            frames, floors = list(usable.values()), self._dataset.floors()
-            self._localizer = LocalizationMap.from_descriptions(self._localizer, descriptions, frames, floors).localizer
+        described = [self._descriptions[id] for id in usable]
+        references = complete_references(self._localizer, described, list(usable.values()))
+        self._frames = {frame.id: frame for frame in references.frames}
+        self._descriptions.update(zip(self._frames, references.descriptions, strict=True))
+        if self._weights and self._frames:
+            floors = self._dataset.floors()
+            self._localizer = LocalizationMap.from_descriptions(
+                self._localizer, references.descriptions, references.frames, floors
+            ).localizer
 
     def look(self, query: Json, frame: QueryFrame, row: AnswerRow | None, truth: Truth, correct: bool) -> Json:
         """Return the details of an answer.

@@ -39,6 +39,7 @@ from salframe.graphs.table import MappedGraphs, write_graphs
 from salframe.localization.describing import describe_frame
 from salframe.localization.localizer import Localizer
 from salframe.localization.map_files import INDEX, SCENES, MapParts, read_map, write_map
+from salframe.localization.references import complete_references
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.frames import FrameKind, ReferenceFrame
 from salframe.panoramas.geometry import pose_2d
@@ -232,8 +233,9 @@ def rooms_of(method: Localizer, dataset: Dataset) -> tuple[SaliencyGraph, ...]:
     """
     cache = Cache()
     frames = {frame.id: frame for fold in dataset.folds() for frame in fold.references if frame.kind is FrameKind.SCENE}
-    described = (describe_frame(method, frame, cache, dataset.content_key)[0] for frame in frames.values())
-    rooms = tuple(graph for one in described if len(graph := graph_from_arrays(one)) >= MIN_OBJECTS)
+    described = [describe_frame(method, frame, cache, dataset.content_key)[0] for frame in frames.values()]
+    completed = complete_references(method, described, list(frames.values())).descriptions
+    rooms = tuple(graph for one in completed if len(graph := graph_from_arrays(one)) >= MIN_OBJECTS)
     if not rooms:
         raise DataError(
             f"the dataset {dataset.name} has no scene frame with {MIN_OBJECTS} objects, expected at least one"

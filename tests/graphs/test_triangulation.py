@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
-from salframe_matterport.triangulation import triangulate
+
+from salframe.graphs.triangulation import triangulate
 
 
 def rays_to(points_m, origins_m):

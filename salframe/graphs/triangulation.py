@@ -16,10 +16,7 @@ RANGE_FLOOR_M = 0.3
 
 
 def triangulate(origin_m: np.ndarray, direction: np.ndarray, target: np.ndarray, targets: int) -> np.ndarray:
-    """Return the position of each target that is nearest to all its rays.
-
-    Minimises the sum of angles between rays and position (iteratively reweighted least squares), so that one wrong
-    bearing among several has little influence.
+    """Return the position of each target that is nearest to all its rays, where it is plausible.
 
     Args:
         origin_m: Ray origins (N, 3) in metres.
@@ -30,6 +27,23 @@ def triangulate(origin_m: np.ndarray, direction: np.ndarray, target: np.ndarray,
     Returns:
         Positions (targets, 3) in metres. NaN for a target with only one ray, or whose position is behind one of its
         viewpoints or farther than MAX_RANGE_M from one.
+    """
+    position = meeting_points(origin_m, direction, target, targets)
+    offset = position[target] - origin_m
+    with np.errstate(invalid="ignore"):
+        unsound = (np.einsum("ni,ni->n", offset, direction) <= 0) | (np.linalg.norm(offset, axis=1) > MAX_RANGE_M)
+    position[target[unsound]] = np.nan
+    return position
+
+
+def meeting_points(origin_m: np.ndarray, direction: np.ndarray, target: np.ndarray, targets: int) -> np.ndarray:
+    """Return the position of each target that is nearest to all its rays.
+
+    Minimises the sum of angles between rays and position (iteratively reweighted least squares), so that one wrong
+    bearing among several has little influence. Arguments are those of `triangulate`.
+
+    Returns:
+        Positions (targets, 3) in metres. NaN for a target with only one ray.
     """
     several = np.bincount(target, minlength=targets) > 1
     used = several[target]
@@ -49,6 +63,22 @@ def triangulate(origin_m: np.ndarray, direction: np.ndarray, target: np.ndarray,
         angle = np.arccos(np.clip(along / np.maximum(range_m, RANGE_FLOOR_M), -1, 1))
         # The squared distance from a ray is squared range times squared angle; these weights reduce it to the angle.
         weights = 1 / (np.maximum(angle, ANGLE_FLOOR_RAD) * np.maximum(range_m, RANGE_FLOOR_M) ** 2)
-    unsound = (along <= 0) | (range_m > MAX_RANGE_M)
-    position[target[unsound]] = np.nan
     return position
+
+
+def position_covariance(origin_m: np.ndarray, position_m: np.ndarray, error_rad: np.ndarray) -> np.ndarray:
+    """Return the covariance (3, 3) of a position in m^2 that was triangulated from at least two rays.
+
+    A ray with an angular error s at range r contributes the information (I - d d^T) / (s r)^2, where d is its
+    direction (first-order propagation of the errors of bearings).
+
+    Args:
+        origin_m: Ray origins (N, 3) in metres.
+        position_m: The position (3,).
+        error_rad: Standard deviations (N,) of each component of the bearings, in radians.
+    """
+    offset = position_m - origin_m
+    range_m = np.maximum(np.linalg.norm(offset, axis=1), RANGE_FLOOR_M)
+    direction = offset / range_m[:, None]
+    across = np.eye(3) - direction[:, :, None] * direction[:, None, :]
+    return np.linalg.inv((across / (error_rad * range_m)[:, None, None] ** 2).sum(0))  # type: ignore[no-any-return]

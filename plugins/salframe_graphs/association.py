@@ -1,0 +1,260 @@
+"""Objects of panoramas without range: which bearings belong to one object, and where it is
+(docs/explanation/method.md#maps-without-range)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.distance import cdist
+
+from salframe.graphs.triangulation import MAX_RANGE_M, meeting_points, position_covariance
+
+BEARING_ERROR_RAD = 0.016
+"""Standard deviation of each component of a bearing."""
+CENTRE_ERROR_M = 0.05
+"""Standard deviation of the visible centre of an object across the bearing, for an object without extent."""
+SIDE_ERROR_SHARE = 0.09
+"""Standard deviation of the visible centre relative to the side of the object, because the visible part changes with
+the viewpoint."""
+SIZE_ERROR_LOG = 0.6
+"""Standard deviation of ln(projected area) of one object between panoramas, which see it from other sides."""
+MAX_SIGMAS = 3.5
+"""Maximum deviation of a bearing from an object, in standard deviations."""
+MIN_PARALLAX_RAD = np.radians(4.0)
+"""Minimum angle between two bearings that give a hypothesis. With less, the range is unknown."""
+DETECTION = 0.6
+"""Probability that a panorama of the same place detects an object within MAX_RANGE_M; doors, walls and furniture hide
+others."""
+CLUTTER_SR = 7.5
+"""Solid angle over which the bearings of objects spread, as in the likelihood of queries without range."""
+MIN_LOG_RATIO = 0.0
+"""Minimum log likelihood ratio of an object against unrelated bearings."""
+SIZE_PRIOR_COUNT = 3
+"""Minimum number of triangulated objects with a label that give the size prior of this label."""
+MIN_SIZE_SPREAD_LOG = 0.35
+"""Lower bound of the standard deviation of ln(projected area) of a label."""
+AREA_SPAN_LOG = 7.0
+"""Interval of ln(projected area) over which the areas of wrong hypotheses spread."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rays:
+    """N bearings of objects from panoramas with known poses, in the world.
+
+    Attributes:
+        frame: (N,) int64, number of the panorama.
+        group: (F,) int64, number of the place of each panorama, -1 for a panorama that shows several places.
+        label: (N,) labels.
+        origin_m: (N, 3) positions of the cameras.
+        direction: (N, 3) unit vectors.
+        solid_angle_sr: (N,) solid angles, NaN where unknown.
+    """
+
+    frame: np.ndarray
+    group: np.ndarray
+    label: np.ndarray
+    origin_m: np.ndarray
+    direction: np.ndarray
+    solid_angle_sr: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class TriangulatedObjects:
+    """M objects of N rays.
+
+    Attributes:
+        owner: (N,) int64 index of the object of each ray; -1: none.
+        position_m: (M, 3) positions in the world.
+        covariance_m2: (M, 3, 3) covariances of the positions.
+        log_area: (M,) ln of the projected area (m^2), NaN where no solid angle is known.
+    """
+
+    owner: np.ndarray
+    position_m: np.ndarray
+    covariance_m2: np.ndarray
+    log_area: np.ndarray
+
+
+def triangulate_objects(rays: Rays) -> TriangulatedObjects:
+    """Associate bearings with objects, and triangulate the objects.
+
+    Two bearings with the same label from panoramas of one place give a hypothesis: the point where they meet. Its log
+    likelihood ratio is the sum over the panoramas of the place: of the nearest bearing with the label, against
+    unrelated bearings, or of a missed detection. The best hypothesis becomes an object and takes its bearings; this is
+    repeated for the rest. Objects found in a first pass give the size of each label, which the second pass uses.
+
+    Args:
+        rays: The bearings.
+    """
+    first = _associate(rays, {})
+    return _associate(rays, _label_sizes(rays, first))
+
+
+def _label_sizes(rays: Rays, objects: TriangulatedObjects) -> dict[str, tuple[float, float]]:
+    """Return the median and the spread of ln(area) of the objects of each label that has enough of them."""
+    labels = np.empty(len(objects.position_m), object)
+    labels[objects.owner[objects.owner >= 0]] = rays.label[objects.owner >= 0]
+    sizes = {}
+    for label in sorted(set(labels.tolist())):
+        area = objects.log_area[(labels == label) & np.isfinite(objects.log_area)]
+        if len(area) >= SIZE_PRIOR_COUNT:
+            median = float(np.median(area))
+            spread = 1.4826 * float(np.median(np.abs(area - median)))
+            sizes[label] = median, max(spread, MIN_SIZE_SPREAD_LOG)
+    return sizes
+
+
+def _associate(rays: Rays, sizes: dict[str, tuple[float, float]]) -> TriangulatedObjects:
+    owner = np.full(len(rays.frame), -1)
+    position, covariance, area = [np.zeros((0, 3))], [np.zeros((0, 3, 3))], [np.zeros(0)]
+    count = 0
+    for label in sorted(set(rays.label.tolist())):
+        rows = np.flatnonzero(rays.label == label)
+        for members in _LabelRays(rays, rows, sizes.get(label)).objects():
+            chosen = rows[members]
+            target = np.zeros(len(chosen), int)
+            origin, direction = rays.origin_m[chosen], rays.direction[chosen]
+            point = meeting_points(origin, direction, target, 1)
+            range_m = np.linalg.norm(point - origin, axis=1)
+            log_area = np.log(rays.solid_angle_sr[chosen]) + 2 * np.log(range_m)
+            mean_area = float(np.nanmean(log_area)) if np.isfinite(log_area).any() else np.nan
+            error_rad = _bearing_error(range_m, np.exp(np.nan_to_num(mean_area) / 2))
+            owner[chosen] = count
+            position.append(point)
+            covariance.append(position_covariance(origin, point[0], error_rad)[None])
+            area.append(np.array([mean_area]))
+            count += 1
+    return TriangulatedObjects(owner, np.concatenate(position), np.concatenate(covariance), np.concatenate(area))
+
+
+def _bearing_error(range_m: np.ndarray, side_m: np.ndarray | float) -> np.ndarray:
+    """Return the standard deviation (rad) of the bearing of an object at a range, with sides of a length."""
+    centre_m2 = CENTRE_ERROR_M**2 + (SIDE_ERROR_SHARE * side_m) ** 2
+    return np.sqrt(BEARING_ERROR_RAD**2 + centre_m2 / np.maximum(range_m, 0.3) ** 2)
+
+
+class _LabelRays:
+    """The n rays of one label, and the hypotheses of their objects."""
+
+    def __init__(self, rays: Rays, rows: np.ndarray, size: tuple[float, float] | None) -> None:
+        self._origin, self._direction = rays.origin_m[rows], rays.direction[rows]
+        self._frame, self._log_sr = rays.frame[rows], np.log(rays.solid_angle_sr[rows])
+        self._size = size
+        self._group_of_frame = rays.group
+        self._group = rays.group[self._frame]
+        frames, first = np.unique(rays.frame, return_index=True)
+        self._camera_frame, self._camera_m = frames, rays.origin_m[first]
+        self._density = np.log(max(len(rows) / len(frames), 0.05) / CLUTTER_SR)
+
+    def objects(self) -> list[np.ndarray]:
+        """Return the rays of each object, arrays of positions among the n rays, best objects first."""
+        candidates = [self._candidates(group) for group in np.unique(self._group[self._group >= 0]).tolist()]
+        candidates = [candidate for group in candidates for candidate in group]
+        taken = np.zeros(len(self._frame), bool)
+        chosen = []
+        # A hypothesis whose rays were taken is evaluated again without them, when its turn comes.
+        candidates.sort(key=lambda candidate: (-candidate[0], candidate[1].tolist()))
+        for log_ratio, members, share in candidates:
+            free = ~taken[members]
+            if not free.all():
+                if free.sum() < 2 or log_ratio - share[~free].sum() <= MIN_LOG_RATIO:
+                    continue
+                members = members[free]
+                if self._parallax(members) < MIN_PARALLAX_RAD:
+                    continue
+            taken[members] = True
+            chosen.append(members)
+        return chosen
+
+    def _parallax(self, members: np.ndarray) -> float:
+        direction = self._direction[members]
+        return float(np.arccos(np.clip((direction @ direction.T).min(), -1, 1)))
+
+    def _candidates(self, group: int) -> list[tuple[float, np.ndarray, np.ndarray]]:
+        """Return the hypotheses of a place: log likelihood ratio, rays, and the part of the ratio of each ray."""
+        of_place = self._group == group
+        if not of_place.any():
+            return []
+        place_m = self._camera_m[self._group_of_frame[self._camera_frame] == group]
+        near = (self._group == -1) & (cdist(self._origin, place_m).min(1) < MAX_RANGE_M)
+        rows = np.flatnonzero(of_place | near)
+        a, b = np.triu_indices(len(rows), 1)
+        a, b = rows[a], rows[b]
+        apart = (self._frame[a] != self._frame[b]) & (of_place[a] | of_place[b])
+        a, b = a[apart], b[apart]
+        point, range_a, range_b, parallax = _meet(
+            self._origin[a], self._direction[a], self._origin[b], self._direction[b]
+        )
+        sound = (parallax > MIN_PARALLAX_RAD) & (range_a > 0.2) & (range_b > 0.2)
+        sound &= (range_a < MAX_RANGE_M) & (range_b < MAX_RANGE_M)
+        a, b, point = a[sound], b[sound], point[sound]
+        if not len(a):
+            return []
+        area = np.nanmean(self._areas(point, np.stack([a, b], 1)), 1)
+        fit, deviation = self._fit(point, rows, area)
+        index = {row: column for column, row in enumerate(rows.tolist())}
+        pair = np.arange(len(a))
+        columns = np.array([[index[i], index[j]] for i, j in zip(a.tolist(), b.tolist(), strict=True)])
+        sound = (deviation[pair[:, None], columns] < MAX_SIGMAS).all(1)
+        point, fit, deviation = point[sound], fit[sound], deviation[sound]
+        # Of each panorama the best bearing counts, or that there is none.
+        fit = np.where(deviation < MAX_SIGMAS, fit, -np.inf)
+        frames, column_frame = np.unique(self._frame[rows], return_inverse=True)
+        camera = self._group_of_frame[self._camera_frame] == group
+        missed = np.zeros(len(point))
+        seen_by = (cdist(point, self._camera_m[camera]) < MAX_RANGE_M) * np.log(1 - DETECTION)
+        missed += seen_by.sum(1)
+        best = np.full((len(point), len(frames)), -1)
+        gain = np.full((len(point), len(frames)), -np.inf)
+        for number in range(len(frames)):
+            columns = np.flatnonzero(column_frame == number)
+            winner = columns[fit[:, columns].argmax(1)]
+            best[:, number], gain[:, number] = winner, fit[np.arange(len(point)), winner]
+            if self._group_of_frame[frames[number]] == group:
+                gain[:, number] -= np.log(1 - DETECTION)  # it is no miss
+        used = gain > 0
+        total = missed + np.where(used, gain, 0).sum(1)
+        if self._size is not None:
+            median, spread = self._size
+            mean_area = np.full(len(point), np.nan)
+            for number in np.flatnonzero(used.any(1)).tolist():
+                members = rows[best[number][used[number]]]
+                mean_area[number] = self._areas(point[[number]], members[None]).mean()
+            prior = np.log(AREA_SPAN_LOG / (np.sqrt(2 * np.pi) * spread)) - 0.5 * ((mean_area - median) / spread) ** 2
+            total += np.nan_to_num(prior)
+        keep = np.flatnonzero((total > MIN_LOG_RATIO) & (used.sum(1) >= 2))
+        return [(float(total[k]), rows[best[k][used[k]]], gain[k][used[k]]) for k in keep.tolist()]
+
+    def _areas(self, point: np.ndarray, members: np.ndarray) -> np.ndarray:
+        """Return ln(projected area) (H, k) of hypotheses (H, 3) by each of their rays (H, k)."""
+        offset = point[:, None] - self._origin[members]
+        return self._log_sr[members] + np.log((offset * offset).sum(-1))
+
+    def _fit(self, point: np.ndarray, rows: np.ndarray, area: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the log ratio (H, n) of each ray as a detection of each hypothesis, and its deviation in sigmas."""
+        offset = point[:, None] - self._origin[rows]
+        range_m = np.maximum(np.linalg.norm(offset, axis=2), 1e-6)
+        along = np.einsum("hnk,nk->hn", offset, self._direction[rows])
+        angle = np.arccos(np.clip(along / range_m, -1, 1))
+        sigma = _bearing_error(range_m, np.exp(np.nan_to_num(area) / 2)[:, None])
+        deviation = angle / sigma
+        log_density = -0.5 * deviation**2 - np.log(2 * np.pi * sigma**2)
+        size = (self._log_sr[rows] + 2 * np.log(range_m) - area[:, None]) / SIZE_ERROR_LOG
+        log_size = np.log(AREA_SPAN_LOG / (np.sqrt(2 * np.pi) * SIZE_ERROR_LOG)) - 0.5 * size**2
+        fit = np.log(DETECTION) + log_density - self._density + np.nan_to_num(log_size)
+        return np.where(range_m < MAX_RANGE_M, fit, -np.inf), deviation
+
+
+def _meet(
+    origin_a: np.ndarray, direction_a: np.ndarray, origin_b: np.ndarray, direction_b: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return the points (P, 3) halfway between the nearest points of P pairs of rays, both ranges, and the parallax."""
+    cosine = np.einsum("pk,pk->p", direction_a, direction_b)
+    baseline = origin_b - origin_a
+    to_a = np.einsum("pk,pk->p", baseline, direction_a)
+    to_b = np.einsum("pk,pk->p", baseline, direction_b)
+    sine2 = np.maximum(1 - cosine**2, 1e-12)
+    range_a, range_b = (to_a - cosine * to_b) / sine2, (cosine * to_a - to_b) / sine2
+    point = (origin_a + range_a[:, None] * direction_a + origin_b + range_b[:, None] * direction_b) / 2
+    return point, range_a, range_b, np.arccos(np.clip(cosine, -1, 1))

@@ -1,0 +1,46 @@
+"""Association of bearings with objects, against the objects that the bearings were computed from."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from salframe_graphs.association import Rays, triangulate_objects
+
+CAMERAS = np.array([[0, 0, 1.5], [1, 0, 1.5], [0, 1, 1.5], [1, 1, 1.5]])
+
+
+def rays_of(points_m, labels, noise_rad=0.0):
+    rng = np.random.default_rng(0)
+    offset = (points_m[None] - CAMERAS[:, None]).reshape(-1, 3)
+    distance = np.linalg.norm(offset, axis=1, keepdims=True)
+    direction = offset / distance + noise_rad * rng.standard_normal(offset.shape)
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    frame = np.repeat(np.arange(len(CAMERAS)), len(points_m))
+    label = np.tile(np.array(labels, object), len(CAMERAS))
+    return Rays(frame, np.zeros(len(CAMERAS), int), label, CAMERAS[frame], direction, 0.25 / distance[:, 0] ** 2)
+
+
+def test_equal_labels_are_told_apart_and_lie_where_the_objects_are():
+    points = np.array([[2.5, 0.5, 0.6], [-1.5, 2.0, 0.5], [0.4, -1.8, 0.9], [0.6, 2.8, 1.2]])
+    objects = triangulate_objects(rays_of(points, ["chair", "chair", "chair", "lamp"]))
+    assert len(objects.position_m) == 4
+    nearest = np.linalg.norm(points[:, None] - objects.position_m, axis=2).min(1)
+    assert nearest == pytest.approx(np.zeros(4), abs=1e-3)
+    owner = objects.owner.reshape(4, 4)
+    assert (owner == owner[0]).all()
+    assert len(set(owner[0].tolist())) == 4
+    assert np.exp(objects.log_area) == pytest.approx(np.full(4, 0.25), rel=1e-3)
+
+
+def test_the_covariance_covers_the_errors_of_noisy_bearings():
+    points = np.array([[2.5, 0.5, 0.6], [-1.5, 2.0, 0.5], [0.4, -1.8, 0.9]])
+    objects = triangulate_objects(rays_of(points, ["chair", "bed", "lamp"], 0.01))
+    for position, covariance in zip(objects.position_m, objects.covariance_m2, strict=True):
+        error = points[np.linalg.norm(points - position, axis=1).argmin()] - position
+        assert error @ np.linalg.solve(covariance, error) < 16.3  # 99.9 % quantile of chi-square, 3 degrees
+
+
+def test_an_object_of_one_panorama_has_no_position():
+    rays = rays_of(np.array([[2.5, 0.5, 0.6]]), ["chair"])
+    alone = Rays(*(getattr(rays, name)[:1] if name != "group" else rays.group for name in Rays.__dataclass_fields__))
+    assert triangulate_objects(alone).owner.tolist() == [-1]
