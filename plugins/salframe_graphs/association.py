@@ -149,8 +149,8 @@ class _LabelRays:
 
     def objects(self) -> list[np.ndarray]:
         """Return the rays of each object, arrays of positions among the n rays, best objects first."""
-        candidates = [self._candidates(group) for group in np.unique(self._group[self._group >= 0]).tolist()]
-        candidates = [candidate for group in candidates for candidate in group]
+        groups = np.unique(self._group[self._group >= 0]).tolist()
+        candidates = [candidate for group in groups for candidate in self._candidates(group)]
         taken = np.zeros(len(self._frame), bool)
         chosen = []
         # A hypothesis whose rays were taken is evaluated again without them, when its turn comes.

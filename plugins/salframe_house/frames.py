@@ -171,7 +171,7 @@ def _neighbours(
     if not count:
         return []
     open_space = building.free_space(_MAP_CLEARANCE_M, _POSITION_STEP_M)
-    taken = {frame.place: [] for frame in frames}
+    taken: dict[str, list[tuple[float, float]]] = {frame.place: [] for frame in frames}
     for frame in frames:
         taken[frame.place].append((frame.x_m, frame.y_m))
     added = []

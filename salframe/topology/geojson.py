@@ -143,8 +143,8 @@ def _topology_features(topology: TopologicalMap) -> Iterator[dict[str, Any]]:
         corners = edge.path_m or (place[edge.start], place[edge.end])
         line = [[float(x), float(y), float(height[edge.start])] for x, y in corners]
         azimuth_deg = float(np.degrees(edge.azimuth_rad))
-        properties = {"start": edge.start, "end": edge.end, "length_m": edge.length_m, "azimuth_deg": azimuth_deg}
-        yield geojson_feature("LineString", line, layer="edge", **properties)
+        ends = {"start": edge.start, "end": edge.end}
+        yield geojson_feature("LineString", line, layer="edge", **ends, length_m=edge.length_m, azimuth_deg=azimuth_deg)
 
 
 def geojson_feature(geometry: str, coordinates: Any, **properties: Any) -> dict[str, Any]:
@@ -191,7 +191,7 @@ def _floor_features(floor: FloorMasks) -> Iterator[dict[str, Any]]:
 
 
 def mask_outlines(floor: FloorMasks, mask: np.ndarray) -> list[list[list[list[float]]]]:
-    """Return the polygons of a mask in world coordinates, in millimetres precision: an outer ring and its holes each."""
+    """Return the polygons of a mask in world coordinates, rounded to millimetres: an outer ring and its holes each."""
     return [[_rounded(ring) for ring in polygon] for polygon in floor_outlines(floor, mask)]
 
 

@@ -7,6 +7,7 @@ import pytest
 from salframe_matterport.bearings import bearing, direction
 from salframe_matterport.dataset import MatterportAnnotations
 from salframe_matterport.readers import boxes_path, connectivity_path, read_boxes, read_connectivity
+
 from salframe.graphs.triangulation import triangulate
 
 

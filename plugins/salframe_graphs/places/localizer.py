@@ -187,8 +187,8 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
     def open_index(self, folder: Path, packed: Columns, frames: SavedFrames) -> None:
         self._matching.open_index(folder, MappedGraphs(packed), frames)
         regions = Regions(self.floors) if self.floors else None
-        optional = (packed.columns.get(name) for name in (PACKED_HEIGHT, DEVIATION))
-        self._map = MapPlaces.read(folder, *optional, len(packed), frames.poses(), regions)
+        height_mm, deviation_mm = packed.columns.get(PACKED_HEIGHT), packed.columns.get(DEVIATION)
+        self._map = MapPlaces.read(folder, height_mm, deviation_mm, len(packed), frames.poses(), regions)
         self._evidence.open_index(packed, self._map, self._matching)
         self._windows = self._map.windows(self.config.distant_views.window_m)
         self._scenes = self._new_scene_index()
