@@ -95,8 +95,8 @@ class GraphLocalizer(DetectingLocalizer):
         for row, (objects, variance_m2) in zip(rows, placed, strict=True):
             if len(objects):
                 graph = build_graph(objects, self._saliency.score(objects), self.config.graph, variance_m2)
-                kept = {name: value for name, value in descriptions[row].items() if name not in BEARING_ARRAYS}
-                completed[row] = {**kept, **graph_to_arrays(graph)}
+                used = {name: value for name, value in descriptions[row].items() if name not in BEARING_ARRAYS}
+                completed[row] = {**used, **graph_to_arrays(graph)}
         return completed
 
     def unfit_for_map(self, description: Description) -> str | None:

@@ -253,10 +253,10 @@ def calibrate_head(posterior: Posterior, answers: FrameAnswers) -> Head:
     mean, deviation = head.absent_mean, head.absent_deviation
     if count := len(absent.contrast):
         nu = head.relative_objects(absent.objects)
-        own_mean, own_deviation = absent_moments(absent.contrast, nu, head.mean_effect, head.deviation_effect)
-        own_share = count / (count + ABSENT_PRIOR)
-        mean += own_share * (own_mean - mean)
-        deviation = float(np.sqrt(own_share * own_deviation**2 + (1 - own_share) * deviation**2))
+        map_mean, map_deviation = absent_moments(absent.contrast, nu, head.mean_effect, head.deviation_effect)
+        map_share = count / (count + ABSENT_PRIOR)
+        mean += map_share * (map_mean - mean)
+        deviation = float(np.sqrt(map_share * map_deviation**2 + (1 - map_share) * deviation**2))
     changes = {"absent_mean": mean, "absent_deviation": deviation}
     accuracy = _accuracy(present, head, posterior.query_distance_m)
     return head.model_copy(update={**changes, "accuracy": accuracy})

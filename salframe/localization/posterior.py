@@ -339,14 +339,14 @@ def _fit_head(answers: Sequence[ScoredAnswer], temperature: float) -> Head:
         return head
     z = np.empty(len(answers))
     for number in np.unique(map_number):
-        own_mean, own_deviation = moments.get(number, (mean, deviation))
-        own = {"absent_mean": own_mean, "absent_deviation": own_deviation or deviation}
+        map_mean, map_deviation = moments.get(number, (mean, deviation))
+        own = {"absent_mean": map_mean, "absent_deviation": map_deviation or deviation}
         rows = map_number == number
         z[rows] = head.model_copy(update=own).standardize(contrast[rows], nu[rows])
     # Given the number of objects, right answers are a (present / absent) times as frequent as out-of-map answers, with
     # a the accuracy. The ratio of their likelihoods does not depend on this.
-    own_accuracy = np.array([accuracies.get(number, accuracy) for number in map_number])
-    frequency = np.maximum(shift_probability(own_accuracy, accuracy_effect * nu), _MIN_ACCURACY)
+    map_accuracy = np.array([accuracies.get(number, accuracy) for number in map_number])
+    frequency = np.maximum(shift_probability(map_accuracy, accuracy_effect * nu), _MIN_ACCURACY)
     weight = _equal_weights(map_number)
     offset = np.log(frequency * weight[here].sum() / weight[~here].sum())
     weight = weight[used] / weight[used].sum()
