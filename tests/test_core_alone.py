@@ -65,7 +65,7 @@ def test_a_map_is_built_and_asked_without_any_plugin_of_ours(tmp_path):
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert found["failures"] == []
-    fakes = ["greedy", "ranger", "reader", "suicidal", "unbuildable", "weightless"]
+    fakes = ["clear", "greedy", "ranger", "reader", "suicidal", "unbuildable", "weightless"]
     assert found["components"] == [
         ["dataset", "folder", "salframe"],
         ["dataset", "rooms", "fake_plugin"],

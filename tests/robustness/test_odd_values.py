@@ -56,6 +56,7 @@ BASE: dict[str, dict[str, str]] = {
     "docs": {"page": "maps"},
     "map build": RUN | {"output": "built", "method": "objects"},
     "map add": RUN | MAP,
+    "map calibrate": MAP,
     "map remove": MAP | {"places": "kitchen"},
     "map merge": MAP | {"others": "map"},
     "map show": WAYS | {"output": "ways.png"},
