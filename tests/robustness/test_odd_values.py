@@ -46,6 +46,7 @@ BASE: dict[str, dict[str, str]] = {
     "score": {"task": "reverie", "file": "reverie/answers.json", "data": "reverie"},
     "build": RUN | {"output": "built", "method": "objects"},
     "localize": MAP | {"range_image": "data/frames/kitchen-query.range.png"},
+    "ask": MAP | {"text": "two beds left of a lamp"},
     "show-objects": {"images": "data/frames/kitchen-map.rgb.png", "detector": "annotations", "output": "shown"},
     "sensor": RUN | {"detector": "annotations"},
     "fit": {"method": "objects", "output": "fitted.yaml", "data": "./data"},
