@@ -280,7 +280,7 @@ def test_floors_above_each_other_are_said_to_be_apart(rooms):
         (["merge", "map", "new"], "new holds no map: make one with salframe build DATA -o new"),
         (
             ["export", "map", "map.dot"],
-            "received the file map.dot, expected one that ends in .graphml, .geojson or .parquet",
+            "received the file map.dot, expected one that ends in .json, .geojson, .yaml, .svg, .graphml or .parquet",
         ),
         (["query", "map", "query-1-9", "--data", "doored"], "unknown frame 'query-1-9'"),
     ],

@@ -33,7 +33,7 @@ def test_a_sequence_is_tracked_and_written(walk, tmp_path):
     assert all(line.split()[2] == "tracking" for line in lines)
     assert lines[0].startswith("10 s  tracking  bedroom  x 1.")
     assert last == "written to out: trajectory.tum, track.json, trail.png"
-    assert len((tmp_path / "out" / "trajectory.tum").read_text().splitlines()) == 7
+    assert len((tmp_path / "out" / "trajectory.tum").read_text().splitlines()) == 2 + 6
     colours = {tuple(pixel) for pixel in np.asarray(Image.open(tmp_path / "out" / "trail.png")).reshape(-1, 3)}
     assert COLOURS[TrackStatus.TRACKING] in colours
     content = run("track", "map", "walk", "--json").json

@@ -207,7 +207,7 @@ def test_without_range_labels_and_bearings_are_known(network, detector):
     )
     assert built.localize(QueryFrame("query", lambda: turned(lounge, 100))).places[0].place == "lounge"
     frames = [ReferenceFrame("kitchen", "kitchen", np.eye(4), load=lambda: kitchen)]
-    with pytest.raises(InputMissing, match=r"kitchen cannot be a reference frame: it has no range; .* 'objects'"):
+    with pytest.raises(InputMissing, match=r"kitchen cannot be a reference frame: it has no range, .* 'objects'"):
         LocalizationMap.build(localizer("saliency-graph", network), frames)
 
 

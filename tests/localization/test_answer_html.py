@@ -33,7 +33,13 @@ def test_an_answer_has_its_places_its_pose_and_a_plan():
     ranked = places(8)
     rest = 1 - sum(place.probability for place in ranked)
     answer = Localization(
-        ranked, pose_2d(2.0, 1.0, np.pi / 2, 1.5), LocalizationStatus.OK, covariance, None, rest, (HOSTILE,), (floor(),)
+        ranked,
+        pose_2d(2.0, 1.0, np.pi / 2, 1.5),
+        LocalizationStatus.OK,
+        covariance,
+        out_of_map_probability=rest,
+        notes=(HOSTILE,),
+        floors=(floor(),),
     )
     shown = ShownHtml(answer._repr_html_())
     assert shown.texts[:7] == ["status: ok", "place", "frame", "probability", SHOWN, "f0", "50.0%"]

@@ -75,6 +75,7 @@ def test_every_default_is_a_name_that_there_is():
         "saliency": "saliency",
         "image-network": "image-network",
         "tracker": "tracker",
+        "recording": "importer",
     }
     assert set(defaults()) == {*known, "auto"}
     assert set(auto_order("detector")) <= {*names("detector"), "segments"}
