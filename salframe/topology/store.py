@@ -14,7 +14,14 @@ from salframe.framework.files.reading import reading
 from salframe.framework.validation import Settings
 from salframe.localization.map_files import MapParts, read_map
 from salframe.panoramas.geometry import wrap_angle
-from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap, TopologySettings
+from salframe.topology.topological_map import (
+    MapEdge,
+    MapNode,
+    NodeKind,
+    TopologicalMap,
+    TopologySettings,
+    TopologySources,
+)
 
 TOPOLOGY, NODES, EDGES = "topology.json", "nodes", "edges"
 _NAME, _NAMES, _NUMBER = ArrayKind("U", ()), ArrayKind("U", (None,)), ArrayKind("f", ())
@@ -29,6 +36,7 @@ class _Saved(Settings):
 
     parameters: TopologySettings
     notes: tuple[str, ...]
+    sources: TopologySources = TopologySources()
 
 
 def open_topology(directory: str | Path) -> TopologicalMap:
@@ -41,8 +49,16 @@ def open_topology(directory: str | Path) -> TopologicalMap:
 
 
 def write_topology(parts: MapParts, topology: TopologicalMap) -> None:
-    """Write a topological map as parts of a map: topology.json (parameters, notes), nodes, edges, and the floors."""
-    parts.write_json(TOPOLOGY, {"parameters": topology.parameters.model_dump(), "notes": list(topology.notes)})
+    """Write a topological map as parts of a map: topology.json (parameters, notes and sources), nodes, edges,
+    and the floors."""
+    parts.write_json(
+        TOPOLOGY,
+        {
+            "parameters": topology.parameters.model_dump(),
+            "notes": list(topology.notes),
+            "sources": topology.sources.model_dump(mode="json"),
+        },
+    )
     parts.write_table(NODES, map(_node_row, topology.nodes))
     parts.write_table(EDGES, map(_edge_row, topology.edges))
     parts.write_floors(topology.floors)
@@ -64,7 +80,7 @@ def read_topology(parts: MapParts) -> TopologicalMap:
         nodes = tuple(_node(row) for row in parts.read_table(NODES, _NODE))
     edges = tuple(_edge(row) for row in parts.read_table(EDGES, _EDGE))
     _check_edges(parts.folder / EDGES, nodes, edges)
-    return TopologicalMap(nodes, edges, parts.read_floors(), saved.parameters, saved.notes)
+    return TopologicalMap(nodes, edges, parts.read_floors(), saved.parameters, saved.notes, saved.sources)
 
 
 def _check_edges(path: Path, nodes: Sequence[MapNode], edges: Sequence[MapEdge]) -> None:

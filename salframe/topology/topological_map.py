@@ -63,6 +63,52 @@ class MapEdge:
         return MapEdge(self.end, self.start, self.length_m, azimuth_rad, self.path_m[::-1])
 
 
+class PartSource(StrEnum):
+    """Where a part of a topological map comes from.
+
+    GIVEN: floor masks of the data. RANGE: range images of the reference frames. MAP_FILE: an occupancy map of a robot.
+    PLACES: the places of the reference frames. FREE_SPACE: the narrow passages of the free space. MIXED: several, in a
+    map that was extended.
+    """
+
+    GIVEN = "given"
+    RANGE = "derived from range"
+    MAP_FILE = "map file"
+    PLACES = "derived from places"
+    FREE_SPACE = "derived from free space"
+    MIXED = "mixed"
+
+
+class TopologySources(Settings):
+    """Where the parts of a topological map come from. Doorways, nodes and edges are always computed from them.
+
+    Attributes:
+        free_space: Source of the free floor and the obstacles.
+        regions: Source of the regions and their names.
+    """
+
+    free_space: PartSource = PartSource.GIVEN
+    regions: PartSource = PartSource.GIVEN
+
+    def joined(self, other: TopologySources) -> TopologySources:
+        """Return the sources of a map that is joined with another one."""
+        pairs = ((self.free_space, other.free_space), (self.regions, other.regions))
+        free_space, regions = (first if first is second else PartSource.MIXED for first, second in pairs)
+        return TopologySources(free_space=free_space, regions=regions)
+
+    @property
+    def note(self) -> str | None:
+        """A line for the user; None if both parts are given."""
+        if self == TopologySources():
+            return None
+        free_space, regions = _words(self.free_space), _words(self.regions)
+        return f"floors without masks: the free space is {free_space}, the regions are {regions}"
+
+
+def _words(source: PartSource) -> str:
+    return f"from a {source}" if source is PartSource.MAP_FILE else str(source)
+
+
 class TopologySettings(Settings):
     """Settings of a topological map.
 
@@ -93,6 +139,7 @@ class TopologicalMap:
         parameters: The settings that the map was built with.
         notes: Notes for the user, one line each: regions out of reach, edges without line of sight, frames that were
             moved or left out.
+        sources: Where the floors come from.
     """
 
     nodes: tuple[MapNode, ...]
@@ -100,3 +147,4 @@ class TopologicalMap:
     floors: tuple[FloorMasks, ...] = field(default=(), compare=False)
     parameters: TopologySettings = field(default_factory=TopologySettings)
     notes: tuple[str, ...] = ()
+    sources: TopologySources = field(default_factory=TopologySources)
