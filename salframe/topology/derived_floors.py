@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from salframe.panoramas.frames import FrameKind, ReferenceFrame
 from salframe.panoramas.samples import load_samples
 from salframe.topology.free_space import FreeSpace, OccupancyGrid
 from salframe.topology.region_names import name_regions
-from salframe.topology.regions import grow_regions, split_regions
+from salframe.topology.regions import grow_regions, regions_at, split_regions
 from salframe.topology.topological_map import PartSource, TopologySources
 
 MIN_STOREY_M = 1.5
@@ -30,20 +30,30 @@ NUM_LISTED = 3
 
 
 @dataclass(frozen=True)
-class DerivedFloors:
-    """Floors that were derived from reference frames.
+class FloorPlan:
+    """Floors of a building, and its reference frames.
 
     Attributes:
         floors: The floors, lowest first.
-        frames: The reference frames, in their order. If regions were derived, the place of a frame is its region.
-        sources: How each part was derived.
+        frames: The reference frames. If regions were derived, the place of a frame is its region.
+        sources: Where the floors come from.
         notes: Notes for the user, one line each.
     """
 
     floors: tuple[FloorMasks, ...]
     frames: tuple[ReferenceFrame, ...]
-    sources: TopologySources
-    notes: tuple[str, ...]
+    sources: TopologySources = field(default_factory=TopologySources)
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class _Storey:
+    """The frames of a storey, their positions (N, 2), the height of the floor, and the free space."""
+
+    frames: tuple[ReferenceFrame, ...]
+    xy_m: np.ndarray
+    z_m: float
+    space: FreeSpace
 
 
 def has_places(frames: Sequence[ReferenceFrame]) -> bool:
@@ -53,18 +63,19 @@ def has_places(frames: Sequence[ReferenceFrame]) -> bool:
 
 def derive_floors(
     frames: Sequence[ReferenceFrame],
-    labels: Mapping[str, Sequence[str]] | None = None,
+    labels: Callable[[ReferenceFrame], Sequence[str]] | None = None,
     progress: Callable[[int, int], None] | None = None,
-) -> DerivedFloors:
+) -> FloorPlan:
     """Derive the floors of a building from its reference frames.
 
     Storeys are clusters of camera heights. The free space of a storey is an occupancy grid of the range images
-    (`OccupancyGrid`). Its regions grow from the places of the frames of kind "scene" (`grow_regions`). Without places,
-    regions are split where the free space narrows (`split_regions`) and named by their objects (`name_regions`).
+    (`OccupancyGrid`). Its regions grow from the places of the frames of kind "scene" (`grow_regions`). If the frames
+    have no places, regions are split where the free space narrows (`split_regions`) and named by their objects
+    (`name_regions`). Frames whose places are their ids have no places if two of them stand in one such region.
 
     Args:
         frames: The reference frames.
-        labels: Labels of the objects in each frame, by its id, which name the regions of frames without places.
+        labels: Returns the labels of the objects in a frame, which name the regions of frames without places.
         progress: Called as progress(done, total) with numbers of frames.
 
     Raises:
@@ -72,36 +83,56 @@ def derive_floors(
         RequirementMissing: scikit-image is not installed.
     """
     if not any(panorama.range_m is not None for _, panorama in load_samples(frames, NUM_SAMPLES)):
-        raise DataError("the reference frames have no range, expected range images or floor masks")
-    is_split = not has_places(frames)
-    floors, places, notes = [], {}, []
-    names: Counter[str] = Counter()
-    count = _Count(len(frames), progress)
-    for numbers in storeys(np.array([frame.T_world_pano[2, 3] for frame in frames])):
-        members = [frames[number] for number in numbers]
-        z_m = _floor_height(members)
-        xy_m = np.array([frame.T_world_pano[:2, 3] for frame in members])
-        space = _scan(members, xy_m, z_m, count, notes)
-        if is_split:
-            region = split_regions(space)
-            frame_region = _regions_at(region, space, xy_m)
-            seen = [(labels or {}).get(frame.id, ()) for frame in members]
-            regions = name_regions(frame_region, seen, int(region.max(initial=0)), names)
-            places |= {frame.id: regions[at] for frame, at in zip(members, frame_region.tolist(), strict=True) if at}
+        raise DataError("the data have no floor masks and no range images to derive floors from, expected one of them")
+    notes: list[str] = []
+    found = _find_storeys(frames, _Count(len(frames), progress), notes)
+    split = None if has_places(frames) else [split_regions(storey.space) for storey in found]
+    if split is not None:
+        counts = [
+            np.bincount(regions_at(region, one.space, one.xy_m))[1:] for region, one in zip(split, found, strict=True)
+        ]
+        if max(count.max(initial=0) for count in counts) < 2:
+            split = None
+    floors, places = [], {}
+    numbers: Counter[str] = Counter()
+    for index, storey in enumerate(found):
+        if split is not None:
+            region = split[index]
+            frame_region = regions_at(region, storey.space, storey.xy_m)
+            seen = [labels(frame) if labels else () for frame in storey.frames]
+            regions = name_regions(frame_region, seen, int(region.max(initial=0)), numbers)
+            for frame, label in zip(storey.frames, frame_region.tolist(), strict=True):
+                places[frame.id] = regions.get(label, frame.place)
         else:
-            scenes = [number for number, frame in enumerate(members) if frame.kind is FrameKind.SCENE]
-            region, regions = grow_regions(space, xy_m[scenes], [members[number].place for number in scenes])
+            scenes = [number for number, frame in enumerate(storey.frames) if frame.kind is FrameKind.SCENE]
+            scene_places = [storey.frames[number].place for number in scenes]
+            region, regions = grow_regions(storey.space, storey.xy_m[scenes], scene_places)
         if region.any():
-            masks = (space.floor, region, space.low, space.resolution_m, space.origin_m, regions, z_m)
-            floors.append(FloorMasks(*masks))
+            floors.append(_masks(storey, region, regions))
         else:
-            notes.append(f"the storey at z = {z_m:.1f} m has no floor: no free floor of a place was seen")
+            notes.append(f"the storey at z = {storey.z_m:.1f} m has no floor: no free floor of a place was seen")
     if not floors:
         raise DataError(f"no floor can be derived: {'; '.join(notes)}")
-    regions_from = PartSource.FREE_SPACE if is_split else PartSource.PLACES
+    regions_from = PartSource.PLACES if split is None else PartSource.FREE_SPACE
     sources = TopologySources(free_space=PartSource.RANGE, regions=regions_from)
     placed = tuple(replace(frame, place=places.get(frame.id, frame.place)) for frame in frames)
-    return DerivedFloors(tuple(floors), placed, sources, tuple(notes))
+    return FloorPlan(tuple(floors), placed, sources, tuple(notes))
+
+
+def _masks(storey: _Storey, region: np.ndarray, regions: Mapping[int, str]) -> FloorMasks:
+    space = storey.space
+    return FloorMasks(space.floor, region, space.low, space.resolution_m, space.origin_m, regions, storey.z_m)
+
+
+def _find_storeys(frames: Sequence[ReferenceFrame], count: _Count, notes: list[str]) -> list[_Storey]:
+    """Return the storeys with their free space, lowest first."""
+    found = []
+    for numbers in storeys(np.array([frame.T_world_pano[2, 3] for frame in frames])):
+        members = tuple(frames[number] for number in numbers)
+        xy_m = np.array([frame.T_world_pano[:2, 3] for frame in members])
+        z_m = _floor_height(members)
+        found.append(_Storey(members, xy_m, z_m, _scan(members, xy_m, z_m, count, notes)))
+    return found
 
 
 class _Count:
@@ -163,11 +194,3 @@ def _floor_height(frames: Sequence[ReferenceFrame]) -> float:
     if not heights_m:
         heights_m = [frame.T_world_pano[2, 3] - USUAL_M for frame in frames]
     return float(np.median(heights_m))
-
-
-def _regions_at(region: np.ndarray, space: FreeSpace, xy_m: np.ndarray) -> np.ndarray:
-    """Return the region label at positions (N, 2), (N,) int, 0 outside of the regions."""
-    cells = space.cells(xy_m)
-    is_inside = ((cells >= 0) & (cells < region.shape)).all(1)
-    row, column = np.where(is_inside[:, None], cells, 0).T
-    return np.where(is_inside, region[row, column], 0)

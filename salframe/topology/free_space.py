@@ -25,6 +25,8 @@ LOG_ODDS_OCCUPIED, LOG_ODDS_FREE = 1.4, -0.7
 correspond to probabilities of 0.80 and 0.33."""
 MAX_LOG_ODDS = 5.0
 """Limit of the log odds of a cell, in both directions."""
+MAX_HOLE_M2 = 0.5
+"""Maximum area of an unseen part of the floor that counts as a low obstacle, such as the shadow of a chair."""
 MAX_ROWS = 512
 """Maximum number of rows of a range image after subsampling."""
 
@@ -35,7 +37,7 @@ class FreeSpace:
 
     Attributes:
         walkable: (rows, columns) bool, cells without an obstacle.
-        low: (rows, columns) bool, cells with an obstacle that is not tall, such as a chair.
+        low: (rows, columns) bool, cells with an obstacle that is not tall, such as a chair, and small unseen parts.
         origin_m: World (x, y) of the upper left corner.
         resolution_m: Size of a cell.
     """
@@ -166,7 +168,8 @@ class OccupancyGrid:
         for row, column in cells.tolist():
             cv2.circle(stand, (column, row), int(SELF_M / RESOLUTION_M), 1, -1)
         walkable |= (stand > 0) & ~occupied
-        parts, _ = ndimage.label(walkable | (occupied & ~self._tall))
+        low = (occupied & ~self._tall) | _small_parts(~walkable & ~occupied, MAX_HOLE_M2)
+        parts, _ = ndimage.label(walkable | low)
         visited = np.unique(parts[tuple(cells.T)])
         is_connected = np.isin(parts, visited[visited > 0])
         rows, columns = (np.flatnonzero(is_connected.any(axis)) for axis in (1, 0))
@@ -174,12 +177,16 @@ class OccupancyGrid:
             return FreeSpace(walkable[:0, :0], walkable[:0, :0], self.origin_m)
         window = slice(rows[0] - 1, rows[-1] + 2), slice(columns[0] - 1, columns[-1] + 2)
         left_m, top_m = self.origin_m
-        origin_m = left_m + (columns[0] - 1) * RESOLUTION_M, top_m - (rows[0] - 1) * RESOLUTION_M
-        return FreeSpace(
-            (walkable & is_connected)[window],
-            (occupied & is_connected)[window],
-            (float(origin_m[0]), float(origin_m[1])),
-        )
+        origin_m = float(left_m + (columns[0] - 1) * RESOLUTION_M), float(top_m - (rows[0] - 1) * RESOLUTION_M)
+        return FreeSpace((walkable & is_connected)[window], (low & is_connected)[window], origin_m)
+
+
+def _small_parts(mask: np.ndarray, max_area_m2: float) -> np.ndarray:
+    """Return the connected parts of a mask up to a maximum area."""
+    from scipy import ndimage
+
+    parts, _ = ndimage.label(mask)
+    return mask & (np.bincount(parts.ravel())[parts] * RESOLUTION_M**2 <= max_area_m2)
 
 
 def _cells(xy_m: np.ndarray, origin_m: tuple[float, float]) -> np.ndarray:

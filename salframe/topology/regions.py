@@ -12,7 +12,7 @@ from salframe.topology.grid import nearest_pixel
 
 MAX_SEED_M = 0.5
 """Maximum distance from a frame to the floor that its region grows from."""
-MIN_NARROWING_M = 0.15
+MIN_NARROWING_M = 0.2
 """Minimum difference between the clearance in the middle of a region and the clearance of a doorway out of it."""
 
 
@@ -70,6 +70,20 @@ def split_regions(space: FreeSpace, min_narrowing_m: float = MIN_NARROWING_M) ->
     lowered = reconstruction(np.maximum(clearance_m - min_narrowing_m, 0), clearance_m)
     maxima = (clearance_m - lowered >= min_narrowing_m - 1e-9) & space.floor
     return _flood(space, clearance_m, ndimage.label(maxima, np.ones((3, 3)))[0].astype(np.int32))
+
+
+def regions_at(region: np.ndarray, space: FreeSpace, xy_m: np.ndarray) -> np.ndarray:
+    """Return the label of the region at positions, (N,) int, 0 outside of the regions.
+
+    Args:
+        region: (rows, columns) labels of the cells.
+        space: The free space.
+        xy_m: (N, 2) positions in the world frame.
+    """
+    cells = space.cells(xy_m)
+    is_inside = ((cells >= 0) & (cells < region.shape)).all(1)
+    row, column = np.where(is_inside[:, None], cells, 0).T
+    return np.where(is_inside, region[row, column], 0)
 
 
 def _clearance_m(space: FreeSpace) -> np.ndarray:

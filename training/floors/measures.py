@@ -51,11 +51,12 @@ def compare_topologies(given: TopologicalMap, derived: TopologicalMap) -> Topolo
     first, second = (_lengths_m(topology, both) for topology in (given, derived))
     first, second = (lengths[np.triu_indices(len(both), 1)] for lengths in (first, second))
     is_compared = np.isfinite(first) & np.isfinite(second) & (first >= MIN_ROUTE_M)
+    errors = np.abs(second[is_compared] / first[is_compared] - 1)
     return TopologyComparison(
         sum(map(len, doors.values())),
         sum(map(len, derived_doors.values())),
         common,
-        np.abs(second / np.maximum(first, MIN_ROUTE_M) - 1)[is_compared],
+        errors,
         int((np.isfinite(first) & ~np.isfinite(second)).sum()),
         int((~np.isfinite(first) & np.isfinite(second)).sum()),
     )
