@@ -12,6 +12,8 @@ from salframe.topology.grid import nearest_pixel
 
 MAX_SEED_M = 0.5
 """Maximum distance from a frame to the floor that its region grows from."""
+SMOOTHING_M = 0.1
+"""Standard deviation of the Gaussian that smooths the clearance, because single cells of a door jamb move its minimum."""
 MIN_NARROWING_M = 0.2
 """Minimum difference between the clearance in the middle of a region and the clearance of a doorway out of it."""
 
@@ -87,11 +89,12 @@ def regions_at(region: np.ndarray, space: FreeSpace, xy_m: np.ndarray) -> np.nda
 
 
 def _clearance_m(space: FreeSpace) -> np.ndarray:
-    """Return the distance of each cell of the floor from walls and tall furniture, (rows, columns) float64."""
+    """Return the smoothed distance of each cell of the floor from walls and tall furniture, (rows, columns) float64."""
     from scipy import ndimage
 
-    clearance = ndimage.distance_transform_edt(np.pad(space.floor, 1))[1:-1, 1:-1]
-    return np.asarray(clearance * space.resolution_m, np.float64)
+    clearance_m = ndimage.distance_transform_edt(np.pad(space.floor, 1))[1:-1, 1:-1] * space.resolution_m
+    smooth: np.ndarray = ndimage.gaussian_filter(clearance_m, SMOOTHING_M / space.resolution_m) * space.floor
+    return smooth
 
 
 def _flood(space: FreeSpace, clearance_m: np.ndarray, seeds: np.ndarray) -> np.ndarray:
