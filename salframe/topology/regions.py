@@ -13,7 +13,7 @@ from salframe.topology.grid import nearest_pixel
 MAX_SEED_M = 0.5
 """Maximum distance from a frame to the floor that its region grows from."""
 SMOOTHING_M = 0.1
-"""Standard deviation of the Gaussian that smooths the clearance, because single cells of a door jamb move its minimum."""
+"""Standard deviation of the Gaussian that smooths the clearance. Single cells of a door jamb would move its minimum."""
 MIN_NARROWING_M = 0.2
 """Minimum difference between the clearance in the middle of a region and the clearance of a doorway out of it."""
 

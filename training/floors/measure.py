@@ -1,9 +1,9 @@
 """Compare derived floors with floor masks: `python -m training.floors.measure house-42 --seeds 200,201,202`.
 
 The data is a preset of the dataset `house`. For each seed the command derives floors from the reference frames, and
-prints the doorways that they have in common with the floor masks, the errors of the lengths of routes, and the adjusted Rand
-index of the regions of frames without places. `--localize` adds the accuracy of localization, and `--episodes N` the
-success rate of navigation with N episodes per seed. The figures in docs/how-to/floors.md are from it.
+prints the doorways that they have in common with the floor masks, the errors of the lengths of routes, and the
+adjusted Rand index of the regions of frames without places. `--localize` adds the accuracy of localization, and
+`--episodes N` the success rate of navigation with N episodes per seed. The how-to page floors.md reports them.
 """
 
 from __future__ import annotations
