@@ -11,6 +11,7 @@ import numpy as np
 from salframe.framework.errors import DataError
 from salframe.panoramas.floors import FloorMasks, check_heights, find_floor
 from salframe.panoramas.frames import FrameKind, ReferenceFrame
+from salframe.topology.connections import apart_note
 from salframe.topology.edges import components, joining_paths, make_edge, sight_pairs
 from salframe.topology.grid import FloorGrid, cell, nearest_pixel
 from salframe.topology.topological_map import (
@@ -72,11 +73,8 @@ def build_topology(
             f"two nodes of the map would have the name {duplicates[0]!r}, "
             "expected places with different names on different floors"
         )
-    if len(floors) > 1:
-        heights = ", ".join(f"{floor.z_m:.2f}" for floor in floors)
-        notes.append(
-            f"the {len(floors)} floors at z = {heights} m are not connected: no edge leads from one to another"
-        )
+    if note := apart_note(floors, edges):
+        notes.append(note)
     sources = sources or TopologySources()
     return TopologicalMap(tuple(nodes), tuple(edges), tuple(floors), settings, tuple(notes), sources)
 

@@ -40,8 +40,8 @@ def export_map(directory: str | Path, path: str | Path) -> None:
 
 
 def _write_graphml(topology: TopologicalMap, path: Path) -> None:
-    """Write nodes with kind, x_m, y_m, z_m, regions and frames, and edges with length_m, azimuth_deg and path_m; lists
-    are joined by ';'."""
+    """Write nodes with kind, x_m, y_m, z_m, regions and frames, and edges with kind, length_m, azimuth_deg and path_m;
+    lists are joined by ';'."""
     import networkx as nx
 
     graph = nx.MultiGraph(name="topological map")
@@ -54,6 +54,7 @@ def _write_graphml(topology: TopologicalMap, path: Path) -> None:
         graph.add_edge(
             edge.start,
             edge.end,
+            kind=str(edge.kind),
             length_m=edge.length_m,
             azimuth_deg=float(np.degrees(edge.azimuth_rad)),
             path_m=corners,
@@ -78,11 +79,18 @@ def topology_geojson(topology: TopologicalMap) -> dict[str, Any]:
         for node in topology.nodes
     ]
     for edge in topology.edges:
-        line = [(x, y, height[edge.start]) for x, y in edge.path_m or (place[edge.start], place[edge.end])]
+        line = [(x, y, height[edge.start]) for x, y in edge.path_m]
+        line = line or [(*place[id], height[id]) for id in (edge.start, edge.end)]
         azimuth_deg = float(np.degrees(edge.azimuth_rad))
         features.append(
             geojson_feature(
-                "LineString", line, start=edge.start, end=edge.end, length_m=edge.length_m, azimuth_deg=azimuth_deg
+                "LineString",
+                line,
+                start=edge.start,
+                end=edge.end,
+                kind=edge.kind,
+                length_m=edge.length_m,
+                azimuth_deg=azimuth_deg,
             )
         )
     return {"type": "FeatureCollection", "properties": {"coordinates": COORDINATES}, "features": features}

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from typing import Literal
 
 import numpy as np
+from pydantic import Field
 
 from salframe.framework.validation import Settings
 from salframe.panoramas.floors import FloorMasks
@@ -18,6 +20,30 @@ class NodeKind(StrEnum):
     SCENE = "scene"
     TRANSITION = "transition"
     CORNER = "corner"
+
+
+class EdgeKind(StrEnum):
+    """How an edge is travelled: on foot over clear floor, or by stairs or a lift between two storeys."""
+
+    WALK = "walk"
+    STAIRS = "stairs"
+    LIFT = "lift"
+
+
+class Connection(Settings):
+    """Stairs or a lift between two storeys.
+
+    Attributes:
+        start: Id of a node, or name of a place.
+        end: Id of a node, or name of a place on another storey.
+        kind: "stairs" or "lift".
+        length_m: Length that routes count for it.
+    """
+
+    start: str
+    end: str
+    kind: Literal[EdgeKind.STAIRS, EdgeKind.LIFT]
+    length_m: float = Field(gt=0, allow_inf_nan=False)
 
 
 @dataclass(frozen=True)
@@ -49,6 +75,8 @@ class MapEdge:
         length_m: Length of the edge.
         azimuth_rad: Azimuth of the straight line from `start` to `end` in the world frame.
         path_m: Corners (x, y) from `start` to `end`, both included; empty for a straight edge.
+        kind: How the edge is travelled.
+        storeys: Numbers of the storeys of `start` and `end`, from 1 for the lowest one; empty for a walk.
     """
 
     start: str
@@ -56,11 +84,14 @@ class MapEdge:
     length_m: float
     azimuth_rad: float
     path_m: tuple[tuple[float, float], ...] = ()
+    kind: EdgeKind = EdgeKind.WALK
+    storeys: tuple[int, ...] = ()
 
     def reversed(self) -> MapEdge:
         """Return the edge from `end` to `start`."""
         azimuth_rad = float(wrap_angle(self.azimuth_rad + np.pi))
-        return MapEdge(self.end, self.start, self.length_m, azimuth_rad, self.path_m[::-1])
+        back = replace(self, start=self.end, end=self.start, azimuth_rad=azimuth_rad)
+        return replace(back, path_m=self.path_m[::-1], storeys=self.storeys[::-1])
 
 
 class PartSource(StrEnum):
@@ -140,6 +171,7 @@ class TopologicalMap:
         notes: Notes for the user, one line each: regions out of reach, edges without line of sight, frames that were
             moved or left out.
         sources: Where the floors come from.
+        connections: Stairs and lifts between the floors, which are also in `edges`.
     """
 
     nodes: tuple[MapNode, ...]
@@ -148,3 +180,4 @@ class TopologicalMap:
     parameters: TopologySettings = field(default_factory=TopologySettings)
     notes: tuple[str, ...] = ()
     sources: TopologySources = field(default_factory=TopologySources)
+    connections: tuple[Connection, ...] = ()
