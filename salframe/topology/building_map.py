@@ -23,6 +23,7 @@ from salframe.panoramas.opening import Progress, reference_frames
 from salframe.panoramas.panorama import Panorama
 from salframe.topology.build import build_topology
 from salframe.topology.derived_floors import FloorPlan, derive_floors, has_places
+from salframe.topology.map_server import read_map_server
 from salframe.topology.planner import Route
 from salframe.topology.routes import HERE, find_route, with_position
 from salframe.topology.store import TOPOLOGY, read_topology, write_topology
@@ -62,6 +63,7 @@ def build_map(
     *,
     topology: bool = True,
     central_nodes: bool = False,
+    floor_map: str | Path | None = None,
     data_dir: str | Path | None = None,
     overrides: Sequence[str] = (),
     engine: str | None = None,
@@ -80,6 +82,8 @@ def build_map(
         method: name of a preset or localizer (default: the default of `salframe build`).
         topology: whether to build the topology of the floors.
         central_nodes: place one scene node in the widest part of each region, instead of one at each reference frame.
+        floor_map: YAML file of a robot's occupancy map (`read_map_server`), whose free space is used where the dataset
+            has no floor masks.
         data_dir: folder with the files of the dataset.
         overrides: settings, "key.path=value" each; settings of data and engine start with "data." and "engine.".
         engine: name of the component that renders and describes.
@@ -105,7 +109,7 @@ def build_map(
     if topology:
         try:
             if not plan.floors:
-                plan = plan_floors(dataset, frames, localizer, progress)
+                plan = plan_floors(dataset, frames, localizer, progress, floor_map and Path(floor_map))
             topological_map = _build_topology(plan, TopologySettings(choose=central_nodes))
         except (DataError, RequirementMissing) as error:
             if central_nodes or not frames:
@@ -121,7 +125,11 @@ def build_map(
 
 
 def plan_floors(
-    dataset: Dataset, frames: Sequence[ReferenceFrame], localizer: Localizer, progress: Progress | None = None
+    dataset: Dataset,
+    frames: Sequence[ReferenceFrame],
+    localizer: Localizer,
+    progress: Progress | None = None,
+    floor_map: Path | None = None,
 ) -> FloorPlan:
     """Derive the floors of a dataset without floor masks from its reference frames.
 
@@ -130,6 +138,7 @@ def plan_floors(
         frames: Its reference frames.
         localizer: The localizer of the map. The objects that it finds name regions where the frames have no places.
         progress: As in `build_map`.
+        floor_map: As in `build_map`.
 
     Raises:
         DataError: No floors can be derived from the frames.
@@ -145,7 +154,8 @@ def plan_floors(
             return [str(label) for label in description.get("labels", ())]
         return ()
 
-    return derive_floors(frames, labels, progress and partial(progress, "floors"))
+    space = None if floor_map is None else read_map_server(floor_map)
+    return derive_floors(frames, labels, progress and partial(progress, "floors"), space)
 
 
 def _build_topology(plan: FloorPlan, settings: TopologySettings) -> TopologicalMap:
@@ -209,7 +219,7 @@ def ask_map(
         reason = f"{frame.id} was not localized ({answer.summary})"
         return whereabouts if goal is None else replace(whereabouts, no_route=f"no route to {goal}: {reason}")
     if topology is None:
-        reason = "the map has no topology: build it from data with floor masks"
+        reason = "the map has no topology: build it from data with floor masks or range"
         return whereabouts if goal is None else replace(whereabouts, no_route=f"no route to {goal}: {reason}")
     start = next((node.id for node in topology.nodes if answer.places[0].frame in node.frames), None)
     whereabouts = replace(whereabouts, node=start)

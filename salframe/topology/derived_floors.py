@@ -65,6 +65,7 @@ def derive_floors(
     frames: Sequence[ReferenceFrame],
     labels: Callable[[ReferenceFrame], Sequence[str]] | None = None,
     progress: Callable[[int, int], None] | None = None,
+    space: FreeSpace | None = None,
 ) -> FloorPlan:
     """Derive the floors of a building from its reference frames.
 
@@ -77,15 +78,17 @@ def derive_floors(
         frames: The reference frames.
         labels: Returns the labels of the objects in a frame, which name the regions of frames without places.
         progress: Called as progress(done, total) with numbers of frames.
+        space: The free space of the only storey, such as that of a robot's map; None: from the range images.
 
     Raises:
-        DataError: The frames have no range, no free floor was seen, or a storey is too large for one grid.
+        DataError: A free space was passed for frames on several storeys, the frames have no range, no free floor was
+            seen, or a storey is too large for one grid.
         RequirementMissing: scikit-image is not installed.
     """
-    if not any(panorama.range_m is not None for _, panorama in load_samples(frames, NUM_SAMPLES)):
+    if space is None and not any(panorama.range_m is not None for _, panorama in load_samples(frames, NUM_SAMPLES)):
         raise DataError("the data have no floor masks and no range images to derive floors from, expected one of them")
     notes: list[str] = []
-    found = _find_storeys(frames, _Count(len(frames), progress), notes)
+    found = _find_storeys(frames, space, _Count(len(frames), progress), notes)
     split = None if has_places(frames) else [split_regions(storey.space) for storey in found]
     if split is not None:
         counts = [
@@ -114,7 +117,8 @@ def derive_floors(
     if not floors:
         raise DataError(f"no floor can be derived: {'; '.join(notes)}")
     regions_from = PartSource.PLACES if split is None else PartSource.FREE_SPACE
-    sources = TopologySources(free_space=PartSource.RANGE, regions=regions_from)
+    space_from = PartSource.RANGE if space is None else PartSource.MAP_FILE
+    sources = TopologySources(free_space=space_from, regions=regions_from)
     placed = tuple(replace(frame, place=places.get(frame.id, frame.place)) for frame in frames)
     return FloorPlan(tuple(floors), placed, sources, tuple(notes))
 
@@ -124,14 +128,20 @@ def _masks(storey: _Storey, region: np.ndarray, regions: Mapping[int, str]) -> F
     return FloorMasks(space.floor, region, space.low, space.resolution_m, space.origin_m, regions, storey.z_m)
 
 
-def _find_storeys(frames: Sequence[ReferenceFrame], count: _Count, notes: list[str]) -> list[_Storey]:
-    """Return the storeys with their free space, lowest first."""
+def _find_storeys(
+    frames: Sequence[ReferenceFrame], space: FreeSpace | None, count: _Count, notes: list[str]
+) -> list[_Storey]:
+    """Return the storeys with their free space, lowest first. `space` is that of a single storey, None if unknown."""
     found = []
-    for numbers in storeys(np.array([frame.T_world_pano[2, 3] for frame in frames])):
+    groups = storeys(np.array([frame.T_world_pano[2, 3] for frame in frames]))
+    if space is not None and len(groups) > 1:
+        raise DataError(f"the frames are on {len(groups)} storeys, expected one: a map file shows one storey")
+    for numbers in groups:
         members = tuple(frames[number] for number in numbers)
         xy_m = np.array([frame.T_world_pano[:2, 3] for frame in members])
         z_m = _floor_height(members)
-        found.append(_Storey(members, xy_m, z_m, _scan(members, xy_m, z_m, count, notes)))
+        free = _scan(members, xy_m, z_m, count, notes) if space is None else space
+        found.append(_Storey(members, xy_m, z_m, free))
     return found
 
 

@@ -54,7 +54,7 @@ class FreeSpace:
 
     def cells(self, xy_m: np.ndarray) -> np.ndarray:
         """Return the (row, column) of positions (N, 2), (N, 2) int. They may be outside the grid."""
-        return _cells(xy_m, self.origin_m)
+        return _cells(xy_m, self.origin_m, self.resolution_m)
 
 
 class OccupancyGrid:
@@ -189,7 +189,7 @@ def _small_parts(mask: np.ndarray, max_area_m2: float) -> np.ndarray:
     return mask & (np.bincount(parts.ravel())[parts] * RESOLUTION_M**2 <= max_area_m2)
 
 
-def _cells(xy_m: np.ndarray, origin_m: tuple[float, float]) -> np.ndarray:
+def _cells(xy_m: np.ndarray, origin_m: tuple[float, float], resolution_m: float = RESOLUTION_M) -> np.ndarray:
     """Return the (row, column) of positions (N, 2), (N, 2) int."""
-    column, row = np.floor((xy_m - origin_m) / (RESOLUTION_M, -RESOLUTION_M)).astype(int).T
+    column, row = np.floor((xy_m - origin_m) / (resolution_m, -resolution_m)).astype(int).T
     return np.stack([row, column], 1)

@@ -83,7 +83,7 @@ def regions_at(region: np.ndarray, space: FreeSpace, xy_m: np.ndarray) -> np.nda
         xy_m: (N, 2) positions in the world frame.
     """
     cells = space.cells(xy_m)
-    is_inside = ((cells >= 0) & (cells < region.shape)).all(1)
+    is_inside = np.all((cells >= 0) & (cells < np.array(region.shape)), axis=1)
     row, column = np.where(is_inside[:, None], cells, 0).T
     return np.where(is_inside, region[row, column], 0)
 

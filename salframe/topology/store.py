@@ -98,8 +98,8 @@ def read_topology(parts: MapParts) -> TopologicalMap:
     """
     if not parts.has(TOPOLOGY):
         raise DataError(
-            f"{parts.folder.parent} holds no topological map: build it again, from data with floor masks and without "
-            "--no-topology"
+            f"{parts.folder.parent} holds no topological map: build it again, from data with floor masks or range, and "
+            "without --no-topology"
         )
     saved = parts.read_json(TOPOLOGY, _Saved)
     with reading(parts.folder / NODES, "nodes of a map"):

@@ -192,7 +192,7 @@ def test_data_without_floors_give_a_map_without_topology(rooms):
     done = run("map", "query", "map", "query-1-0", "--data", "doored", "--to", "room-3")
     assert (done.code, done.err) == (1, "")
     assert "pose: x 4.00 m, y 0.00 m, yaw 0.0 deg" in done.out
-    assert done.out.endswith("no route to room-3: the map has no topology: build it from data with floor masks\n")
+    assert done.out.endswith("no route to room-3: the map has no topology: build it from data with floor masks or range\n")
 
 
 @pytest.mark.parametrize("options", [(), ("--central-nodes",), ("--no-topology",)])
