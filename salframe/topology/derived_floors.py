@@ -88,22 +88,22 @@ def derive_floors(
     if space is None and not any(panorama.range_m is not None for _, panorama in load_samples(frames, NUM_SAMPLES)):
         raise DataError("the data have no floor masks and no range images to derive floors from, expected one of them")
     notes: list[str] = []
-    found = _find_storeys(frames, space, _Count(len(frames), progress), notes)
-    split = None if has_places(frames) else [split_regions(storey.space) for storey in found]
+    levels = _find_storeys(frames, space, _Count(len(frames), progress), notes)
+    split = None if has_places(frames) else [split_regions(storey.space) for storey in levels]
     if split is not None:
         counts = [
-            np.bincount(regions_at(region, one.space, one.xy_m))[1:] for region, one in zip(split, found, strict=True)
+            np.bincount(regions_at(region, one.space, one.xy_m))[1:] for region, one in zip(split, levels, strict=True)
         ]
         if max(count.max(initial=0) for count in counts) < 2:
             split = None
     floors, places = [], {}
     numbers: Counter[str] = Counter()
-    for index, storey in enumerate(found):
+    for index, storey in enumerate(levels):
         if split is not None:
             region = split[index]
             frame_region = regions_at(region, storey.space, storey.xy_m)
-            seen = [labels(frame) if labels else () for frame in storey.frames]
-            regions = name_regions(frame_region, seen, int(region.max(initial=0)), numbers)
+            frame_labels = [labels(frame) if labels else () for frame in storey.frames]
+            regions = name_regions(frame_region, frame_labels, int(region.max(initial=0)), numbers)
             for frame, label in zip(storey.frames, frame_region.tolist(), strict=True):
                 places[frame.id] = regions.get(label, frame.place)
         else:
@@ -132,7 +132,7 @@ def _find_storeys(
     frames: Sequence[ReferenceFrame], space: FreeSpace | None, count: _Count, notes: list[str]
 ) -> list[_Storey]:
     """Return the storeys with their free space, lowest first. `space` is that of a single storey, None if unknown."""
-    found = []
+    levels = []
     groups = storeys(np.array([frame.T_world_pano[2, 3] for frame in frames]))
     if space is not None and len(groups) > 1:
         raise DataError(f"the frames are on {len(groups)} storeys, expected one: a map file shows one storey")
@@ -141,8 +141,8 @@ def _find_storeys(
         xy_m = np.array([frame.T_world_pano[:2, 3] for frame in members])
         z_m = _floor_height(members)
         free = _scan(members, xy_m, z_m, count, notes) if space is None else space
-        found.append(_Storey(members, xy_m, z_m, free))
-    return found
+        levels.append(_Storey(members, xy_m, z_m, free))
+    return levels
 
 
 class _Count:

@@ -177,7 +177,8 @@ def test_build_and_map_build_are_one_command(built, tmp_path):
     done = run("map", "route", "other", "room-0", "room-1")
     assert (done.code, done.err) == (
         2,
-        "error: other holds no topological map: build it again, from data with floor masks and without --no-topology\n",
+        "error: other holds no topological map: build it again, from data with floor masks or range, and "
+        "without --no-topology\n",
     )
 
 
@@ -192,7 +193,8 @@ def test_data_without_floors_give_a_map_without_topology(rooms):
     done = run("map", "query", "map", "query-1-0", "--data", "doored", "--to", "room-3")
     assert (done.code, done.err) == (1, "")
     assert "pose: x 4.00 m, y 0.00 m, yaw 0.0 deg" in done.out
-    assert done.out.endswith("no route to room-3: the map has no topology: build it from data with floor masks or range\n")
+    reason = "the map has no topology: build it from data with floor masks or range"
+    assert done.out.endswith(f"no route to room-3: {reason}\n")
 
 
 @pytest.mark.parametrize("options", [(), ("--central-nodes",), ("--no-topology",)])
@@ -317,3 +319,27 @@ def test_a_picture_replaces_pictures_alone(built, tmp_path):
     assert (tmp_path / "thesis.png").read_text() == "years"
     for _ in range(2):
         assert run("map", "show", "map", "-o", "new.png").code == 0
+
+
+def test_stairs_connect_floors_and_routes_take_them(rooms, tmp_path):
+    assert run("map", "build", "storeys", "-o", "map", "--method", "reader").code == 0
+    nodes = open_topology(tmp_path / "map").nodes
+    lower, upper = (choose(nodes, key=lambda node: node.xyz_m[2]).id for choose in (min, max))
+    assert run("map", "route", "map", lower, upper).code == 2
+    done = run("map", "connect", "map", lower, upper, "--kind", "lift", "--length", "15")
+    assert (done.code, done.out.splitlines()[0]) == (0, "map: 1 connections between 2 floors")
+    route = run("map", "route", "map", lower, upper, "--json").json
+    assert route["length_m"] == 15.0
+    assert [(step["kind"], step["floor"], step["say"]) for step in route["steps"]] == [
+        ("lift", 2, f"take the lift to floor 2, to {upper}")
+    ]
+    assert run("map", "show", "map").code == 0
+    assert run("map", "export", "map", "map.geojson").code == 0
+    done = run("map", "connect", "map", lower)
+    assert (done.code, done.err) == (
+        2,
+        "error: expected either FROM, TO and --length, or --file: name the two ends, or a CSV table\n",
+    )
+    done = run("map", "connect", "map", lower, upper, "--kind", "ladder", "--length", "2")
+    assert done.code == 2
+    assert "stairs" in done.err

@@ -10,12 +10,16 @@ from rendered_rooms import box_range, range_frame, two_room_walls
 
 from salframe.framework.errors import DataError
 from salframe.panoramas.floors import FloorMasks, floor_pixels
+from salframe.panoramas.folder_format import FrameEntry, write_manifest, write_objects, write_panorama
 from salframe.panoramas.frames import FrameKind, ReferenceFrame
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.panorama import Panorama
 from salframe.topology.build import build_topology
+from salframe.topology.building_map import build_map
 from salframe.topology.derived_floors import derive_floors, storeys
-from salframe.topology.topological_map import NodeKind, PartSource
+from salframe.topology.routes import find_route
+from salframe.topology.store import open_topology
+from salframe.topology.topological_map import NodeKind, PartSource, TopologySources
 
 TABLE = ((1.5, 0.6, 0.7), (2.7, 1.4, 0.75))
 """A table top without legs; the floor below it is not walkable."""
@@ -129,3 +133,26 @@ def test_frames_without_range_are_noted_and_data_without_range_are_refused():
     assert plan.notes == ("1 of 5 frames at z = 0.0 m add no free space, because they have no range: blind",)
     with pytest.raises(DataError, match="no floor masks and no range images"):
         derive_floors([blind])
+
+
+def test_a_folder_without_masks_gets_a_map_with_routes(tmp_path):
+    write_objects(tmp_path / "objects.parquet", {"instance_id": [1], "label": ["table"]})
+    entries = []
+    for frame in two_rooms([TABLE]):
+        range_m = frame.load().range_m
+        ids = np.ones(range_m.shape, np.int32)
+        pose = tuple(frame.T_world_pano.ravel().tolist())
+        files = {"range": f"{frame.id}.range.png", "instances": f"{frame.id}.instances.png"}
+        entry = FrameEntry(id=frame.id, role="map", place=frame.place, pose=pose, **files)
+        write_panorama(tmp_path, entry, None, range_m, ids)
+        entries.append(entry)
+    write_manifest(tmp_path, entries, {}, objects="objects.parquet")
+    built = build_map(tmp_path, tmp_path / "map", "saliency-graph")
+    read = open_topology(tmp_path / "map")
+    assert read == built.topology
+    assert read.sources == TopologySources(free_space=PartSource.RANGE, regions=PartSource.PLACES)
+    assert read.notes[0] == (
+        "floors without masks: the free space is derived from range, the regions are derived from places"
+    )
+    route = find_route(read, "west", "east")
+    assert route.length_m == pytest.approx(np.hypot(1.0, 1.0) * 2, abs=0.1)  # from b through (0, 0) to c
