@@ -109,7 +109,8 @@ def build_map(
     if topology:
         try:
             if not plan.floors:
-                plan = plan_floors(dataset, frames, localizer, progress, floor_map and Path(floor_map))
+                robot_map = None if floor_map is None else Path(floor_map)
+                plan = plan_floors(dataset, frames, localizer, progress, robot_map)
             topological_map = _build_topology(plan, TopologySettings(choose=central_nodes))
         except (DataError, RequirementMissing) as error:
             if central_nodes or not frames:
