@@ -44,6 +44,7 @@ class SaliencyGraph:
             the node has a range.
         origin_m: (N, 3) float64, position of the camera that saw each node, in the panorama frame: 0 but for nodes
             without range in a graph of several views.
+        texts: N strings, the text written on each node, "" where none was read; by default on no node.
         out_of_reach: Number of objects that were left out because they lie beyond REACH_M along an axis.
     """
 
@@ -58,6 +59,7 @@ class SaliencyGraph:
     solid_angle_sr: np.ndarray = None  # type: ignore[assignment]
     origin_m: np.ndarray = None  # type: ignore[assignment]
     out_of_reach: int = 0
+    texts: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "labels", tuple(self.labels))
@@ -76,6 +78,9 @@ class SaliencyGraph:
         check_array(self, "bearing", np.float64, n, 3)
         check_array(self, "solid_angle_sr", np.float64, n)
         check_array(self, "origin_m", np.float64, n, 3)
+        object.__setattr__(self, "texts", tuple(self.texts) or ("",) * n)
+        if len(self.texts) != n:
+            raise DataError(f"SaliencyGraph.texts has {len(self.texts)} strings, expected {n}, one for each node")
         edges = check_array(self, "edges", np.int64, None, 2)
         if len(edges) and not (edges[:, 0].min() >= 0 and (edges[:, 0] < edges[:, 1]).all() and edges[:, 1].max() < n):
             raise DataError(f"SaliencyGraph.edges must be pairs a < b of nodes below {n}, the number of nodes")
@@ -123,7 +128,8 @@ def with_range(graph: SaliencyGraph) -> SaliencyGraph:
     if count == len(graph):
         return graph
     names = ("scores", "saliency", "centroid_m", "size_m", "yaw_rad", "bearing", "solid_angle_sr", "origin_m")
-    return replace(graph, labels=graph.labels[:count], **{name: getattr(graph, name)[:count] for name in names})
+    first = {name: getattr(graph, name)[:count] for name in ("labels", "texts", *names)}
+    return replace(graph, **first)
 
 
 def concatenate_graphs(parts: Sequence[SaliencyGraph]) -> SaliencyGraph:
@@ -135,6 +141,7 @@ def concatenate_graphs(parts: Sequence[SaliencyGraph]) -> SaliencyGraph:
         tuple(label for part in parts for label in part.labels),
         edges=np.concatenate(edges),
         out_of_reach=sum(part.out_of_reach for part in parts),
+        texts=tuple(text for part in parts for text in part.texts),
         **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names},
     )
 
@@ -193,6 +200,7 @@ def build_graph(detections: Detections, saliency: np.ndarray, config: GraphConfi
         chosen.bearing if bearings_only else unit_vectors(chosen.centroid_m),
         chosen.solid_angle_sr if bearings_only else np.full(len(nodes), np.nan),
         out_of_reach=int(far.sum()),
+        texts=chosen.texts,
     )
 
 

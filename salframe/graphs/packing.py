@@ -19,6 +19,9 @@ GRAPH_ARRAYS = frozenset({"labels", "scores", "saliency", "centroid_m", "size_m"
 BEARING_ARRAYS = ("bearing", "solid_angle_sr", "origin_m")
 """Names of the arrays of graphs with nodes without range."""
 
+TEXTS = "texts"
+"""Name of the array with the text of each node, in graphs with at least one text."""
+
 
 def graph_to_arrays(graph: SaliencyGraph) -> dict[str, np.ndarray]:
     """Return a graph as named arrays, without loss."""
@@ -27,6 +30,7 @@ def graph_to_arrays(graph: SaliencyGraph) -> dict[str, np.ndarray]:
     # With range, bearings are computed from the centroids.
     bearing = {} if has_range else {name: getattr(graph, name) for name in BEARING_ARRAYS}
     out_of_reach = {"out_of_reach": np.array(graph.out_of_reach)} if graph.out_of_reach else {}
+    texts = {TEXTS: np.array(graph.texts, np.str_)} if any(graph.texts) else {}
     return {
         "labels": labels,
         "scores": graph.scores,
@@ -37,6 +41,7 @@ def graph_to_arrays(graph: SaliencyGraph) -> dict[str, np.ndarray]:
         "edges": graph.edges,
         **bearing,
         **out_of_reach,
+        **texts,
     }
 
 
@@ -45,15 +50,17 @@ def graph_from_arrays(arrays: Mapping[str, np.ndarray]) -> SaliencyGraph:
     fields = {name: arrays[name] for name in ("scores", "saliency", "centroid_m", "size_m", "yaw_rad", "edges")}
     fields |= {name: arrays[name] for name in BEARING_ARRAYS if name in arrays}
     out_of_reach = int(arrays.get("out_of_reach", 0))
-    return SaliencyGraph(tuple(arrays["labels"].tolist()), **fields, out_of_reach=out_of_reach)
+    texts = tuple(arrays[TEXTS].tolist()) if TEXTS in arrays else ()
+    return SaliencyGraph(tuple(arrays["labels"].tolist()), **fields, out_of_reach=out_of_reach, texts=texts)
 
 
 def pack_graph(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Pack arrays of `graph_to_arrays` into 16 bytes per node, one bit per pair of nodes, and the labels.
+    """Pack arrays of `graph_to_arrays` into 16 bytes per node, one bit per pair of nodes, the labels, and the texts.
 
     Returns:
         `labels`; `nodes` (N,): score in 1/255, yaw in pi/256, saliency in 1/65535, position and size in mm, a size from
-        1 to 65535; `edges`: a bit for each pair of nodes, row by row above the diagonal.
+        1 to 65535; `edges`: a bit for each pair of nodes, row by row above the diagonal;
+        `texts`, if a node has one.
 
     Raises:
         DataError: A position is unknown or beyond +-32.7 m.
@@ -69,14 +76,19 @@ def pack_graph(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     nodes["saliency"] = np.round(arrays["saliency"] * 65535)
     nodes["position_mm"] = np.round(centroid_m * 1000)
     nodes["size_mm"] = np.clip(np.round(arrays["size_m"] * 1000), 1, 65535)
-    return {"labels": arrays["labels"], "nodes": nodes, "edges": edge_bits(arrays["edges"], count)}
+    return {"labels": arrays["labels"], "nodes": nodes, "edges": edge_bits(arrays["edges"], count), **texts_of(arrays)}
 
 
 def unpack_graph(packed: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Return the arrays of `graph_to_arrays`, rounded as in `pack_graph`."""
     pairs = _pairs(len(packed["nodes"]))
     edges = pairs[np.unpackbits(packed["edges"], count=len(pairs)).view(bool)]
-    return {"labels": packed["labels"], **unpack_nodes(packed["nodes"]), "edges": edges}
+    return {"labels": packed["labels"], **unpack_nodes(packed["nodes"]), "edges": edges, **texts_of(packed)}
+
+
+def texts_of(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the array of the texts of a graph or packed graph by its name; {} if no node has a text."""
+    return {TEXTS: arrays[TEXTS]} if TEXTS in arrays else {}
 
 
 def unpack_nodes(nodes: np.ndarray) -> dict[str, np.ndarray]:
