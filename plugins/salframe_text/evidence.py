@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -10,6 +9,7 @@ from pydantic import Field
 
 from salframe.framework.component import ComponentConfig
 from salframe.graphs.packing import TEXTS
+from salframe.graphs.texts import text_key
 from salframe.localization.evidence_model import EvidenceColumn, EvidenceModel, PlaceFrames, PlaceHypotheses
 from salframe.localization.localizer import Description
 from salframe.panoramas.panorama import Panorama
@@ -59,7 +59,7 @@ class TextEvidence(EvidenceModel):
         )
 
     def describe(self, panorama: Panorama, description: Description) -> Description:
-        return _as_array(normalized(text) for text in description.get(TEXTS, ()))
+        return _as_array(text_key(text) for text in description.get(TEXTS, ()))
 
     def join(self, descriptions: Sequence[Description], T_last_view: np.ndarray) -> Description:
         return _as_array(text for description in descriptions for text in description.get(STRINGS, ()))
@@ -98,11 +98,6 @@ class TextEvidence(EvidenceModel):
         elsewhere = unmapped * (of_any_place + ALPHABET ** -float(len(text))) / 2
         ratio = ((1 - unmapped) * of_place + elsewhere) / ((1 - unmapped) * of_any_place + elsewhere)
         return np.where(count > 0, np.log(ratio), 0.0)
-
-
-def normalized(text: str) -> str:
-    """Return a string for comparison: without case, spaces, and variants of characters of one meaning."""
-    return "".join(unicodedata.normalize("NFKC", text).casefold().split())
 
 
 def _as_array(texts: Iterable[str]) -> Description:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
@@ -93,6 +94,7 @@ class TopologicalMap:
         parameters: The settings that the map was built with.
         notes: Notes for the user, one line each: regions out of reach, edges without line of sight, frames that were
             moved or left out.
+        signs: Id of the node nearest to each sign that the map has read, by the `text_key` of its text.
     """
 
     nodes: tuple[MapNode, ...]
@@ -100,3 +102,4 @@ class TopologicalMap:
     floors: tuple[FloorMasks, ...] = field(default=(), compare=False)
     parameters: TopologySettings = field(default_factory=TopologySettings)
     notes: tuple[str, ...] = ()
+    signs: Mapping[str, str] = field(default_factory=dict, compare=False)
