@@ -20,10 +20,12 @@ class GraphMatch:
     """A match of a query graph with a graph of the map.
 
     Attributes:
-        scene: Index of the scene in the map. score: Score of the match, larger is better. pairs: (M, 2) int64, pairs of
-        query and map nodes. T_scene_query: (4, 4) pose of the query relative to the reference frame; None for matchers
-        that do not estimate it. scale: Factor that corrects the ranges of the query, 1 for matchers that do not
-        estimate it.
+        scene: Index of the scene in the map.
+        score: Score of the match, larger is better.
+        pairs: (M, 2) int64, pairs of query and map nodes.
+        T_scene_query: (4, 4) pose of the query relative to the reference frame; None for matchers that do not estimate
+            it.
+        scale: Factor that corrects the ranges of the query, 1 for matchers that do not estimate it.
     """
 
     scene: int
