@@ -9,7 +9,8 @@ from scipy.stats import norm
 from salframe.framework.errors import ConfigError, DataError
 from salframe.framework.validation import validate
 from salframe.localization.answers import Localization, RankedPlace
-from salframe.localization.posterior import Head, Posterior, ScoredAnswer, fit_posterior, read_fitted, shares
+from salframe.localization.posterior import Head, Posterior, read_fitted, shares
+from salframe.localization.posterior_fit import ScoredAnswer, fit_posterior
 
 NEUTRAL = {"absent_mean": 0.0, "absent_deviation": 1.0, "bias": 0.0, "slope": 0.0, "accuracy": 1.0, "other_score": 0.0}
 """A head that returns one half for every answer."""

@@ -26,7 +26,7 @@ from salframe.localization.describing import describe_frame
 from salframe.localization.evidence import Evidence, fit_weights
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map import LocalizationMap
-from salframe.localization.posterior import Fit, ScoredAnswer, fit_posterior
+from salframe.localization.posterior_fit import Fit, ScoredAnswer, fit_posterior
 from salframe.localization.preparing import Tell, prepare, silent
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.frames import FrameKind, QueryFrame, ReferenceFrame

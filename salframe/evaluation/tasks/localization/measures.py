@@ -105,10 +105,12 @@ def _confidence_measures(judged: Judged, seed: int) -> dict[str, Any]:
             "precision_at": precision_at(judged.evidence, right, present),
             "false_accept_rate": false_accept_rate(judged.evidence[right], judged.evidence[absent]),
         }
-        known = np.isfinite(judged.in_map)
-        if known.any():
-            measures["log_loss"] = log_loss(judged.in_map[known], judged.present[known])
-            measures["brier_score"] = float(np.mean((judged.in_map[known] - judged.present[known]) ** 2))
+        has_probability = np.isfinite(judged.in_map)
+        if has_probability.any():
+            measures["log_loss"] = log_loss(judged.in_map[has_probability], judged.present[has_probability])
+            measures["brier_score"] = float(
+                np.mean((judged.in_map[has_probability] - judged.present[has_probability]) ** 2)
+            )
         if np.isfinite(judged.accepted).all():
             measures["right_not_accepted"] = _rate(judged.accepted == 0, judged, right)
             measures["absent_accepted"] = _rate(judged.accepted == 1, judged, absent)
