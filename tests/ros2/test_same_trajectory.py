@@ -8,7 +8,7 @@ import numpy as np
 from command_line import run
 
 from ros2.recorded_walk import RecordedWalk
-from ros2.same_trajectory import NEAR, check_same_trajectory
+from ros2.same_trajectory import NEAR, TOLERANCE, check_same_trajectory
 from salframe.panoramas.camera_sequence import read_sequence
 from salframe.panoramas.geometry import invert_pose
 from salframe.testing.rooms import ROOMS, look, stand
