@@ -90,6 +90,20 @@ export class Plan {
     this.unit = Math.max(this.box[2] / width, this.box[3] / height);
     this.element.style.setProperty("--unit", this.unit);
     for (const dot of this.element.querySelectorAll("[data-px]")) dot.setAttribute("r", dot.dataset.px * this.unit);
+    this.hideCrowdedNames();
+  }
+
+  // Hide names that would cover another name or leave the plan. They appear when their place has the pointer or the focus, or is the goal.
+  hideCrowdedNames() {
+    const plan = this.element.getBoundingClientRect();
+    const shown = [];
+    for (const text of this.layers.places.querySelectorAll("text")) {
+      text.classList.remove("crowded");
+      const box = text.getBoundingClientRect();
+      const covers = shown.some((b) => box.left < b.right && b.left < box.right && box.top < b.bottom && b.top < box.bottom);
+      if (covers || box.left < plan.left || box.right > plan.right) text.classList.add("crowded");
+      else shown.push(box);
+    }
   }
 
   drawArea(feature, kind) {
