@@ -47,14 +47,14 @@ class TurnsRow(MethodRow):
 COLUMNS: dict[str, Column[TurnsRow]] = {
     "input": INPUT,
     "queries": Column("queries", lambda row: str(row.queries)),
-    "resolved_first": rate_column("accepted and correct\nwithout a turn %", lambda row: row.resolved_first),
+    "resolved_first": rate_column("resolved without\na turn %", lambda row: row.resolved_first),
     "unaccepted": count_column("not accepted", lambda row: row.unaccepted),
-    "resolved": rate_column("of these resolved by\nthe proposed turn %", lambda row: row.resolved),
-    "resolved_random": rate_column("by a random\nturn %", lambda row: row.resolved_random),
-    "right_first": rate_column("place correct\nbefore %", lambda row: row.right_first),
-    "right": rate_column("after the\nproposed turn %", lambda row: row.right),
-    "right_random": rate_column("after a\nrandom turn %", lambda row: row.right_random),
-    "wrong": rate_column("accepted wrong place,\nproposed turn %", lambda row: row.wrong),
-    "wrong_random": rate_column("random\nturn %", lambda row: row.wrong_random),
+    "resolved": rate_column("resolved by the\nsuggested turn %", lambda row: row.resolved),
+    "resolved_random": rate_column("resolved by a\nrandom turn %", lambda row: row.resolved_random),
+    "right_first": rate_column("correct place\nwithout a turn %", lambda row: row.right_first),
+    "right": rate_column("correct place after\nthe suggested turn %", lambda row: row.right),
+    "right_random": rate_column("correct place after\na random turn %", lambda row: row.right_random),
+    "wrong": rate_column("wrong place accepted after\nthe suggested turn %", lambda row: row.wrong),
+    "wrong_random": rate_column("wrong place accepted after\na random turn %", lambda row: row.wrong_random),
 }
 USUAL = tuple(COLUMNS)
