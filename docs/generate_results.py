@@ -33,7 +33,7 @@ RESULTS = Path(__file__).with_name("results")
 TERMS: dict[str, dict[str, str]] = yaml.safe_load(
     Path(__file__).with_name("result_terms.yaml").read_text(encoding="utf-8")
 )
-GROUPS = {"columns": "column", "rows": "method or detector", "inputs": "input", "data": "building"}
+GROUPS = {"columns": "column", "rows": "method or detector", "inputs": "input", "data": "word in a title"}
 """Heading of the definitions of each group of terms."""
 HOURS = re.compile(r"(<!-- hours -->).*?(<!-- /hours -->)")
 TABLE = re.compile(r"(<!-- table: ([\w-]+) ([\w-]+) (\[.*?\]) -->\n).*?(<!-- /table -->\n)", re.DOTALL)
