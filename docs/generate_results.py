@@ -69,7 +69,12 @@ def draw(name: str, text: str) -> str:
     reported = reported_in(experiment)
     if reported:
         named = any("proposed" in row for _, part in reported for row in part.rows)
-        note = " In this part, *proposed* is the method of the paper. The other rows are methods that the paper compares with it." if named else ""
+        note = (
+            " In this part, *proposed* is the method of the paper. The other rows are methods that the paper compares with "
+            "it."
+            if named
+            else ""
+        )
         parts.append(f"**Reported by a paper, not measured here** ({reported[0][0]}). {experiment.differs}{note}")
     for _, part in reported:
         parts += [f"*{part.title}*", to_markdown(reported_table(part)).rstrip()]
