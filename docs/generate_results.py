@@ -70,8 +70,8 @@ def draw(name: str, text: str) -> str:
     if reported:
         named = any("proposed" in row for _, part in reported for row in part.rows)
         note = (
-            " In this part, *proposed* is the method of the paper. The other rows are methods that the paper compares with "
-            "it."
+            " In this part, *proposed* is the method of the paper. The other rows are methods that the paper "
+            "compares with it."
             if named
             else ""
         )
