@@ -165,7 +165,8 @@ def write_credits() -> str:
         "The [detector `panoseg`](../how-to/panoseg.md) was trained on pictures of rendered rooms. The furniture in "
         f"these rooms comes from {len(credits)} models of the furniture libraries of "
         "[Sweet Home 3D](https://www.sweethome3d.com). The models were stretched before they were rendered. They are "
-        "not part of salframe. docs/generate_reference.py generates this page from the model card of `panoseg`. The name of a model is LIBRARY#MODEL.",
+        "not part of salframe. docs/generate_reference.py generates this page from the model card of `panoseg`. The "
+        "name of a model is LIBRARY#MODEL.",
         _table(
             ("model", "made by", "licence"),
             [(credit["name"], credit["creator"], credit["licence"]) for credit in credits],
