@@ -19,12 +19,12 @@ class TurnsRow(MethodRow):
         queries: Number of queries.
         unaccepted: Number of queries whose first answer is not accepted.
         resolved_first: Share of the queries that the first answer resolves.
-        resolved: Share that the answer after the proposed turn resolves; without a proposal, the first answer remains.
+        resolved: Share that the answer after the suggested turn resolves; without a suggestion, the first answer remains.
         resolved_random: Share that the answer after a random turn resolves.
         right_first: Share whose place is correct before a turn.
-        right: Share whose place is correct after the proposed turn.
+        right: Share whose place is correct after the suggested turn.
         right_random: Share whose place is correct after a random turn.
-        wrong: Share that is accepted with a wrong place after the proposed turn.
+        wrong: Share that is accepted with a wrong place after the suggested turn.
         wrong_random: Share that is accepted with a wrong place after a random turn.
     """
 
