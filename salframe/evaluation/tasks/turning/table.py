@@ -19,7 +19,8 @@ class TurnsRow(MethodRow):
         queries: Number of queries.
         unaccepted: Number of queries whose first answer is not accepted.
         resolved_first: Share of the queries that the first answer resolves.
-        resolved: Share that the answer after the suggested turn resolves; without a suggestion, the first answer remains.
+        resolved: Share that the answer after the suggested turn resolves. Without a suggestion, the first answer
+            remains.
         resolved_random: Share that the answer after a random turn resolves.
         right_first: Share whose place is correct before a turn.
         right: Share whose place is correct after the suggested turn.
