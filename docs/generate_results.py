@@ -33,7 +33,7 @@ RESULTS = Path(__file__).with_name("results")
 TERMS: dict[str, dict[str, str]] = yaml.safe_load(
     Path(__file__).with_name("result_terms.yaml").read_text(encoding="utf-8")
 )
-GROUPS = {"columns": "column", "rows": "name of a row", "inputs": "input", "data": "data of a table"}
+GROUPS = {"columns": "column", "rows": "method or detector", "inputs": "input", "data": "word in a title"}
 """Heading of the definitions of each group of terms."""
 HOURS = re.compile(r"(<!-- hours -->).*?(<!-- /hours -->)")
 TABLE = re.compile(r"(<!-- table: ([\w-]+) ([\w-]+) (\[.*?\]) -->\n).*?(<!-- /table -->\n)", re.DOTALL)
@@ -69,14 +69,31 @@ def draw(name: str, text: str) -> str:
     reported = reported_in(experiment)
     if reported:
         named = any("proposed" in row for _, part in reported for row in part.rows)
-        note = " In this part, *proposed* is the method of the paper." if named else ""
+        note = (
+            " In this part, *proposed* is the method of the paper. The other rows are methods that the paper "
+            "compares with it."
+            if named
+            else ""
+        )
         parts.append(f"**Reported by a paper, not measured here** ({reported[0][0]}). {experiment.differs}{note}")
     for _, part in reported:
         parts += [f"*{part.title}*", to_markdown(reported_table(part)).rstrip()]
     titles = " ".join(study.title for study in experiment.tables.values())
     terms = draw_terms({group: used - defined_in(text) for group, used in used_terms(tables, titles).items()})
     command = f"```\nsalframe experiment {name}{_options(experiment)}\n```"
-    return "\n\n".join([command, *([terms] if terms else []), *parts]) + "\n"
+    return "\n\n".join([command, *([terms] if terms else []), _notation(tables), *parts]) + "\n"
+
+
+def _notation(tables: Sequence[Table]) -> str:
+    """Return the explanation of the marks in tables."""
+    sentences = ["The brackets after the title of a table contain date, machine and run time of the measurement."]
+    if any(table.best for table in tables):
+        group = any(table.headings and table.headings[0] != METHOD for table in tables)
+        rows = " among the rows with the same values to the left of *method*" if group else ""
+        sentences.append(f"A number in **bold** is the best of its column{rows}.")
+    if any(re.search(r"\w\[\w", cell) for table in tables for row in table.rows for cell in row[: table.leading]):
+        sentences.append("Square brackets after the name of a method contain the settings that were changed.")
+    return " ".join(sentences)
 
 
 def used_terms(tables: Sequence[Table], titles: str = "") -> dict[str, set[str]]:

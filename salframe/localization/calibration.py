@@ -28,9 +28,11 @@ ABSENT_PRIOR = 10.0
 """Number of out-of-map answers that the mean and the deviation of the posterior count as."""
 ACCURACY_PRIOR = 4.0
 """Number of answers that the accuracy of the posterior counts as."""
-DISTANCE_EFFECT = 1.0
-"""Decrease of the log-odds of a right answer per unit of the logarithm of the distance to the nearest reference frame.
+DISTANCE_EXPONENT = 0.3
+"""The share of right answers is proportional to the distance to the nearest reference frame to the power of minus this.
 Fitted on tuning data: ten buildings at half of their viewpoints, and `house-42` with the errors of two detectors."""
+ACCURACY_LIMITS = (0.01, 0.99)
+"""Minimum and maximum accuracy of a calibrated head."""
 PROBABILITY_DIGITS = 4
 """Number of decimals of the stored probabilities, which keeps maps small."""
 MIN_DISTANCE_M = 0.1
@@ -263,28 +265,21 @@ def calibrate_head(posterior: Posterior, answers: FrameAnswers) -> Head:
 
 
 def _accuracy(present: FrameAnswers, head: Head, query_distance_m: float) -> float:
-    """Return the accuracy at a distance, by maximum a posteriori. It is the root of the derivative of the
-    log-likelihood, which decreases in the log-odds of the accuracy."""
-    expected = head.accuracy
-    offset = -DISTANCE_EFFECT * np.log(np.maximum(present.distance_m, MIN_DISTANCE_M) / query_distance_m)
-    offset += head.accuracy_effect * head.relative_objects(present.objects)
-    num_right = present.is_right.sum() + ACCURACY_PRIOR * expected
+    """Return the accuracy at a distance, by maximum a posteriori."""
+    if not len(present.is_right):
+        return head.accuracy
+    from scipy.optimize import minimize_scalar
 
-    def excess(log_odds: float) -> float:
-        accuracy = float(expit(log_odds))
-        return float(shift_probability(accuracy, offset).sum() + ACCURACY_PRIOR * accuracy - num_right)
+    low, high = ACCURACY_LIMITS
+    factor = (np.maximum(present.distance_m, MIN_DISTANCE_M) / query_distance_m) ** -DISTANCE_EXPONENT
+    shift = head.accuracy_effect * head.relative_objects(present.objects)
 
-    from scipy.optimize import brentq
-    from scipy.special import expit
+    def loss(accuracy: float) -> float:
+        probability = shift_probability(np.minimum(accuracy * factor, high), shift)
+        prior = head.accuracy * np.log(accuracy) + (1 - head.accuracy) * np.log(1 - accuracy)
+        return log_loss(probability, present.is_right) * len(probability) - ACCURACY_PRIOR * float(prior)
 
-    low, high = -_MAX_LOG_ODDS, _MAX_LOG_ODDS
-    if excess(low) >= 0 or excess(high) <= 0:  # the expected accuracy is 0 or 1, and so are all answers
-        return expected
-    return float(expit(brentq(excess, low, high)))
-
-
-_MAX_LOG_ODDS = 12.0
-"""Bound of the log-odds of an accuracy."""
+    return float(minimize_scalar(loss, bounds=(low, high), method="bounded").x)
 
 
 def _hide(

@@ -8,7 +8,6 @@ import json
 import numpy as np
 import pytest
 from command_line import run
-from scipy.optimize import minimize_scalar
 from scipy.stats import norm
 
 import salframe
@@ -20,7 +19,7 @@ from salframe.localization.answers import Localization
 from salframe.localization.calibration import (
     ABSENT_PRIOR,
     ACCURACY_PRIOR,
-    DISTANCE_EFFECT,
+    DISTANCE_EXPONENT,
     FrameAnswers,
     MapCalibration,
     calibrate_head,
@@ -133,19 +132,17 @@ def test_accuracy_at_the_distance_of_queries_is_a_share():
 
 
 def test_accuracy_at_another_distance_maximizes_the_likelihood():
-    """The same number from scipy's minimizer of the negative log-likelihood."""
+    """The same number from a grid of the likelihood, written out frame by frame."""
     answers = drawn(40, 1, 2.0, 1.0, 0.6, np.linspace(0.5, 6, 80))
     present = ~answers.is_absent
-    offset, right = -DISTANCE_EFFECT * np.log(answers.distance_m[present]), answers.is_right[present]
-
-    def loss(log_odds):
-        frames = np.logaddexp(0, np.where(right, -1, 1) * (log_odds + offset)).sum()
-        prior = 0.75 * np.logaddexp(0, -log_odds) + 0.25 * np.logaddexp(0, log_odds)
-        return frames + ACCURACY_PRIOR * prior
-
-    expected = 1 / (1 + np.exp(-minimize_scalar(loss, bounds=(-9, 9), method="bounded", options={"xatol": 1e-9}).x))
+    distance, right = answers.distance_m[present], answers.is_right[present]
+    grid = np.linspace(0.01, 0.99, 9801)
+    likelihood = grid ** (ACCURACY_PRIOR * 0.75) * (1 - grid) ** (ACCURACY_PRIOR * 0.25)
+    for one, is_right in zip(distance, right, strict=True):
+        share = np.minimum(grid / one**DISTANCE_EXPONENT, 0.99)
+        likelihood *= share if is_right else 1 - share
     found = calibrate_head(POSTERIOR, answers).accuracy
-    assert found == pytest.approx(expected, abs=1e-6)
+    assert found == pytest.approx(grid[likelihood.argmax()], abs=2e-4)
     assert found > right.mean()  # queries stand nearer than most of these frames
 
 

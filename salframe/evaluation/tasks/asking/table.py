@@ -49,14 +49,14 @@ class AskingRow(MethodRow):
 COLUMNS: dict[str, Column[AskingRow]] = {
     "input": INPUT,
     "descriptions": Column("descriptions", lambda row: str(row.descriptions)),
-    "top1": rate_column("top 1 %\n(95 % CI)", lambda row: row.top1),
-    "top1_counts": rate_column("labels and\nnumbers %", lambda row: row.top1_counts),
-    "top1_labels": rate_column("labels\nalone %", lambda row: row.top1_labels),
-    "chance1": share_column("chance %", lambda row: row.chance1),
-    "top5": rate_column("top 5 %\n(95 % CI)", lambda row: row.top5),
-    "top5_counts": rate_column("top 5, labels\nand numbers %", lambda row: row.top5_counts),
-    "top5_labels": rate_column("top 5, labels\nalone %", lambda row: row.top5_labels),
-    "chance5": share_column("top 5,\nchance %", lambda row: row.chance5),
+    "top1": rate_column("R@1 %\n(95 % CI)", lambda row: row.top1),
+    "top1_counts": rate_column("R@1 %, labels\nand numbers", lambda row: row.top1_counts),
+    "top1_labels": rate_column("R@1 %,\nlabels alone", lambda row: row.top1_labels),
+    "chance1": share_column("R@1 %,\nchance", lambda row: row.chance1),
+    "top5": rate_column("R@5 %\n(95 % CI)", lambda row: row.top5),
+    "top5_counts": rate_column("R@5 %, labels\nand numbers", lambda row: row.top5_counts),
+    "top5_labels": rate_column("R@5 %,\nlabels alone", lambda row: row.top5_labels),
+    "chance5": share_column("R@5 %,\nchance", lambda row: row.chance5),
     "probability": number_column("mean\nprobability", lambda row: row.probability, 2),
 }
 USUAL = tuple(COLUMNS)

@@ -1,1 +1,1 @@
-"""The task `turning`: does the proposed turn of a camera help to localize it?"""
+"""The task `turning`: does the suggested turn of a camera help to localize it?"""

@@ -22,7 +22,7 @@ class TurnRow(PieceRow):
         query: Id of the query.
         place: True place.
         first: The answer to the query alone.
-        proposed: The answer after the proposed turn; None if the first answer is accepted, or proposes none.
+        proposed: The answer after the suggested turn; None if the first answer is accepted, or proposes none.
         random: The answer after a random turn; None if the first answer is accepted.
     """
 

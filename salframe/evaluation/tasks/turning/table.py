@@ -19,12 +19,13 @@ class TurnsRow(MethodRow):
         queries: Number of queries.
         unaccepted: Number of queries whose first answer is not accepted.
         resolved_first: Share of the queries that the first answer resolves.
-        resolved: Share that the answer after the proposed turn resolves; without a proposal, the first answer remains.
+        resolved: Share that the answer after the suggested turn resolves. Without a suggestion, the first answer
+            remains.
         resolved_random: Share that the answer after a random turn resolves.
         right_first: Share whose place is correct before a turn.
-        right: Share whose place is correct after the proposed turn.
+        right: Share whose place is correct after the suggested turn.
         right_random: Share whose place is correct after a random turn.
-        wrong: Share that is accepted with a wrong place after the proposed turn.
+        wrong: Share that is accepted with a wrong place after the suggested turn.
         wrong_random: Share that is accepted with a wrong place after a random turn.
     """
 
@@ -47,14 +48,14 @@ class TurnsRow(MethodRow):
 COLUMNS: dict[str, Column[TurnsRow]] = {
     "input": INPUT,
     "queries": Column("queries", lambda row: str(row.queries)),
-    "resolved_first": rate_column("accepted and correct\nwithout a turn %", lambda row: row.resolved_first),
+    "resolved_first": rate_column("resolved without\na turn %", lambda row: row.resolved_first),
     "unaccepted": count_column("not accepted", lambda row: row.unaccepted),
-    "resolved": rate_column("of these resolved by\nthe proposed turn %", lambda row: row.resolved),
-    "resolved_random": rate_column("by a random\nturn %", lambda row: row.resolved_random),
-    "right_first": rate_column("place correct\nbefore %", lambda row: row.right_first),
-    "right": rate_column("after the\nproposed turn %", lambda row: row.right),
-    "right_random": rate_column("after a\nrandom turn %", lambda row: row.right_random),
-    "wrong": rate_column("accepted wrong place,\nproposed turn %", lambda row: row.wrong),
-    "wrong_random": rate_column("random\nturn %", lambda row: row.wrong_random),
+    "resolved": rate_column("resolved by the\nsuggested turn %", lambda row: row.resolved),
+    "resolved_random": rate_column("resolved by a\nrandom turn %", lambda row: row.resolved_random),
+    "right_first": rate_column("correct place\nwithout a turn %", lambda row: row.right_first),
+    "right": rate_column("correct place after\nthe suggested turn %", lambda row: row.right),
+    "right_random": rate_column("correct place after\na random turn %", lambda row: row.right_random),
+    "wrong": rate_column("wrong place accepted after\nthe suggested turn %", lambda row: row.wrong),
+    "wrong_random": rate_column("wrong place accepted after\na random turn %", lambda row: row.wrong_random),
 }
 USUAL = tuple(COLUMNS)
