@@ -31,6 +31,9 @@ ACCURACY_PRIOR = 4.0
 DISTANCE_EXPONENT = 0.3
 """The share of right answers is proportional to the distance to the nearest reference frame to the power of minus this.
 Fitted on tuning data: ten buildings at half of their viewpoints, and `house-42` with the errors of two detectors."""
+FITTED_DISTANCE_M = 1.0
+"""Distance to the nearest reference frame that the accuracy of a posterior applies to: about the mean of the tuning
+data."""
 ACCURACY_LIMITS = (0.01, 0.99)
 """Minimum and maximum accuracy of a calibrated head."""
 PROBABILITY_DIGITS = 4
@@ -246,7 +249,7 @@ def calibrate_head(posterior: Posterior, answers: FrameAnswers) -> Head:
 
     The number of objects is the mean over the frames. Mean and deviation are those of the absent frames, averaged with
     those of the posterior, which count as ABSENT_PRIOR answers. The accuracy is that of the present frames at the
-    distance `query_distance_m`, where the accuracy of the posterior counts as ACCURACY_PRIOR answers.
+    distance `query_distance_m`. The accuracy of the posterior counts as ACCURACY_PRIOR answers at FITTED_DISTANCE_M.
     """
     head = posterior.head
     if head.objects and answers.objects.any():
@@ -266,12 +269,10 @@ def calibrate_head(posterior: Posterior, answers: FrameAnswers) -> Head:
 
 def _accuracy(present: FrameAnswers, head: Head, query_distance_m: float) -> float:
     """Return the accuracy at a distance, by maximum a posteriori."""
-    if not len(present.is_right):
-        return head.accuracy
     from scipy.optimize import minimize_scalar
 
     low, high = ACCURACY_LIMITS
-    factor = (np.maximum(present.distance_m, MIN_DISTANCE_M) / query_distance_m) ** -DISTANCE_EXPONENT
+    factor = _distance_factor(np.maximum(present.distance_m, MIN_DISTANCE_M))
     shift = head.accuracy_effect * head.relative_objects(present.objects)
 
     def loss(accuracy: float) -> float:
@@ -279,7 +280,13 @@ def _accuracy(present: FrameAnswers, head: Head, query_distance_m: float) -> flo
         prior = head.accuracy * np.log(accuracy) + (1 - head.accuracy) * np.log(1 - accuracy)
         return log_loss(probability, present.is_right) * len(probability) - ACCURACY_PRIOR * float(prior)
 
-    return float(minimize_scalar(loss, bounds=(low, high), method="bounded").x)
+    fitted = float(minimize_scalar(loss, bounds=(low, high), method="bounded").x) if len(factor) else head.accuracy
+    return float(np.clip(fitted * _distance_factor(query_distance_m), low, high))
+
+
+def _distance_factor(distance_m: np.ndarray | float) -> np.ndarray:
+    """Return the share of right answers at a distance, relative to that at FITTED_DISTANCE_M."""
+    return np.asarray((distance_m / FITTED_DISTANCE_M) ** -DISTANCE_EXPONENT)
 
 
 def _hide(
