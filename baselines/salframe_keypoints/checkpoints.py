@@ -76,7 +76,7 @@ def load_strictly(module: Any, state: Any, path: Path, computed: str | None = No
     try:
         module.load_state_dict(dict(state) | ({computed: module.get_buffer(computed)} if computed else {}))
     except (RuntimeError, TypeError, ValueError) as error:
-        raise WeightsError(f"{path} does not fit {type(module).__name__}: {_one_line(error)}") from None
+        raise WeightsError(f"{path} does not match the network {type(module).__name__}: {_one_line(error)}") from None
 
 
 def _one_line(error: Exception) -> str:

@@ -72,8 +72,9 @@ def find_model(source: Path) -> Path:
         if _is_model(folder):
             if folder.name == "0" and (others := [other for other in _submodels(source) if other != folder]):
                 raise DataError(
-                    f"{source} has {len(others) + 1} models, {', '.join(sorted(m.name for m in [folder, *others]))} in "
-                    "sparse, expected one: pass the folder of one model, such as sparse/0"
+                    f"{source} has {len(others) + 1} models in sparse ("
+                    f"{', '.join(sorted(m.name for m in [folder, *others]))}), expected one: pass the folder of one "
+                    f"model, such as sparse/0"
                 )
             return folder
     raise DataError(
@@ -104,7 +105,9 @@ def read_model(folder: Path) -> Model:
         if image.has_pose
     ]
     if not pictures:
-        raise DataError(f"{folder} has {model.num_images()} pictures, none with a pose, expected registered pictures")
+        raise DataError(
+            f"none of the {model.num_images()} pictures of {folder} has a pose, expected registered pictures"
+        )
     points = np.array([point.xyz for point in model.points3D.values()], np.float64).reshape(-1, 3)
     return Model(tuple(sorted(pictures, key=lambda picture: picture.name)), points)
 

@@ -73,7 +73,7 @@ class TumImporter(Importer):
         pose_offset_s: float = Field(0.0, description="seconds to add to the times of the poses")
         quaternion: Literal["xyzw", "wxyz"] = Field("xyzw", description="order of the quaternions in groundtruth.txt")
         pose_convention: PoseConvention = Field(
-            "opencv", description="convention of the poses in groundtruth.txt; the benchmark has opencv"
+            "opencv", description="convention of the poses in groundtruth.txt; the benchmark uses opencv"
         )
         depth_unit_m: PositiveFloat = Field(1 / 5000, description="metres per unit of the values of a depth image")
 

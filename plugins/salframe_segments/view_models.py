@@ -220,7 +220,8 @@ class GroundedModel(ViewModel):
                 last -= 1
                 if last == first:
                     raise ConfigError(
-                        f"the label {labels[first]!r} is too long for {model.folder}, expected a short name"
+                        f"the label {labels[first]!r} is too long for the network in {model.folder}, expected a "
+                        f"shorter label"
                     )
             self._texts.append(text)
             first = last

@@ -71,9 +71,7 @@ def limit_parser(option: str) -> Callable[[Any], float | None]:
 Methods = Annotated[str, typer.Option(help="Methods or YAML files, comma-separated; see `salframe methods`")]
 Data = Annotated[str, typer.Option(help="Dataset: a name of `salframe data list`, a YAML file or a folder")]
 DataArgument = Annotated[str, typer.Argument(help="Dataset: a name of `salframe data list`, a YAML file or a folder")]
-DataDir = Annotated[
-    Path | None, typer.Option(help="Folder with the files of the dataset, such as the downloaded files")
-]
+DataDir = Annotated[Path | None, typer.Option(help="Folder that contains the files of the dataset, such as a download")]
 Set = Annotated[
     list[str] | None,
     typer.Option(

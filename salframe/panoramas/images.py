@@ -105,4 +105,4 @@ def _write(path: Path, image: np.ndarray) -> None:
         raise DataError(f"cannot write {path}: expected a file name that ends in one of {', '.join(_FORMAT_OPTIONS)}")
     with atomic_path(path) as temporary:
         if not cv2.imwrite(str(temporary), image, _FORMAT_OPTIONS[path.suffix.lower()]):
-            raise DataError(f"cannot write {path}")
+            raise DataError(f"cannot write {path}: expected a folder that exists, with write access and free space")

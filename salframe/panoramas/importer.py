@@ -79,8 +79,8 @@ class PanoramaRecord:
         sources: Files that the panorama is made from. A stored panorama is made again if one of them is newer.
 
     Raises:
-        DataError: The id is no relative path, a part is unknown, the pose is no rigid motion, or a view of a sequence
-            has no time.
+        DataError: The id is not a relative path, a part is unknown, the pose is not a rigid motion, or a view of a
+            sequence has no time.
     """
 
     id: str

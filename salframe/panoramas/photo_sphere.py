@@ -157,7 +157,7 @@ def _gpano(packets: tuple[bytes, ...]) -> dict[str, str]:
         try:
             root = fromstring(packet.strip(b" \t\r\n\0"), forbid_dtd=True)
         except (ParseError, DefusedXmlException, LookupError, RecursionError) as error:
-            raise ValueError(f"no valid XML ({one_line(error)})") from None
+            raise ValueError(f"invalid XML ({one_line(error)})") from None
         for element in root.iter():
             for name, value in [(element.tag, element.text or ""), *element.attrib.items()]:
                 namespace, _, name = str(name).rpartition("}")

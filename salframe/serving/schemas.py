@@ -47,7 +47,8 @@ class DetectedObject(RequestBody):
         if has_position == has_direction:
             received = "both" if has_position else "neither"
             raise ValueError(
-                f"received {received} position and direction, expected either centroid_m and size_m, or azimuth_deg "
+                f"received {received} position {'and' if has_position else 'nor'} direction, expected centroid_m and "
+                f"size_m, or azimuth_deg "
                 "and elevation_deg"
             )
         return self
@@ -164,7 +165,7 @@ class RouteStart(RequestBody):
     @model_validator(mode="after")
     def _check_one(self) -> Self:
         if sum(value is not None for value in (self.pose, self.place, self.frame)) != 1:
-            raise ValueError("expected exactly one of pose, place and frame")
+            raise ValueError("received none or several of pose, place and frame, expected exactly one")
         return self
 
 
@@ -177,7 +178,7 @@ class RouteGoal(RequestBody):
     @model_validator(mode="after")
     def _check_one(self) -> Self:
         if (self.place is None) == (self.point is None):
-            raise ValueError("expected exactly one of place and point")
+            raise ValueError("received both or none of place and point, expected exactly one")
         return self
 
 

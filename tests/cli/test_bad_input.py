@@ -172,7 +172,9 @@ def test_an_unknown_method_tells_the_closest(data):
 
 @pytest.mark.skipif(importlib.util.find_spec("kornia") is None, reason="the extra salframe[keypoints] is not installed")
 def test_missing_weights_are_told_and_how_to_get_them(data):
-    told = r"weights 'loftr': no file .*\.ckpt \(sha256 [0-9a-f]{64}\); get it with: salframe weights fetch loftr"
+    told = (
+        r"weights 'loftr': .*\.ckpt is missing \(sha256 [0-9a-f]{64}\); download it with: salframe weights fetch loftr"
+    )
     assert_one_line(run("build", data, "-o", "map", "--method", "loftr"), told)
     done = run(
         "compare",
@@ -189,7 +191,9 @@ def test_missing_weights_are_told_and_how_to_get_them(data):
     (row,) = done.json["rows"]
     assert (done.code, row["method"], row["available"]) == (1, "loftr", False)
     assert re.fullmatch(
-        r"weights 'loftr': no file absent\.ckpt; use another path, or: salframe weights fetch loftr", row["reason"]
+        r"weights 'loftr': absent\.ckpt does not exist; set another path, or download the weights with: salframe "
+        r"weights fetch loftr",
+        row["reason"],
     )
 
 

@@ -169,8 +169,10 @@ def test_one_line_says_what_does_not_fit(models, tmp_path):
 
     with pytest.raises(WeightsError, match="the range model 'transformers-depth' has no network, expected the folder"):
         TransformersDepth(configure("range-model", "transformers-depth", {}))
-    refused(tmp_path / "gone", r"no folder .*gone, expected a folder with config\.json and model\.safetensors, or hf:")
-    refused("hf:org/model", "the model hf:org/model is not downloaded; get it with: salframe weights fetch hf:")
+    refused(
+        tmp_path / "gone", r"gone does not exist, expected a folder with config\.json and model\.safetensors, or hf:"
+    )
+    refused("hf:org/model", "the model hf:org/model is not downloaded; download it with: salframe weights fetch hf:")
     folder = tmp_path / "model"
     shutil.copytree(models(tiny.dpt), folder)
     tiny.edit_config(folder, architectures=["DPTForSemanticSegmentation"])

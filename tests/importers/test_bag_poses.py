@@ -119,7 +119,9 @@ def test_several_topics_of_odometry_are_listed(tmp_path):
         for topic in ("/wheels", "/visual"):
             writer.odometry(topic, 0.0, "odom", "camera", (0, 0, 0), (0, 0, 0, 1))
     bag = Bag(tmp_path / "bag", "humble")
-    with pytest.raises(DataError, match=r"2 topics .* \(/visual, /wheels\), expected one: choose it with poses=TOPIC"):
+    with pytest.raises(
+        DataError, match=r"2 topics .* \(/visual, /wheels\), expected one: select it with --set poses=TOPIC"
+    ):
         source(bag, frame="camera")
 
 

@@ -137,14 +137,18 @@ def test_rows_without_a_picture_are_counted(written, tmp_path):
     root = shutil.copytree(written["pictures"], tmp_path / "home")
     write_poses(root, [["p0.jpg", *STANDS[0], 20], ["P1.JPG", *STANDS[1], 130]], HEADER)
     (note,) = salframe.import_data("pictures", root, tmp_path / "out").notes
-    assert note.startswith("1 of 2 rows of poses.csv name no picture (such as P1.JPG)")
+    assert note.startswith("1 of 2 rows of poses.csv name a picture that does not exist (such as P1.JPG)")
 
 
 @pytest.mark.parametrize(
     ("header", "row", "message"),
     [
         (("picture", "x_m", "y_m", "yaw_deg"), ["p0.jpg", 0, 0, 0], "has no column z_m"),
-        (("picture", "x_m", "y_m", "z_m"), ["p0.jpg", 0, 0, 0], "has neither of yaw_deg and qx,qy,qz,qw"),
+        (
+            ("picture", "x_m", "y_m", "z_m"),
+            ["p0.jpg", 0, 0, 0],
+            "has neither the column yaw_deg nor the columns qx,qy,qz,qw",
+        ),
         (HEADER, ["p0.jpg", 0, 0, 0, "north"], "yaw_deg is 'north' in row 1, expected a finite number"),
         ((*HEADER[:4], "qx", "qy", "qz", "qw"), ["p0.jpg", 0, 0, 0, 0, 0, 1, 1], "has the length 1.41, expected 1"),
     ],

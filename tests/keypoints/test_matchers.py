@@ -163,7 +163,9 @@ class TestLoftrCheckpoint:
 
     @pytest.mark.parametrize("change", [{"fine": True}, {"architecture": {}}])
     def test_another_architecture_is_one_clear_line(self, make_matcher, change):
-        with pytest.raises(WeightsError, match=r"loftr_coarse_distilled\.pt does not fit LoFTR: ") as caught:
+        with pytest.raises(
+            WeightsError, match=r"loftr_coarse_distilled\.pt does not match the network LoFTR: "
+        ) as caught:
             make_matcher("loftr", **{**DISTILLED_SETTINGS, **change})
         assert "\n" not in str(caught.value)
 
