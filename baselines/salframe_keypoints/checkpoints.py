@@ -50,7 +50,7 @@ def read_checkpoint(path: Path) -> Any:
     """Load a torch checkpoint to the CPU without executing code from it.
 
     Raises:
-        WeightsError: The file is no torch checkpoint.
+        WeightsError: The file is not a torch checkpoint.
     """
     import torch
 

@@ -18,8 +18,8 @@ class OnnxDepth(MonocularDepth):
 
     It has not been tested with published networks. The depth of each view is scaled, and shifted if the shift of the
     network is unknown, so that views agree where they overlap. The views are then merged with weights that fall to 0 at
-    a view's border. With `camera_height_m`, the ranges are scaled so that the floor has this distance from the camera. If no
-    floor is visible, the ranges of a metric network are not scaled, and those of other networks are unknown.
+    a view's border. With `camera_height_m`, the ranges are scaled so that the floor has this distance from the camera.
+    If no floor is visible, the ranges of a metric network are not scaled, and those of other networks are unknown.
     """
 
     name = "onnx-depth"

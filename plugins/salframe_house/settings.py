@@ -121,7 +121,6 @@ class HouseConfig(QueryView):
         if self.query_views > 1 and self.query_motion == "turned" and self.query_tilt_deg:
             raise ValueError(
                 f"query_tilt_deg is {self.query_tilt_deg:g} and query_motion is turned, which turns a level camera; "
-                f"expected "
-                "query_tilt_deg=0 or query_motion=driven"
+                "expected query_tilt_deg=0 or query_motion=driven"
             )
         return self

@@ -80,7 +80,7 @@ class MessageStore(ABC):
     def choose(
         self, option: str, name: str | None, types: Collection[str], candidates: Collection[str] | None = None
     ) -> str:
-        """Return the topic of an option: the given one, or the only candidate.
+        """Return the topic that an option names, or the only candidate.
 
         Args:
             option: Name of the option, for messages.

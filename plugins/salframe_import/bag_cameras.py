@@ -90,8 +90,7 @@ def find_cameras(
             if (of_depth.camera is None) != (images_of_color.camera is None):
                 raise DataError(
                     f"the topics {color} and {depth} have different projections, expected intrinsics for both or "
-                    f"neither: pass "
-                    "projection=pinhole or projection=equirectangular"
+                    "neither: pass projection=pinhole or projection=equirectangular"
                 )
         cameras.append(BagCamera(images_of_color, of_depth))
     return cameras

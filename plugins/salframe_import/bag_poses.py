@@ -206,7 +206,7 @@ def read_odometry(bag: MessageStore, topic: str) -> PoseTrack:
 
 @dataclass(frozen=True, eq=False)
 class PoseSource:
-    """Where the poses of a recording come from: a topic of odometry with the tree of transforms, or the tree alone.
+    """Source of the poses of a recording: an odometry topic with the tree of transforms, or the tree alone.
 
     Attributes:
         tree: The transforms of the bag.

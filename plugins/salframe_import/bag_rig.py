@@ -60,7 +60,7 @@ class BagRig:
         tree: The transforms between the frames of the cameras.
         tolerance_s: Maximum difference of stamps that belong together.
         depth_unit_m: Metres per step of depth of 16 bits.
-        depth_kind: What depth measures.
+        depth_kind: Quantity that the depth images measure.
         axes: Axes of the frame of equirectangular images.
     """
 
@@ -103,9 +103,8 @@ class BagRig:
             depths = tuple(messages[camera.depth.topic] if camera.depth else None for camera in self.cameras)
             shots.append(BagShot(number, colors, depths))
         notes = [
-            f"{count} of {len(stamps)} pictures of {topics[0]} have no message of {topic} within "
-            f"{self.tolerance_s:g} s and "
-            "are left out"
+            f"{count} of {len(stamps)} pictures of {topics[0]} have no message of {topic} within {self.tolerance_s:g} "
+            "s and are left out"
             for topic, count in missing.items()
             if count
         ]
@@ -195,10 +194,9 @@ class BagRig:
         if up[best] < MIN_UP:
             raise DataError(
                 f"{where}: the mean z of its up direction is {up['optical']:.2f} with optical axes (x right, y down) "
-                f"and "
-                f"{up['body']:.2f} with body axes (x forward, z up), expected {MIN_UP:.2f} to 1: check the "
-                f"transforms of "
-                "this frame in /tf_static, whether they are inverted, and the order of quaternions (x, y, z, w)"
+                f"and {up['body']:.2f} with body axes (x forward, z up), expected {MIN_UP:.2f} to 1: check the "
+                "transforms of this frame in /tf_static, whether they are inverted, and the order of quaternions (x, "
+                "y, z, w)"
             )
         return replace(self, axes=best)
 
@@ -229,8 +227,7 @@ class BagRig:
         if T_frame_camera is None or images.camera is None:
             raise DataError(
                 f"the transform from {images.frame} to {self.frame} is unknown at {stamp_ns / 1e9:.3f} s, expected a "
-                f"transform "
-                "in /tf_static"
+                "transform in /tf_static"
             )
         return PosedCamera(images.camera, T_world_frame @ T_frame_camera)
 

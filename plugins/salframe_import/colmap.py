@@ -24,7 +24,7 @@ from salframe_import.colmap_world import floor_height, up_direction, upright_rot
 from salframe_import.stations import PosedImage, StationSettings, group_by_motion, read_depth, station_record, thinned
 
 DENSE_SUFFIXES = (".geometric.bin", ".photometric.bin")
-"""Endings of the depth maps that COLMAP computes, the better first."""
+"""Suffixes of the depth maps that COLMAP computes, the best first."""
 
 
 class ColmapImporter(Importer):
@@ -51,8 +51,7 @@ class ColmapImporter(Importer):
             gt=0,
             le=100,
             description="height of the cameras above the floor (m), instead of scale; the floor is detected in the "
-            "points "
-            "of the model, and gets z = 0",
+            "points of the model, and gets z = 0",
         )
         images: str | None = Field(
             None,
@@ -181,8 +180,7 @@ class _Pictures:
         if len(pictures) > 1:
             raise DataError(
                 f"the pictures {', '.join(name.as_posix() for name in names)} of a rig include an equirectangular "
-                f"picture, "
-                "expected an equirectangular camera to be the only camera of its rig"
+                "picture, expected an equirectangular camera to be the only camera of its rig"
             )
         encoding = RangeEncoding(self.config.depth_unit_m, (), self.config.depth_kind or RangeKind.RAY)
         encoding.check_panorama()

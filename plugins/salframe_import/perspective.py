@@ -142,8 +142,7 @@ class PerspectiveImporter(Importer):
         if not is_rigid(pose, POSE_TOLERANCE):
             raise DataError(
                 f"{path}: the transform_matrix of {frame.file_path} is not a rigid motion, expected a rotation "
-                f"without scale or "
-                "reflection, a translation, and the last row 0 0 0 1"
+                "without scale or reflection, a translation, and the last row 0 0 0 1"
             )
         return pose
 

@@ -68,8 +68,7 @@ class RosBagImporter(Importer):
         odometry: str | None = Field(
             None,
             description="odometry topic with the motion between the views of a sequence; null: the only odometry "
-            "topic, or the "
-            "source of the poses if there is none",
+            "topic, or the source of the poses if there is none",
         )
         tolerance_s: float = Field(
             0.02, gt=0, le=1, description="maximum difference of the stamps of messages that belong together (s)"
@@ -251,8 +250,7 @@ def _posed(
     if not posed:
         raise DataError(
             f"none of the {len(shots)} pictures of {rig.bag.path} has a pose of {poses} at its time, expected header "
-            f"stamps "
-            "of one clock"
+            "stamps of one clock"
         )
     missing = len(shots) - len(posed)
     return posed, [f"{missing} of {len(shots)} pictures have no pose at their time and are left out"] if missing else []
@@ -264,10 +262,9 @@ def _delay_notes(shots: Sequence[BagShot], poses: PoseSource) -> list[str]:
     if abs(delay_s - poses.delay_s) <= MAX_DELAY_S:
         return []
     return [
-        f"the pictures were recorded {delay_s:.2f} s after their stamps, and the poses of {poses} "
-        f"{poses.delay_s:.2f} s "
-        f"after theirs, expected a difference of at most {MAX_DELAY_S:g} s: the stamps may be of different clocks, and "
-        f"the poses wrong by {abs(delay_s - poses.delay_s):.2f} s"
+        f"the pictures were recorded {delay_s:.2f} s after their stamps, and the poses of {poses} {poses.delay_s:.2f} "
+        f"s after theirs, expected a difference of at most {MAX_DELAY_S:g} s: the stamps may be of different clocks, "
+        f"and the poses wrong by {abs(delay_s - poses.delay_s):.2f} s"
     ]
 
 

@@ -150,7 +150,7 @@ def read_depth(path: Path, encoding: RangeEncoding, lens: Camera) -> np.ndarray:
 
     Args:
         path: A 16-bit grey image.
-        encoding: What its values mean, of the kind Z or RAY.
+        encoding: Encoding of the values, of the kind Z or RAY.
         lens: The camera of the image, at any size.
 
     Raises:
@@ -213,9 +213,8 @@ def group_by_motion(
     if not groups:
         raise DataError(
             f"no part of the recording shows {config.min_view_deg:g} deg within {config.max_move_m:g} m; the largest "
-            f"field of "
-            f"view is {max(int(view.sum()) for view in views)} deg: turn the camera at each place, or set min_view_deg "
-            "or max_move_m"
+            f"field of view is {max(int(view.sum()) for view in views)} deg: turn the camera at each place, or set "
+            "min_view_deg or max_move_m"
         )
     num_unused = len(images) - sum(map(len, groups))
     if not num_unused:
@@ -257,13 +256,12 @@ def check_upright(poses: Sequence[np.ndarray], others: Mapping[str, Sequence[np.
     )
     raise DataError(
         f"the poses tilt the images by {tilt_deg:.0f} deg from upright (median of {len(poses)} images), expected at "
-        f"most "
-        f"{MAX_IMAGE_TILT_DEG:g}: {cause}"
+        f"most {MAX_IMAGE_TILT_DEG:g}: {cause}"
     )
 
 
 def other_conventions(convention: str) -> list[str]:
-    """Return the conventions that may be meant instead of one."""
+    """Return the conventions that a user may have meant instead of another one."""
     return [name for name in NAMES if name not in (convention, "compass", "image-plan")]
 
 

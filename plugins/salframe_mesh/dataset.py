@@ -76,8 +76,7 @@ class MeshDataset(RenderedDataset[FrameSpec]):
         if self.config.root is None:
             raise DataError(
                 f"the dataset {self.name} has no folder, expected the folder of a mesh (see `salframe docs "
-                f"real-buildings`): "
-                "pass --data-dir DIR"
+                "real-buildings`): pass --data-dir DIR"
             )
         if not self.config.root.is_dir():
             raise DataError(

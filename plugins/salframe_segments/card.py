@@ -110,8 +110,7 @@ class Card(Settings):
                 sections = " and ".join(kinds) or "no section"
                 raise ValueError(
                     f"the label {label!r} is in {sections}, expected each label in exactly one of the sections "
-                    f"structure, "
-                    "fixed and objects"
+                    "structure, fixed and objects"
                 )
         return self
 

@@ -51,8 +51,7 @@ class SegmentationNetwork(ABC):
             if scores.ndim != 4 or scores.shape[-1] != len(self.card.labels):
                 raise WeightsError(
                     f"{self.path} returned an output of shape {' x '.join(map(str, scores.shape))}, expected 4 axes "
-                    f"with "
-                    f"{len(self.card.labels)} classes, one for each label of its card ({output.layout})"
+                    f"with {len(self.card.labels)} classes, one for each label of its card ({output.layout})"
                 )
             yield _softmax(scores[0]) if output.values == "logits" else scores[0]
 

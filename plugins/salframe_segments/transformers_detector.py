@@ -130,8 +130,7 @@ class VotedViews:
         if probabilities.shape[-1] != len(labels):
             raise WeightsError(
                 f"{model.folder} returned {probabilities.shape[-1]} classes, expected {len(labels)}, one for each "
-                f"label "
-                "of its config.json"
+                "label of its config.json"
             )
 
     def detect(self, rgb: np.ndarray, valid: np.ndarray | None, range_m: np.ndarray | None) -> Detections:

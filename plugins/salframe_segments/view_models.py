@@ -24,7 +24,7 @@ MASK_PROBABILITY, MIN_VISIBLE = 0.5, 0.8
 
 
 class NetworkTask(Enum):
-    """What a network predicts for an image."""
+    """Type of the predictions of a network for an image."""
 
     SEMANTIC = "semantic segmentation"
     PANOPTIC = "panoptic segmentation"

@@ -119,7 +119,7 @@ def localize(
 
 
 def tell_choices(map: Path) -> None:
-    """Print the components in those slots of a map's localizer that may be `auto`."""
+    """Print the component of each slot of a map's localizer that `auto` may have selected."""
     from salframe.cli.output import tell
     from salframe.framework.component import components_in
     from salframe.framework.components.defaults import auto_order

@@ -35,7 +35,7 @@ def number_parser(option: str, kind: type[int] | type[float], low: float, high: 
     """Return the parser of an option that takes a number from `low` to `high`.
 
     Raises:
-        ConfigError: The text is no such number.
+        ConfigError: The text is not a number in this range.
     """
     noun = "an integer" if kind is int else "a number"
 

@@ -78,8 +78,7 @@ class OnnxModel:
         if self._has_batch and result.shape[:1] != (batch,):
             raise WeightsError(
                 f"{self.path} returned {name} of shape {result.shape} for a batch of {batch}, expected a first "
-                f"dimension "
-                f"of {batch}"
+                f"dimension of {batch}"
             )
         if result.size and result.dtype.kind == "f" and not np.isfinite(result).any():
             raise WeightsError(f"{self.path} returned {name} without a finite number, expected finite numbers")

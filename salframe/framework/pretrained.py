@@ -75,8 +75,7 @@ def find_model_folder(model: str | Path) -> Path:
     if not folder.is_dir():
         raise WeightsError(
             f"{folder} does not exist, expected a folder with {CONFIG} and {WEIGHTS[0]}, or hf:ORG/MODEL for a model "
-            f"that "
-            "`salframe weights fetch` downloaded"
+            "that `salframe weights fetch` downloaded"
         )
     return folder
 
@@ -90,9 +89,8 @@ def read_model_config(folder: Path) -> Mapping[str, Any]:
     for names in ((CONFIG,), WEIGHTS):
         if not any((folder / name).is_file() for name in names):
             raise WeightsError(
-                f"{folder / names[0]} does not exist, expected a folder with {CONFIG} and {WEIGHTS[0]}; other "
-                f"formats of "
-                "weights can execute code and are not read"
+                f"{folder / names[0]} does not exist, expected a folder with {CONFIG} and {WEIGHTS[0]}; other formats "
+                "of weights can execute code and are not read"
             )
     try:
         content = read_json(folder / CONFIG)

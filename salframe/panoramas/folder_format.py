@@ -46,7 +46,7 @@ class RangeKeys(Settings):
     Attributes:
         range_unit_m: Metres per step.
         range_missing: Values that mean an unknown range, besides 0.
-        range_kind: What the values measure: "ray" or "cube".
+        range_kind: Quantity that the values measure: "ray" or "cube".
     """
 
     range_unit_m: PositiveFloat | None = None

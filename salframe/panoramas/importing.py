@@ -54,7 +54,7 @@ class ImportResult:
         num_references: Number of reference frames.
         num_queries: Number of queries; the views of a sequence are one query.
         num_places: Number of places of reference frames.
-        place_from: Where the places come from.
+        place_from: Source of the names of places.
         failures: A one-line error for each panorama that could not be read, by id.
         notes: Warnings, one line each: images that were left out, and conventions that seem to be others.
         seconds: Time of the import.

@@ -39,7 +39,7 @@ _SIZE_TOLERANCE_PX = 2
 
 @dataclass(frozen=True, eq=False)
 class PhotoSphere:
-    """Where the pixels of a picture lie on the sphere.
+    """Position of the pixels of a picture on the sphere.
 
     Attributes:
         height: Height H of the panorama.

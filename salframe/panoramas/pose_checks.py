@@ -122,7 +122,7 @@ def pose_notes(
         first = int(is_tilted.argmax())
         notes.append(
             f"{is_tilted.sum()} of {len(frames)} reference frames are tilted by their poses by more than "
-            f"{MAX_TILT_DEG:g} deg ({frames[first].id}: {tilts[first]:.0f} deg), they are levelled by their poses: "
+            f"{MAX_TILT_DEG:g} deg ({frames[first].id}: {tilts[first]:.0f} deg); they are levelled by their poses: "
             "check the convention of the poses if the camera was upright"
         )
     if not compares_ranges:

@@ -48,8 +48,7 @@ class DetectedObject(RequestBody):
             received = "both" if has_position else "neither"
             raise ValueError(
                 f"received {received} position {'and' if has_position else 'nor'} direction, expected centroid_m and "
-                f"size_m, or azimuth_deg "
-                "and elevation_deg"
+                "size_m, or azimuth_deg and elevation_deg"
             )
         return self
 
@@ -156,7 +155,7 @@ class StartPose(RequestBody):
 
 
 class RouteStart(RequestBody):
-    """Where a route starts: exactly one of these. Without a pose, an answer starts at its best reference frame."""
+    """Start of a route: exactly one of these fields. Without a pose, an answer starts at its best reference frame."""
 
     pose: StartPose | None = None
     place: str | None = Field(None, max_length=MAX_NAME, description="name of a place or node")
@@ -170,7 +169,7 @@ class RouteStart(RequestBody):
 
 
 class RouteGoal(RequestBody):
-    """Where a route ends: exactly one of these."""
+    """Goal of a route: exactly one of these fields."""
 
     place: str | None = Field(None, max_length=MAX_NAME, description="name of a place or node")
     point: StartPose | None = None
@@ -216,7 +215,7 @@ class SessionBody(BaseModel):
 
 
 class BeliefBody(BaseModel):
-    """What a session knows of the pose of the robot."""
+    """Belief of a session on the pose of the robot."""
 
     status: str = Field(description="tracking, lost, or out-of-map")
     place: str | None

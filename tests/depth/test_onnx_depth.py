@@ -167,7 +167,10 @@ def test_another_content_of_the_file_is_another_model(network):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({}, "the range model 'onnx-depth' has no metric scale, expected metric: true .* or camera_height_m"),
+        (
+            {},
+            "the range model 'onnx-depth' has no metric scale, expected metric: true .* or the setting camera_height_m",
+        ),
         ({"metric": True, "size_px": (64, 64)}, r"takes image float32 \(1, 3, 128, 128\), .*\(\*, 3, 64, 64\)"),
         (
             {"metric": True, "gives": "points"},
@@ -176,7 +179,7 @@ def test_another_content_of_the_file_is_another_model(network):
         ({"metric": True, "input": "equirectangular"}, "takes images of 128 x 128, expected width = 2 x height"),
         (
             {"metric": True, "input": "equirectangular", "gives": "z-depth"},
-            "the range model 'onnx-depth' has gives: z-depth with input: equirectangular",
+            "the range model 'onnx-depth' has gives=z-depth and input=equirectangular",
         ),
     ],
 )

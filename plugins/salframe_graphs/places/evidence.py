@@ -175,9 +175,8 @@ class PlaceEvidence:
             arrays = arrays_of(model)
             if undeclared := arrays.keys() - set(model.arrays):
                 raise InvalidAnswer(
-                    f"the evidence {model.name!r} returned the array {min(undeclared)!r}, expected only the arrays "
-                    f"in its "
-                    f"attribute `arrays`: {', '.join(model.arrays) or 'none'}"
+                    f"the evidence {model.name!r} returned the array {min(undeclared)!r}, expected only the arrays in "
+                    f"its attribute `arrays`: {', '.join(model.arrays) or 'none'}"
                 )
             description = _merged(description, arrays, model.name)
         return description

@@ -49,7 +49,7 @@ class PlaceLikelihood:
         query: The n objects of the query, first those with range.
         index: The places, with M objects.
         parts: The objects with range and those without; kinds that the query has not are left out.
-        log_ratio: (n, M) float32, log ratio of what does not depend on the pose.
+        log_ratio: (n, M) float32, log ratio of the observations that do not depend on the pose.
         same_label: (n, M) bool, whether both objects have the same label.
     """
 

@@ -293,7 +293,7 @@ class Run:
             fingerprint: Hash of all that answers depend on.
 
         Raises:
-            DataError: A file of the other run is no regular file.
+            DataError: A file of the other run is not a regular file.
         """
         folder = self.folder(label)
         if (folder / IDENTITY).exists():

@@ -122,7 +122,7 @@ def map_array(path: Path) -> np.ndarray:
 
 
 class FileStamp(NamedTuple):
-    """Size and modification time of a file, which tell whether it was changed."""
+    """Size and modification time of a file, to detect changes."""
 
     path: Path
     size: int

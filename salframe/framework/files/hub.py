@@ -62,7 +62,7 @@ class HubReference:
 
     @classmethod
     def parse(cls, name: str) -> HubReference:
-        """Return the model with a name like hf:ORG/MODEL@REVISION. Raises WeightsError if it is no such name."""
+        """Return the model with a name like hf:ORG/MODEL@REVISION. Raises WeightsError if the name has another form."""
         if not _NAME.match(name):
             raise WeightsError(f"received {shorten(name)!r} as a model of the hub, expected hf:ORG/MODEL[@REVISION]")
         return cls(*name.removeprefix(PREFIX).split("@"))

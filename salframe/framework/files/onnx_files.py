@@ -56,8 +56,7 @@ def _resolve(path: Path, location: str) -> Path:
     if is_absolute or ".." in windows.parts or not file.resolve().is_relative_to(path.parent.resolve()):
         raise WeightsError(
             f"{path} points to {location!r}, which is outside its folder; expected a file in the same folder: save "
-            f"the network "
-            "again with its external data in this folder"
+            "the network again with its external data in this folder"
         )
     if not file.is_file():
         raise WeightsError(f"{path} points to {location!r}, which is missing, expected the file {file}")
