@@ -105,7 +105,7 @@ def test_frames_that_are_not_connected_are_named(tmp_path):
 
 def test_a_bag_without_poses_is_named(tmp_path):
     bag = write(tmp_path / "bag", has_odometry=False, has_tf=False)
-    with pytest.raises(DataError, match=r"no pose over time: no topic of nav_msgs/msg/Odometry, and /tf does not"):
+    with pytest.raises(DataError, match=r"has no moving poses, expected a topic of the type nav_msgs/msg/Odometry"):
         source(bag)
 
 

@@ -212,7 +212,7 @@ def test_pictures_that_the_model_does_not_have_are_counted(tmp_path):
 def test_a_missing_depth_image_is_named(tmp_path):
     equirectangular(tmp_path)
     (tmp_path / "depth").mkdir()
-    with pytest.raises(DataError, match=r"has no depth of the picture den/3\.png, expected den/3\.png$"):
+    with pytest.raises(DataError, match=r"has no depth image of the picture den/3\.png, expected den/3\.png$"):
         read(tmp_path, SCALE, f"depth={tmp_path / 'depth'}")
 
 

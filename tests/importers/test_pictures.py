@@ -127,7 +127,7 @@ def test_the_same_call_resumes_and_writes_changed_files_again(written, tmp_path)
 
 def test_a_folder_with_other_content_is_not_overwritten(written, tmp_path):
     salframe.import_data("pictures", written["pictures"], tmp_path / "out")
-    with pytest.raises(salframe.ConfigError, match="was imported with another settings: name a new folder"):
+    with pytest.raises(salframe.ConfigError, match="was imported with another settings: choose a new folder"):
         salframe.import_data("pictures", written["pictures"], tmp_path / "out", settings=["range_unit_m=0.002"])
     with pytest.raises(salframe.ConfigError, match="exists and was not imported"):
         salframe.import_data("pictures", written["pictures"], written["pictures"])

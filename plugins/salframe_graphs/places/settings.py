@@ -76,7 +76,9 @@ class PlacesConfig(GraphLocalizerConfig, PanoramaScoresConfig):
         ge=1,
         description="maximum number of places that are matched object by object, the best ones of the scene index",
     )
-    scene_index: slot("scene-index", "by-size", match_only=True, description="index that selects candidates")  # type: ignore[valid-type]
+    scene_index: slot(  # type: ignore[valid-type]
+        "scene-index", "by-size", match_only=True, description="index that selects candidates"
+    )
     merged: bool = match_only(
         True,
         description="true: the panoramas of a place are merged into one graph; false: each panorama has its own graph",
