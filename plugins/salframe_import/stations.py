@@ -255,7 +255,7 @@ def check_upright(poses: Sequence[np.ndarray], others: Mapping[str, Sequence[np.
         else "check the axes of the cameras and of the world, and whether the poses map the camera to the world"
     )
     raise DataError(
-        f"the poses tilt the images by {tilt_deg:.0f} deg from upright (median of {len(poses)} images), expected at "
+        f"the images are {tilt_deg:.0f} deg from upright by their poses (median of {len(poses)} images), expected at "
         f"most {MAX_IMAGE_TILT_DEG:g}: {cause}"
     )
 

@@ -257,7 +257,7 @@ def test_a_yaml_with_an_unknown_key(data):
             r"unknown key detector\.noize, did you mean 'noise' \(known: noise, seed\)",
         ),
         ("method: objects\nvary: [labels", r"sweep\.yaml is not YAML"),
-        ("- objects", r"sweep\.yaml holds list, expected a mapping"),
+        ("- objects", r"sweep\.yaml contains list, expected a mapping"),
     ):
         Path("sweep.yaml").write_text(content)
         assert_one_line(run("ablate", "sweep.yaml", "--data", "./data"), message)

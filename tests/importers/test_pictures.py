@@ -129,7 +129,7 @@ def test_a_folder_with_other_content_is_not_overwritten(written, tmp_path):
     salframe.import_data("pictures", written["pictures"], tmp_path / "out")
     with pytest.raises(salframe.ConfigError, match="was imported with another settings: choose a new folder"):
         salframe.import_data("pictures", written["pictures"], tmp_path / "out", settings=["range_unit_m=0.002"])
-    with pytest.raises(salframe.ConfigError, match="exists and was not imported"):
+    with pytest.raises(salframe.ConfigError, match="was not written by `salframe data import`"):
         salframe.import_data("pictures", written["pictures"], written["pictures"])
 
 

@@ -174,7 +174,9 @@ def test_bad_folders_are_one_clear_line(release, tmp_path):
     with pytest.raises(DataError, match="--data-dir DIR"):
         Matterport3D().folds()
     with pytest.raises(
-        DataError, match=r"is a folder without camera files, expected a folder with v1/scans/<scan>/undistorted_camera_parameters/"
+        DataError,
+        match=r"is a folder without camera files, expected a folder with "
+        r"v1/scans/<scan>/undistorted_camera_parameters/",
     ):
         of(tmp_path).folds()
     with pytest.raises(DataError, match="has no building other, expected one or more of drawn"):

@@ -201,12 +201,13 @@ def test_a_network_without_a_card_says_what_to_write(tmp_path):
         (
             {"labels": ["wall", "sofa"]},
             ConfigError,
-            "the label 'sofa' is in no section, expected it in exactly one of the sections structure, fixed and",
+            "the label 'sofa' is in no section, expected each label in exactly one of the sections structure, fixed "
+            "and",
         ),
         (
             {"structure": ["wall", "tv"]},
             ConfigError,
-            "the label 'tv' is in structure and objects, expected it in exactly one of the sections structure",
+            "the label 'tv' is in structure and objects, expected each label in exactly one of the sections structure",
         ),
         (
             {"output": {"name": "gone", "layout": "nchw", "values": "logits"}},

@@ -258,7 +258,7 @@ def write_presets(folder: Path, **content: str) -> Presets:
     ("name", "content", "reason"),
     [
         ("methods__odd", "[kind", "odd.yaml is not YAML"),
-        ("ablations__odd", "- kind", "odd.yaml holds list, expected a mapping"),
+        ("ablations__odd", "- kind", "odd.yaml contains list, expected a mapping"),
         ("methods__odd", "offset: 1", "odd.yaml has no `kind`, expected the name of a localizer"),
         ("data__odd", "kind: [rooms]", "odd.yaml has no `kind`, expected the name of a dataset"),
         ("methods__odd", "kind: even\notherwise: [calm]", r"odd.yaml: otherwise is \['calm'\], expected the name"),
