@@ -90,7 +90,7 @@ def find_cameras(
             if (of_depth.camera is None) != (images_of_color.camera is None):
                 raise DataError(
                     f"the topics {color} and {depth} have different projections, expected intrinsics for both or "
-                    "neither: pass projection=pinhole or projection=equirectangular"
+                    "neither: pass --set projection=pinhole or --set projection=equirectangular"
                 )
         cameras.append(BagCamera(images_of_color, of_depth))
     return cameras
@@ -114,12 +114,12 @@ def _images(bag: MessageStore, topic: str, info_topic: str | None, projection: P
     if projection == "pinhole":
         raise DataError(
             f"{bag.path} has no intrinsics for {topic}, expected a topic of the type {CAMERA_INFO} with the matrix K: "
-            "pass camera_info=TOPIC"
+            "pass --set camera_info=TOPIC"
         )
     if width != 2 * height:
         raise DataError(
             f"the topic {topic} has images of {width} x {height} without intrinsics, expected width = 2 x height "
-            f"(equirectangular), or a topic of the type {CAMERA_INFO}: pass camera_info=TOPIC"
+            f"(equirectangular), or a topic of the type {CAMERA_INFO}: pass --set camera_info=TOPIC"
         )
     return BagImages(topic, frame, None)
 

@@ -33,8 +33,8 @@ def fit(
     """Fit the parameters of a method to tuning data.
 
     First selects the best values of --try. Then fits the weights of the parts of the score, if the method has weights.
-    Then fits the posterior, which converts scores to probabilities of the places and of out-of-map. Use the file with
-    `--set posterior=FILE.yaml` and `--set weights=FILE.yaml`.
+    Then fits the posterior, which converts scores to the probability of each place and the out-of-map probability. Use
+    the file with `--set posterior=FILE.yaml` and `--set weights=FILE.yaml`.
     """
     from salframe.cli.output import Bars, tell
     from salframe.evaluation.studies.fitting import fit_method

@@ -43,8 +43,8 @@ def track(
     """Track the camera of a recording in a saved map.
 
     Prints the status, the place and the pose after each frame. In the manifest of a folder, each frame of the sequence
-    must have the keys `sequence` and `t_s`, and the key `odometry` must name the file with the odometry. With --output,
-    writes trajectory.tum (the poses with the status `tracking`), track.json (all steps) and trail.png.
+    has the keys `sequence` and `t_s`, and the key `odometry` names the file with the odometry. With --output, writes
+    trajectory.tum (the poses with the status `tracking`), track.json (all steps) and trail.png.
     """
     from salframe.cli.output import Bars, warn
     from salframe.drawing.rerun_recording import check_rerun_output, write_rerun

@@ -160,7 +160,7 @@ class GraphTable(Sequence[SaliencyGraph]):
 
 
 class HeldGraphs(GraphTable):
-    """A table of graphs in memory, without loss."""
+    """A table of graphs in memory, with exact values."""
 
     def __init__(self, graphs: Sequence[SaliencyGraph]) -> None:
         labels = sorted({label for graph in graphs for label in graph.labels})

@@ -67,7 +67,7 @@ class Site(NamedTuple):
 
 
 def draw_episodes(sites: Mapping[str, Site], count: int, seed: int) -> tuple[list[Episode], list[str]]:
-    """Draw random episodes from a uniform pose in a region to a scene node of another region.
+    """Generate random episodes from a uniform pose in a region to a scene node of another region.
 
     Args:
         sites: Site of each world id.

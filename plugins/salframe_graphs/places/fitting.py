@@ -25,7 +25,7 @@ class FittedObjects(Protocol):
     likelihood: Likelihood
 
     def rows_of(self, i: np.ndarray) -> list[tuple[ObservedObjects, np.ndarray | slice, np.ndarray]]:
-        """As PlaceLikelihood.rows_of."""
+        """See PlaceLikelihood.rows_of."""
         ...
 
 
