@@ -250,7 +250,7 @@ def _posed(
     if not posed:
         raise DataError(
             f"none of the {len(shots)} pictures of {rig.bag.path} has a pose of {poses} at its time, expected header "
-            "stamps of one clock"
+            "stamps of the same clock"
         )
     missing = len(shots) - len(posed)
     return posed, [f"{missing} of {len(shots)} pictures have no pose at their time and are left out"] if missing else []

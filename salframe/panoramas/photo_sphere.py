@@ -211,7 +211,7 @@ def _number(values: Mapping[str, str], name: str, default: float | None, limit: 
     """Return a number of the XMP. Raises ValueError if it is missing without a default, no number or out of range."""
     if name not in values:
         if default is None:
-            raise ValueError(f"no {name}, expected it beside the other sizes of a crop")
+            raise ValueError(f"no {name}, expected it with the other sizes of a crop")
         return default
     text = values[name]
     try:

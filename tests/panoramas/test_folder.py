@@ -221,7 +221,7 @@ def test_valid_mask_marks_a_partial_field_of_view(folder: Path) -> None:
         (lambda m: m["frames"][0].update(depth="a.png"), r"unknown key .*frames.0.depth"),
         (lambda m: m["frames"][0].update(pose=[2.0] * 16), r"not a rigid motion"),
         (lambda m: m["frames"][0].update(pose=[1.0, 2.0]), r"frames.0.pose"),
-        (lambda m: m.pop("objects"), r"expected also `objects`"),
+        (lambda m: m.pop("objects"), r"expected `objects`"),
         (lambda m: [m["frames"][2].pop(part) for part in ("rgb", "range", "instances")], r"the frame q names no image"),
     ],
 )
