@@ -218,7 +218,7 @@ def _replace_parts(directory: Path, existed: bool) -> Iterator[MapParts]:
 
 
 def read_map(directory: Path, read: Callable[[MapParts], _Result]) -> _Result:
-    """Return the result of `read` for the parts of a map. It is called again where the map was replaced meanwhile.
+    """Return the result of `read` for the parts of a map. It is called again if the map was replaced during the call.
 
     Raises:
         DataError: `directory` contains no map, or a map of another format, or the map was edited or is incomplete.

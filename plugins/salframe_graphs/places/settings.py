@@ -24,7 +24,7 @@ from salframe_graphs.places.rates import SHIPPED, Likelihood, Rates, shipped_rat
 def shipped_posterior() -> Posterior:
     """Return the posterior that is distributed with the method.
 
-    It never answers that a query is out-of-map, because most robots stay on their map.
+    It never answers that a query is out-of-map, because most robots do not leave their map.
     """
     fitted = validate(Posterior, read_yaml(SHIPPED)["posterior"], f"{SHIPPED}: posterior:")
     return fitted.model_copy(update={"max_out_of_map_probability": 1.0})  # type: ignore[no-any-return]
