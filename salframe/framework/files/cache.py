@@ -130,7 +130,7 @@ class Cache:
         self._size_bytes = size
 
     def _entries(self) -> list[tuple[Path, int, int]]:
-        """Return the path, time of last use (ns) and size in bytes of each entry. Skips entries that were just removed."""
+        """Return the path, time of last use (ns) and size in bytes of each entry. Skips entries that are gone."""
         entries = []
         for path in self.directory.glob("??/[!.]*.npz"):
             try:
