@@ -172,7 +172,7 @@ def _with_objects(evidence: EvidenceModel, hypotheses: PlaceHypotheses) -> Objec
     if not isinstance(hypotheses, ObjectHypotheses):
         raise ConfigError(
             f"the evidence {evidence.name!r} received hypotheses without objects, expected hypotheses of the localizer "
-            "saliency-places: use other evidence with other localizers"
+            "saliency-places: remove this evidence from other localizers"
         )
     return hypotheses
 
