@@ -111,9 +111,9 @@ def write_components() -> str:
     page = [
         "# Components",
         "Generated from the registry by docs/generate_reference.py. `salframe show NAME` prints the same with the "
-        "values of a preset. `salframe plugins` states what is missing to run a component on your machine. Change a "
-        "setting with `--set KEY=VALUE`: see [Ablate](../how-to/ablate.md). If the type of a setting is a role, its "
-        "value is the name of another component. The settings of this component follow after a dot, as in "
+        "values of a preset. `salframe plugins` lists the missing requirements of each component on your machine. "
+        "Change a setting with `--set KEY=VALUE`: see [Ablate](../how-to/ablate.md). If the type of a setting is a "
+        "role, its value is the name of another component. The settings of this component follow after a dot, as in "
         "`matcher.rarity`.",
     ]
     for role, base in registry().roles.items():

@@ -101,7 +101,7 @@ class Loud(Paint):
 
 
 BROKEN = [
-    (Undeclared, "array 'varnish', expected only those that its attribute `arrays` names: paint"),
+    (Undeclared, "array 'varnish', expected only the arrays in its attribute `arrays`: paint"),
     (Taking, "array 'labels', which the description already has: choose another name"),
     (Partial, "the evidence 'partial' returned the columns paint, expected paint, zero"),
     (Infinite, r"the column 'paint' as float64 of shape \(3,\), expected finite float64 of shape \(3,\)"),

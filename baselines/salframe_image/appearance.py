@@ -155,12 +155,12 @@ class AppearanceEvidence(EvidenceModel):
 
 
 def _quantise(vectors: np.ndarray) -> np.ndarray:
-    """Return the directions of vectors (V, C) as int8, the largest component of each as 127 or -127; zeros stay 0."""
+    """Return vectors (V, C) as int8, each scaled to a largest component of 127 or -127; zero vectors are unchanged."""
     largest = np.abs(vectors.astype(np.float32)).max(1, keepdims=True)
     return np.rint(vectors * (127 / np.maximum(largest, 1e-9))).astype(np.int8)
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
-    """Return vectors (..., C) as float32 of unit length; zeros stay 0."""
+    """Return vectors (..., C) as float32 of unit length; zero vectors are unchanged."""
     converted = vectors.astype(np.float32)
     return converted / np.maximum(np.linalg.norm(converted, axis=-1, keepdims=True), 1e-9)  # type: ignore[no-any-return]

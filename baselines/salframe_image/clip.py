@@ -178,4 +178,4 @@ def _read_tokenizer(path: Path) -> Any:
     try:
         return Tokenizer.from_file(str(path))
     except Exception as error:  # tokenizers raises Exception itself
-        raise WeightsError(f"{path} is not a tokenizer: {' '.join(str(error).split())[:200]}") from None
+        raise WeightsError(f"{path} is not a valid tokenizer file: {' '.join(str(error).split())[:200]}") from None

@@ -45,7 +45,8 @@ class Converted:
         absent = [package for package in ("torch", "onnx") if importlib.util.find_spec(package) is None]
         if absent:
             raise RequirementMissing(
-                f"conversion to {files[0].name} requires {' and '.join(absent)}: pip install 'salframe[training]'"
+                f"conversion to {files[0].name} requires {' and '.join(absent)}; install them with: pip install "
+                f"'salframe[training]'"
             )
         import torch
 

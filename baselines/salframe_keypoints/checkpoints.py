@@ -50,7 +50,7 @@ def read_checkpoint(path: Path) -> Any:
     """Load a torch checkpoint to the CPU without executing code from it.
 
     Raises:
-        WeightsError: The file is no torch checkpoint.
+        WeightsError: The file is not a torch checkpoint.
     """
     import torch
 
@@ -76,7 +76,7 @@ def load_strictly(module: Any, state: Any, path: Path, computed: str | None = No
     try:
         module.load_state_dict(dict(state) | ({computed: module.get_buffer(computed)} if computed else {}))
     except (RuntimeError, TypeError, ValueError) as error:
-        raise WeightsError(f"{path} does not fit {type(module).__name__}: {_one_line(error)}") from None
+        raise WeightsError(f"{path} does not match the network {type(module).__name__}: {_one_line(error)}") from None
 
 
 def _one_line(error: Exception) -> str:

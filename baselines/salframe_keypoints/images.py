@@ -56,7 +56,7 @@ class ImageMatcher(TrainedMatcher):
 
 
 def require_multiples(name: str, view_size_px: tuple[int, int], multiple_px: int, max_px: int | None = None) -> None:
-    """Raise ConfigError if a side of the views is no multiple of `multiple_px` or exceeds `max_px`."""
+    """Raise ConfigError if a side of the views is not a multiple of `multiple_px` or exceeds `max_px`."""
     if any(side % multiple_px or (max_px is not None and side > max_px) for side in view_size_px):
         expected = f"multiples of {multiple_px}" + (f" up to {max_px}" if max_px else "")
         raise ConfigError(

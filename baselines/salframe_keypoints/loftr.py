@@ -44,7 +44,7 @@ class Loftr(ImageMatcher):
             description="mapping with the values of the checkpoint's architecture that differ from kornia's "
             "default_cfg",
         )
-        fine: bool = match_only(True, description="whether the checkpoint has a fine stage")
+        fine: bool = match_only(True, description="true: the checkpoint has a fine stage; false: it has none")
 
     def __init__(self, config: Config | None = None) -> None:
         from kornia.feature.loftr import loftr

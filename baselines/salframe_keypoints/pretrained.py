@@ -43,7 +43,7 @@ class Pretrained:
         config, weights = folder / "config.json", folder / "model.safetensors"
         for path in (config, weights):
             if not path.is_file():
-                raise WeightsError(f"no file {path}, expected {where}")
+                raise WeightsError(f"{path} does not exist, expected {where}")
         try:
             content = read_json(config)
         except DataError as error:
@@ -62,5 +62,7 @@ class Pretrained:
         for key in ("missing_keys", "unexpected_keys", "mismatched_keys"):
             if report[key]:
                 keys = sorted(map(str, report[key]))[:3]
-                raise WeightsError(f"{weights} does not fit {self.model_class}: {key.replace('_', ' ')} {keys}")
+                raise WeightsError(
+                    f"{weights} does not match the network {self.model_class}: {key.replace('_', ' ')} {keys}"
+                )
         return model

@@ -91,7 +91,7 @@ class SuperPointSuperGlue(NetworkMatcher):
         return np.stack([matched, partner[matched]], 1)
 
     def describe(self, view: ViewFeatures) -> np.ndarray:
-        """The descriptors without the scores."""
+        """Return the descriptors without the scores."""
         return super().describe(ViewFeatures(view.points_px, view.features[:, :-1]))
 
     def _restore_points(self, views: tuple[ViewFeatures, ViewFeatures]) -> tuple[Any, Any, Any, Any]:

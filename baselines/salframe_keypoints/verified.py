@@ -40,7 +40,7 @@ class VerifiedPlaces(Localizer):
 
     class Config(ComponentConfig):
         ranking: slot("localizer", "saliency-places", description="method that ranks the places")  # type: ignore[valid-type]
-        features: slot("feature-matcher", "sift", description="keypoints that verify them")  # type: ignore[valid-type]
+        features: slot("feature-matcher", "sift", description="keypoint matcher that verifies the places")  # type: ignore[valid-type]
         places: int = match_only(5, ge=1, description="number of places to verify, the first ones of the ranking")
         min_inliers: int = match_only(20, ge=4, description="minimum number of inliers for a pose to be accepted")
         weight: float = match_only(

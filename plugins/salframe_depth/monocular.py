@@ -80,8 +80,8 @@ class MonocularDepth(RangeModel):
         """
         if not (self.metric or self.config.camera_height_m):
             raise ConfigError(
-                f"the range model {self.name!r} has no metric scale, expected {metric_network}, or camera_height_m, "
-                "the height of the camera above the floor"
+                f"the range model {self.name!r} has no metric scale, expected {metric_network}, or the setting "
+                "camera_height_m, the height of the camera above the floor in metres"
             )
 
     @from_bright_side

@@ -16,10 +16,10 @@ from salframe_depth.monocular import UNSEEN, DepthConfig, MonocularDepth, Quanti
 class OnnxDepth(MonocularDepth):
     """Any monocular depth network in ONNX, on overlapping views that are aligned, or on the whole panorama.
 
-    No published network was tested. The depth of each view is scaled, and shifted if the shift of the network is
-    unknown, so that views agree where they overlap. The views are then merged with weights that fall to 0 at a view's
-    border. With `camera_height_m`, the ranges are scaled so that the floor has this distance from the camera. If no
-    floor is visible, a metric network keeps its scale, and otherwise no range is known.
+    It has not been tested with published networks. The depth of each view is scaled, and shifted if the shift of the
+    network is unknown, so that views agree where they overlap. The views are then merged with weights that fall to 0 at
+    a view's border. With `camera_height_m`, the ranges are scaled so that the floor has this distance from the camera.
+    If no floor is visible, the ranges of a metric network are not scaled, and those of other networks are unknown.
     """
 
     name = "onnx-depth"
@@ -76,8 +76,8 @@ class OnnxDepth(MonocularDepth):
         self._check_scale("metric: true for a network that gives metres")
         if settings.input == "equirectangular" and settings.gives == "z-depth":
             raise ConfigError(
-                f"the range model {self.name!r} has gives: z-depth with input: equirectangular, expected gives: "
-                "range, inverse or points, because a panorama has no optical axis"
+                f"the range model {self.name!r} has gives=z-depth and input=equirectangular, expected gives=range, "
+                "inverse or points: a panorama has no optical axis"
             )
         width, height = settings.size_px or (None, None)
         self._model = open_model(settings.model, [(None, 3, height, width)])
@@ -87,8 +87,7 @@ class OnnxDepth(MonocularDepth):
         )
         if width is None or height is None:
             raise ConfigError(
-                f"{settings.model} accepts images of any size, expected the size as a setting, such as "
-                "size_px: [518, 518]"
+                f"{settings.model} accepts images of any size, expected a size in the setting size_px: [518, 518]"
             )
         if settings.input == "equirectangular" and width != 2 * height:
             raise ConfigError(
@@ -102,11 +101,12 @@ class OnnxDepth(MonocularDepth):
         super().check(config)
         if config.model is None:
             raise WeightsError(
-                f"the range model {cls.name!r} has no network, expected the path of an ONNX file as `model`",
+                f"the range model {cls.name!r} has no network, expected the path of an ONNX file in the setting "
+                f"`model`",
                 "model=PATH",
             )
         if not config.model.is_file():
-            raise WeightsError(f"no file {config.model}, expected the path of an ONNX file")
+            raise WeightsError(f"{config.model} does not exist, expected the path of an ONNX file")
 
     def _estimate_nearness(self, image: np.ndarray, valid: np.ndarray | None) -> np.ndarray:
         """Estimate 1 / range (h, 2h) float32, in the network's scale, from overlapping views or the whole panorama."""
@@ -143,4 +143,4 @@ class OnnxDepth(MonocularDepth):
             image = output if len(shape) == 3 else output[:, 0] if shape[1] == 1 else output[..., 0]
             return image.astype(np.float32, order="C")
         expected = "(1, 3, height, width) of points" if points else "(1, height, width) or (1, 1, height, width)"
-        raise WeightsError(f"{self.config.model} gives {shape} as first output, expected {expected}")
+        raise WeightsError(f"{self.config.model} returned {shape} as its first output, expected {expected}")

@@ -115,7 +115,7 @@ class OnnxDetector(Detector):
         )
         if width is None or height is None:
             raise ConfigError(
-                f"{self._path} accepts images of any size, expected the size as a setting, such as size_px: [640, 640]"
+                f"{self._path} accepts images of any size, expected a size in the setting size_px: [640, 640]"
             )
         self._request = DecodeRequest(width, height, len(self._labels), self.config.min_score)
         self._rig = Rig(width, height, np.radians(self.config.fov_deg))
@@ -167,5 +167,5 @@ def _model_path(model: str | SingleFile) -> Path:
     if isinstance(model, str):
         return ZOO[model].paths()[0]
     if not model.is_file():
-        raise WeightsError(f"no file {model}, expected the path of an ONNX file, or one of {', '.join(ZOO)}")
+        raise WeightsError(f"{model} does not exist, expected the path of an ONNX file, or one of {', '.join(ZOO)}")
     return model

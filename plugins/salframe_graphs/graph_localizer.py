@@ -103,7 +103,7 @@ class GraphLocalizer(DetectingLocalizer):
         if not graph_from_arrays(description).bearings_only:
             return None
         return (
-            "it has no range, and no other panorama of its place gives the position of one of its objects; take at "
+            "it has no range, and its objects cannot be triangulated from other panoramas of its place; take at "
             "least 2 panoramas of each place, about 1 m apart, or add range, or use the method 'objects', which needs "
             "labels only"
         )
@@ -119,4 +119,4 @@ class GraphLocalizer(DetectingLocalizer):
 
     def note(self, description: Description) -> str | None:
         count = graph_from_arrays(description).out_of_reach
-        return f"{count} object(s) further than {REACH_M} m left out" if count else None
+        return f"{count} object(s) farther than {REACH_M} m are left out" if count else None

@@ -180,7 +180,7 @@ class NodeMatcher(GraphMatcher):
         max_rarity = np.log(1 + len(graphs)) + 1  # that of a label that no graph has
         if not ((rarity > 0) & (rarity <= max_rarity + 1e-9)).all():
             raise DataError(
-                f"{folder / _RARITY} holds {rarity.min():g} to {rarity.max():g}, expected over 0 and at most "
+                f"{folder / _RARITY} has values from {rarity.min():g} to {rarity.max():g}, expected over 0 and at most "
                 f"{max_rarity:g}: build the map again"
             )
         scenes = graphs.scenes

@@ -26,7 +26,9 @@ _MATCHER = "matcher"
 class PanoramaScoresConfig(ComponentConfig):
     """Settings of the matching of a query with each reference frame."""
 
-    matcher: slot("matcher", "geometric", match_only=True)  # type: ignore[valid-type]
+    matcher: slot(  # type: ignore[valid-type]
+        "matcher", "geometric", match_only=True, description="method that matches the graphs of query and map"
+    )
     top_k: int = match_only(20, ge=1, description="maximum number of graphs that the matcher returns")
     agreement: float = match_only(
         0.5,

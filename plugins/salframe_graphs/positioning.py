@@ -128,7 +128,7 @@ class RobustPositioner(Positioner):
         )
 
     def resect(self, bearing: np.ndarray, reference_m: np.ndarray) -> PoseEstimate:
-        """Return the upright pose at the height of the reference frame, whatever the setting `group`."""
+        """Return the upright pose at the height of the reference frame, regardless of the setting `group`."""
         return resect(bearing, reference_m, self.config.tolerance_m, self.config.ambiguity)
 
     def _support(self, query, reference, rotation, shift, weights):

@@ -24,7 +24,7 @@ _SMOOTHING_M = 0.3  # length of the path over which a heading is measured
 
 
 class Drives:
-    """Draws the paths of driven queries through a building."""
+    """Generates random paths of driven queries through a building."""
 
     def __init__(self, building: Building, seed: int) -> None:
         """Create the drives through a building as the queries see it."""

@@ -1,4 +1,4 @@
-"""Furnishing of a building: draw the objects of each room from its recipe and place them."""
+"""Furnishing of a building: select the objects of each room from its recipe and place them."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def furnish(layout: Layout, seed: int) -> tuple[PlacedObject, ...]:
 
 
 def draw_item(kind: str, rng: np.random.Generator) -> Item:
-    """Draw an optional object for a room of this kind."""
+    """Select an optional object for a room of this kind at random."""
     optional = RECIPES[kind].optional
     weights = np.array(list(optional.values()))
     return list(optional)[rng.choice(len(optional), p=weights / weights.sum())], int(rng.integers(1 << 31))

@@ -80,7 +80,7 @@ class HouseRenderer:
 
     def __init__(self, scene: Scene, lighting: Lighting, height: int = 512, _surfaces: _Surfaces | None = None):
         if height % _INDIRECT_STEP or height <= 0:
-            raise DataError(f"panorama height of {height} pixels; expected a positive multiple of {_INDIRECT_STEP}")
+            raise DataError(f"the panorama height is {height} pixels; expected a positive multiple of {_INDIRECT_STEP}")
         if lighting not in CONDITIONS:
             raise DataError(f"unknown lighting '{lighting}'; expected one of {', '.join(CONDITIONS)}")
         self._scene, self._condition, self._height = scene, CONDITIONS[lighting], height

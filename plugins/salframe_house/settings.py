@@ -120,7 +120,7 @@ class HouseConfig(QueryView):
     def _turns_about_the_vertical(self) -> HouseConfig:
         if self.query_views > 1 and self.query_motion == "turned" and self.query_tilt_deg:
             raise ValueError(
-                f"query_tilt_deg is {self.query_tilt_deg:g} with turned views, which turn a level camera; expected 0 "
-                "or query_motion=driven"
+                f"query_tilt_deg is {self.query_tilt_deg:g} and query_motion is turned, which turns a level camera; "
+                "expected query_tilt_deg=0 or query_motion=driven"
             )
         return self

@@ -80,7 +80,7 @@ class MessageStore(ABC):
     def choose(
         self, option: str, name: str | None, types: Collection[str], candidates: Collection[str] | None = None
     ) -> str:
-        """Return the topic of an option: the given one, or the only candidate.
+        """Return the topic that an option names, or the only candidate.
 
         Args:
             option: Name of the option, for messages.
@@ -102,7 +102,7 @@ class MessageStore(ABC):
         if len(candidates) != 1:
             count = "no topic" if not candidates else f"{len(candidates)} topics"
             listed = f"such as {self._all_topics()}" if not candidates else f"{_listed(candidates)}"
-            fix = "expected one" if not candidates else f"expected one: choose it with {option}=TOPIC"
+            fix = "expected one" if not candidates else f"expected one: select it with --set {option}=TOPIC"
             raise DataError(f"{self.path} has {count} of the type {expected} ({listed}), {fix}")
         return next(iter(candidates))
 
@@ -138,7 +138,7 @@ class MessageStore(ABC):
         for _, message in self.messages([topic], log_ns):
             if message.stamp_ns == stamp_ns:
                 return message.content
-        raise DataError(f"the topic {topic} of {self.path} has no message at {stamp_ns / 1e9:.3f} s any more")
+        raise DataError(f"{self.path} no longer has the message of the topic {topic} at {stamp_ns / 1e9:.3f} s")
 
     def _all_topics(self) -> str:
         return _listed([f"{topic} [{kind}]" for topic, kind in sorted(self.types.items())])
@@ -186,7 +186,9 @@ class Bag(MessageStore):
         except DataError:
             raise
         except Exception as error:  # rosbags raises the errors of its parsers too
-            raise DataError(f"{self.path} cannot be read, {', '.join(topics)}: {describe_error(error)}") from None
+            raise DataError(
+                f"cannot read the topics {', '.join(topics)} of {self.path}: {describe_error(error)}"
+            ) from None
 
 
 def _bag_files(path: Path) -> list[Path]:

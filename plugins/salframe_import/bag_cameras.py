@@ -89,8 +89,8 @@ def find_cameras(
             of_depth = _images(bag, depth, _info_topic(bag, depth) or fallback, projection)
             if (of_depth.camera is None) != (images_of_color.camera is None):
                 raise DataError(
-                    f"the projections of {color} and {depth} differ, expected intrinsics of both or of none: pass "
-                    "projection=pinhole or projection=equirectangular"
+                    f"the topics {color} and {depth} have different projections, expected intrinsics for both or "
+                    "neither: pass --set projection=pinhole or --set projection=equirectangular"
                 )
         cameras.append(BagCamera(images_of_color, of_depth))
     return cameras
@@ -113,13 +113,13 @@ def _images(bag: MessageStore, topic: str, info_topic: str | None, projection: P
         return BagImages(topic, frame, _camera(info, info_topic, topic, width, height))
     if projection == "pinhole":
         raise DataError(
-            f"{bag.path} has no intrinsics of {topic}, expected a topic of {CAMERA_INFO} beside it, with K: name it "
-            "with camera_info=TOPIC"
+            f"{bag.path} has no intrinsics for {topic}, expected a topic of the type {CAMERA_INFO} with the matrix K: "
+            "pass --set camera_info=TOPIC"
         )
     if width != 2 * height:
         raise DataError(
             f"the topic {topic} has images of {width} x {height} without intrinsics, expected width = 2 x height "
-            f"(equirectangular) or a topic of {CAMERA_INFO}: name it with camera_info=TOPIC"
+            f"(equirectangular), or a topic of the type {CAMERA_INFO}: pass --set camera_info=TOPIC"
         )
     return BagImages(topic, frame, None)
 
@@ -171,5 +171,5 @@ def _names(value: str | None) -> list[str]:
 def _check_count(option: str, topics: Sequence[object], images: Sequence[object]) -> None:
     if len(topics) != len(images):
         raise DataError(
-            f"{option} has {len(topics)} topics for {len(images)} topics of pictures, expected one for each"
+            f"{option} names {len(topics)} topics and image names {len(images)}, expected one {option} topic for each"
         )

@@ -84,7 +84,9 @@ def depth_image(message: Any, topic: str, unit_m: float) -> np.ndarray:
     """
     encoding = _encoding(message)
     if encoding not in _DEPTH:
-        raise DataError(f"the topic {topic} has the encoding {encoding!r}, expected depth: {', '.join(_DEPTH)}")
+        raise DataError(
+            f"the topic {topic} has the encoding {encoding!r}, expected an encoding of depth: {', '.join(_DEPTH)}"
+        )
     if _is_compressed(message):
         values = _decompress(message, topic)
         if values.dtype != np.uint16 or values.ndim != 2:

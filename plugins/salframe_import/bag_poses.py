@@ -195,7 +195,9 @@ def read_odometry(bag: MessageStore, topic: str) -> PoseTrack:
         rows.append(StampedPose(message.stamp_ns, message.log_ns, numbers))
     if len(names) != 1:
         received = f"{len(names)} pairs of frames" if names else "no message"
-        raise DataError(f"the topic {topic} of {bag.path} has {received}, expected poses of one frame in one frame")
+        raise DataError(
+            f"the topic {topic} of {bag.path} has {received}, expected a single pair of frame_id and child_frame_id"
+        )
     parent, child = names.pop()
     if not child:
         raise DataError(f"the topic {topic} of {bag.path} has no child_frame_id, expected the frame of the robot")
@@ -204,7 +206,7 @@ def read_odometry(bag: MessageStore, topic: str) -> PoseTrack:
 
 @dataclass(frozen=True, eq=False)
 class PoseSource:
-    """Where the poses of a recording come from: a topic of odometry with the tree of transforms, or the tree alone.
+    """Source of the poses of a recording: an odometry topic with the tree of transforms, or the tree alone.
 
     Attributes:
         tree: The transforms of the bag.
@@ -261,7 +263,7 @@ def find_poses(bag: MessageStore, tree: TransformTree, frame: str, topic: str | 
         topic = bag.choose("poses", None, [ODOMETRY])
     if topic not in (None, TF_SOURCE):
         if world is not None:
-            raise DataError(f"received world={world} with poses={topic}, expected it only with poses={TF_SOURCE}")
+            raise DataError(f"received world={world} with poses={topic}, expected world only with poses={TF_SOURCE}")
         return odometry_source(bag, tree, bag.choose("poses", topic, [ODOMETRY]))
     world = world or (MAP if MAP in above else tree.root(frame))
     if world not in tree.frames:
@@ -270,8 +272,8 @@ def find_poses(bag: MessageStore, tree: TransformTree, frame: str, topic: str | 
         )
     if all(track.is_static for track in tree.chain(frame)):
         raise DataError(
-            f"{bag.path} has no pose over time: no topic of {ODOMETRY}, and /tf does not move the frame {frame}; "
-            f"expected either. The bag has the frames {', '.join(tree.frames) or 'none'}"
+            f"{bag.path} has no moving poses, expected a topic of the type {ODOMETRY}, or transforms in /tf that "
+            f"move the frame {frame}. The bag has the frames {', '.join(tree.frames) or 'none'}"
         )
     return PoseSource(tree, world)
 

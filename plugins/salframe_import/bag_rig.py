@@ -60,7 +60,7 @@ class BagRig:
         tree: The transforms between the frames of the cameras.
         tolerance_s: Maximum difference of stamps that belong together.
         depth_unit_m: Metres per step of depth of 16 bits.
-        depth_kind: What depth measures.
+        depth_kind: Quantity that the depth images measure.
         axes: Axes of the frame of equirectangular images.
     """
 
@@ -104,13 +104,13 @@ class BagRig:
             shots.append(BagShot(number, colors, depths))
         notes = [
             f"{count} of {len(stamps)} pictures of {topics[0]} have no message of {topic} within {self.tolerance_s:g} "
-            "s: left out"
+            "s and are left out"
             for topic, count in missing.items()
             if count
         ]
         if not shots:
             raise DataError(
-                f"{self.bag.path}: {notes[0]}, expected at least one: compare the stamps, or increase tolerance_s"
+                f"{self.bag.path}: {notes[0]}, expected at least one match: compare the stamps, or increase tolerance_s"
             )
         return shots, notes
 
@@ -188,14 +188,15 @@ class BagRig:
         where = f"the frame {self.frame} of {self.cameras[0].color.topic} is not upright by its poses"
         if axes != "auto":
             raise DataError(
-                f"{where}: the mean z of its up direction is {up[axes]:.2f} with the axes {axes}, expected "
+                f"{where}: the mean z of its up direction is {up[axes]:.2f} with {axes} axes, expected "
                 f"{MIN_UP:.2f} to 1: likely --set camera_axes={best}"
             )
         if up[best] < MIN_UP:
             raise DataError(
-                f"{where}: the mean z of its up direction is {up['optical']:.2f} with optical axes (y down) and "
-                f"{up['body']:.2f} with axes of the body (z up), expected {MIN_UP:.2f} to 1: check the transforms of "
-                "this frame in /tf_static, whether they are inverted, and the order of quaternions (x, y, z, w)"
+                f"{where}: the mean z of its up direction is {up['optical']:.2f} with optical axes (x right, y down) "
+                f"and {up['body']:.2f} with body axes (x forward, z up), expected {MIN_UP:.2f} to 1: check the "
+                "transforms of this frame in /tf_static, whether they are inverted, and the order of quaternions (x, "
+                "y, z, w)"
             )
         return replace(self, axes=best)
 
@@ -225,8 +226,8 @@ class BagRig:
         T_frame_camera = self.tree.pose(self.frame, images.frame, stamp_ns, self.tolerance_s)
         if T_frame_camera is None or images.camera is None:
             raise DataError(
-                f"the transform from {images.frame} to {self.frame} is unknown at {stamp_ns / 1e9:.3f} s, expected it "
-                "in /tf_static"
+                f"the transform from {images.frame} to {self.frame} is unknown at {stamp_ns / 1e9:.3f} s, expected a "
+                "transform in /tf_static"
             )
         return PosedCamera(images.camera, T_world_frame @ T_frame_camera)
 

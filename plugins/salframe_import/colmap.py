@@ -24,7 +24,7 @@ from salframe_import.colmap_world import floor_height, up_direction, upright_rot
 from salframe_import.stations import PosedImage, StationSettings, group_by_motion, read_depth, station_record, thinned
 
 DENSE_SUFFIXES = (".geometric.bin", ".photometric.bin")
-"""Endings of the depth maps that COLMAP computes, the better first."""
+"""Suffixes of the depth maps that COLMAP computes, the best first."""
 
 
 class ColmapImporter(Importer):
@@ -50,11 +50,13 @@ class ColmapImporter(Importer):
             None,
             gt=0,
             le=100,
-            description="height of the cameras above the floor (m), instead of scale; the floor is found in the points "
-            "of the model, and gets z = 0",
+            description="height of the cameras above the floor (m), instead of scale; the floor is detected in the "
+            "points of the model, and gets z = 0",
         )
         images: str | None = Field(
-            None, min_length=1, description="folder of the pictures; null: the folder images beside or above the model"
+            None,
+            min_length=1,
+            description="folder of the pictures; null: the folder named images, beside or above the model",
         )
         depth: str | None = Field(
             None,
@@ -80,7 +82,7 @@ class ColmapImporter(Importer):
         world, notes = self._world(model)
         images = _image_folder(None if self.config.images is None else Path(self.config.images), folder)
         if num_unused := _num_unused(images, model):
-            notes.append(f"{num_unused} pictures in {images} have no pose in the model: left out")
+            notes.append(f"{num_unused} pictures in {images} have no pose in the model and are left out")
         frames: dict[int, list[ModelPicture]] = {}
         for picture in model.pictures:
             frames.setdefault(picture.frame, []).append(picture)
@@ -111,7 +113,10 @@ class ColmapImporter(Importer):
         if config.camera_height is not None:
             floor_z = floor_height(points_z, cameras_z)
             scale = config.camera_height / (float(np.median(cameras_z)) - floor_z)
-            note = f"scale: {scale:.4g} m per unit of the model, by a camera {config.camera_height:g} m above the floor"
+            note = (
+                f"scale: {scale:.4g} m per unit of the model, computed from the camera height of "
+                f"{config.camera_height:g} m above the floor"
+            )
             if not low_m <= config.camera_height <= high_m:
                 note += f", expected {low_m:g} to {high_m:g} m: check camera_height"
             return ModelWorld(rotation, scale, floor_z), [note]
@@ -174,8 +179,8 @@ class _Pictures:
             return replace(record, places=places)
         if len(pictures) > 1:
             raise DataError(
-                f"the pictures {', '.join(name.as_posix() for name in names)} of a rig include an equirectangular one, "
-                "expected a rig with this picture alone"
+                f"the pictures {', '.join(name.as_posix() for name in names)} of a rig include an equirectangular "
+                "picture, expected an equirectangular camera to be the only camera of its rig"
             )
         encoding = RangeEncoding(self.config.depth_unit_m, (), self.config.depth_kind or RangeKind.RAY)
         encoding.check_panorama()
@@ -214,7 +219,7 @@ class _Pictures:
         for candidate in names:
             if (folder / candidate).is_file():
                 return folder / candidate
-        raise DataError(f"{folder} has no depth of the picture {name.as_posix()}, expected {' or '.join(names)}")
+        raise DataError(f"{folder} has no depth image of the picture {name.as_posix()}, expected {' or '.join(names)}")
 
 
 def read_dense_depth(path: Path) -> np.ndarray:

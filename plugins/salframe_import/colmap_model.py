@@ -26,7 +26,7 @@ _COEFFICIENTS: dict[str, tuple[DistortionModel, tuple[str, ...]]] = {
     "SIMPLE_RADIAL_FISHEYE": (DistortionModel.FISHEYE, ("k", "0", "0", "0")),
     "RADIAL_FISHEYE": (DistortionModel.FISHEYE, ("k1", "k2", "0", "0")),
 }
-"""Distortion model and coefficients of COLMAP's camera models, in the order of OpenCV; "0" is no coefficient."""
+"""Distortion model and coefficients of COLMAP's camera models, in the order of OpenCV; "0" means no coefficient."""
 EQUIRECTANGULAR = "EQUIRECTANGULAR"
 """COLMAP's model of a 360 camera, since COLMAP 4.1."""
 
@@ -72,8 +72,9 @@ def find_model(source: Path) -> Path:
         if _is_model(folder):
             if folder.name == "0" and (others := [other for other in _submodels(source) if other != folder]):
                 raise DataError(
-                    f"{source} has {len(others) + 1} models, {', '.join(sorted(m.name for m in [folder, *others]))} in "
-                    "sparse, expected one: pass the folder of one model, such as sparse/0"
+                    f"{source} has {len(others) + 1} models in sparse "
+                    f"({', '.join(sorted(m.name for m in [folder, *others]))}), expected one: pass the folder of one "
+                    "model, such as sparse/0"
                 )
             return folder
     raise DataError(
@@ -104,7 +105,9 @@ def read_model(folder: Path) -> Model:
         if image.has_pose
     ]
     if not pictures:
-        raise DataError(f"{folder} has {model.num_images()} pictures, none with a pose, expected registered pictures")
+        raise DataError(
+            f"none of the {model.num_images()} pictures of {folder} has a pose, expected registered pictures"
+        )
     points = np.array([point.xyz for point in model.points3D.values()], np.float64).reshape(-1, 3)
     return Model(tuple(sorted(pictures, key=lambda picture: picture.name)), points)
 

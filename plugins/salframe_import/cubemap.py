@@ -44,17 +44,22 @@ SEAMS = (
 class CubemapImporter(Importer):
     """Cubemaps: six faces of 90 degrees with z-depth along the axis of each face, and the table poses.csv.
 
-    The column picture has the name of the cubemap, as in the names of its faces. The other columns are those of the
-    format pictures. Cubemaps without a row are queries.
+    The column picture has the name of the cubemap, which is also part of the file names of its faces. The other columns
+    are those of the format pictures. Cubemaps without a row are queries.
     """
 
     name = "cubemap"
     version = "1"
 
     class Config(PoseSettings):
-        height: int = Field(512, ge=64, le=4096, description="height of a panorama in pixels; its width is twice that")
-        picture: str = Field("{name}_{face}.jpg", description="file of the colour of a face")
-        depth: str = Field("{name}_{face}.depth.png", description="file of the depth of a face; it may be missing")
+        height: int = Field(
+            512, ge=64, le=4096, description="height of a panorama in pixels; its width is twice the height"
+        )
+        picture: str = Field("{name}_{face}.jpg", description="pattern of the file name of the colour image of a face")
+        depth: str = Field(
+            "{name}_{face}.depth.png",
+            description="pattern of the file name of the depth image of a face; the file may be missing",
+        )
         faces: tuple[str, str, str, str, str, str] = Field(
             FACES, description="names of the faces in front, to the right, behind, to the left, above and below"
         )
@@ -89,7 +94,8 @@ class CubemapImporter(Importer):
         if missing:
             example = front.replace("{name}", missing[0])
             notes.append(
-                f"{len(missing)} of {len(rows)} rows of {self.config.poses} name no cubemap (such as {example})"
+                f"{len(missing)} of {len(rows)} rows of {self.config.poses} name a cubemap that does not exist (such "
+                f"as {example})"
             )
         records = tuple(self._record(source, name, rows.get(name)) for name in sorted(names))
         return Recording(records, notes=tuple(notes))

@@ -79,8 +79,8 @@ class PerspectiveImporter(Importer):
     """Posed images with intrinsics and optional depth, from transforms.json as nerfstudio reads it. Images of one
     station are stitched to a panorama.
 
-    The keys station, place and time of a frame are optional. Lens distortion is undone. The folder is that of
-    transforms.json.
+    The keys station, place and time of a frame are optional. Lens distortion is removed. The source is the
+    folder that contains transforms.json.
     """
 
     name = "perspective"
@@ -89,7 +89,7 @@ class PerspectiveImporter(Importer):
     class Config(StationSettings):
         transforms: str = Field("transforms.json", min_length=1, description="name of the list of images in the folder")
         pose_convention: PoseConvention = Field(
-            "opengl-z-up", description="convention of transform_matrix; nerfstudio has opengl-z-up"
+            "opengl-z-up", description="convention of transform_matrix; nerfstudio uses opengl-z-up"
         )
         position_unit_m: PositiveFloat = Field(
             1.0, description="length of one unit of the positions, in metres (0.001: the positions are in millimetres)"
@@ -141,8 +141,8 @@ class PerspectiveImporter(Importer):
         pose[: len(frame.transform_matrix)] = frame.transform_matrix
         if not is_rigid(pose, POSE_TOLERANCE):
             raise DataError(
-                f"{path}: the transform_matrix of {frame.file_path} is no rigid motion, expected a rotation without "
-                "scale or mirror and a translation, above the row 0 0 0 1"
+                f"{path}: the transform_matrix of {frame.file_path} is not a rigid motion, expected a rotation "
+                "without scale or reflection, a translation, and the last row 0 0 0 1"
             )
         return pose
 
@@ -189,7 +189,9 @@ def _camera(path: Path, content: _Transforms, frame: _FrameOfFile, picture: Path
     if values["fl_x"] is None and values["camera_angle_x"] is not None:
         values["fl_x"] = width / 2 / np.tan(values["camera_angle_x"] / 2)
     if values["fl_x"] is None:
-        raise DataError(f"{path} has no fl_x and no camera_angle_x for {frame.file_path}, expected the focal length")
+        raise DataError(
+            f"{path} has neither fl_x nor camera_angle_x for {frame.file_path}, expected one of them as focal length"
+        )
     fx = float(values["fl_x"])
     fy = fx if values["fl_y"] is None else float(values["fl_y"])
     cx, cy = (

@@ -50,8 +50,8 @@ class PictureImporter(Importer):
         notes = []
         if missing:
             notes.append(
-                f"{len(missing)} of {len(rows)} rows of {self.config.poses} name no picture (such as {missing[0]}), "
-                "expected file names with their ending; upper and lower case differ"
+                f"{len(missing)} of {len(rows)} rows of {self.config.poses} name a picture that does not exist (such "
+                f"as {missing[0]}), expected file names with their suffix; upper and lower case are different"
             )
         records = tuple(_record(source, name, encoding, rows.get(name)) for name in sorted(names))
         return Recording(records, notes=tuple(notes))

@@ -55,7 +55,10 @@ def read_pose_table(path: Path, config: PoseSettings) -> dict[str, PoseRow]:
     has_quaternion = set(QUATERNION) <= texts.keys()
     if has_quaternion == ("yaw_deg" in texts):
         received = "both" if has_quaternion else "neither"
-        raise DataError(f"{path} has {received} of yaw_deg and {','.join(QUATERNION)}, expected one of them")
+        raise DataError(
+            f"{path} has {received} the column yaw_deg {'and' if has_quaternion else 'nor'} the columns "
+            f"{','.join(QUATERNION)}, expected one of the two"
+        )
     if not has_quaternion and config.pose_convention not in LEVEL_CONVENTIONS:
         raise ConfigError(
             f"pose_convention is {config.pose_convention!r} and {path} has the column yaw_deg, expected one of "
@@ -68,7 +71,7 @@ def read_pose_table(path: Path, config: PoseSettings) -> dict[str, PoseRow]:
     rows: dict[str, PoseRow] = {}
     for name, place, row in zip(names, places, numbers, strict=True):
         if name in rows:
-            raise DataError(f"{path} has two rows of the picture {name}, expected one")
+            raise DataError(f"{path} has two rows for the picture {name}, expected one")
         pose = np.eye(4)
         pose[:3, 3] = row[:3]
         pose[:3, :3] = _rotation(row[3:-1], f"{path}: the quaternion of {name}")

@@ -37,17 +37,17 @@ class RosBagImporter(Importer):
 
     class Config(StationSettings):
         image: str | None = Field(
-            None, description="topics of the pictures, separated by commas; null: the only topic of pictures"
+            None, description="image topics of the colour, separated by commas; null: the only topic with colour images"
         )
         depth: str | None = Field(
             None,
-            description="topics of the depth, one for each topic of pictures and in the same order; none: import no "
-            "depth; null: the only topic of depth, if there is one",
+            description="depth topics, one for each image topic and in the same order; none: import no "
+            "depth; null: the only depth topic, if there is one",
         )
         camera_info: str | None = Field(
             None,
-            description="topics of the intrinsics, one for each topic of pictures and in the same order; null: "
-            "camera_info in the namespace of each topic of pictures, if it exists",
+            description="topics of the intrinsics, one for each image topic and in the same order; null: "
+            "camera_info in the namespace of each image topic, if it exists",
         )
         projection: Projection = Field(
             "auto", description="projection of the images; auto: pinhole if there are intrinsics"
@@ -59,16 +59,16 @@ class RosBagImporter(Importer):
         )
         poses: str | None = Field(
             None,
-            description="source of the poses: a topic of odometry, or tf; null: tf if it has the frame map, else the "
-            "only topic of odometry, else tf",
+            description="source of the poses: an odometry topic, or tf; null: tf if it has the frame map, else the "
+            "only odometry topic, else tf",
         )
         world: str | None = Field(
             None, description="frame of the poses of tf; null: map, or the root of the tree if there is no map"
         )
         odometry: str | None = Field(
             None,
-            description="topic of the motion between the views of a sequence; null: the only topic of odometry, or the "
-            "source of the poses if there is none",
+            description="odometry topic with the motion between the views of a sequence; null: the only odometry "
+            "topic, or the source of the poses if there is none",
         )
         tolerance_s: float = Field(
             0.02, gt=0, le=1, description="maximum difference of the stamps of messages that belong together (s)"
@@ -85,7 +85,10 @@ class RosBagImporter(Importer):
             "that turned and moved little",
         )
         num_views: int = Field(
-            0, ge=0, le=100, description="number of views of a query of several views (a sequence); 0: no such queries"
+            0,
+            ge=0,
+            le=100,
+            description="number of views of each multi-view query (a sequence); 0: no multi-view queries",
         )
         sequence_period: int = Field(
             20, ge=2, description="number of views from the end of a sequence to the end of the next one"
@@ -190,7 +193,7 @@ class RosBagImporter(Importer):
         is_equirectangular = any(camera.color.camera is None for camera in cameras)
         if is_equirectangular and len(cameras) > 1:
             raise ConfigError(
-                f"image has {len(cameras)} topics, one of them equirectangular; expected an equirectangular topic alone"
+                f"image has {len(cameras)} topics, and one of them is equirectangular; expected only this topic"
             )
         if is_equirectangular and self.config.group_by == "motion":
             raise ConfigError("group_by is motion for equirectangular images, expected group_by=time")
@@ -246,11 +249,11 @@ def _posed(
     posed = [(shot, T) for shot in shots if (T := poses.pose(rig.frame, shot.stamp_ns, rig.tolerance_s)) is not None]
     if not posed:
         raise DataError(
-            f"{rig.bag.path} has {len(shots)} pictures and no pose of {poses} at their times, expected header stamps "
-            "of one clock"
+            f"none of the {len(shots)} pictures of {rig.bag.path} has a pose of {poses} at its time, expected header "
+            "stamps of the same clock"
         )
     missing = len(shots) - len(posed)
-    return posed, [f"{missing} of {len(shots)} pictures have no pose at their time: left out"] if missing else []
+    return posed, [f"{missing} of {len(shots)} pictures have no pose at their time and are left out"] if missing else []
 
 
 def _delay_notes(shots: Sequence[BagShot], poses: PoseSource) -> list[str]:
@@ -259,9 +262,9 @@ def _delay_notes(shots: Sequence[BagShot], poses: PoseSource) -> list[str]:
     if abs(delay_s - poses.delay_s) <= MAX_DELAY_S:
         return []
     return [
-        f"the pictures were recorded {delay_s:.2f} s after their stamps, the poses of {poses} {poses.delay_s:.2f} s "
-        f"after theirs, expected a difference of at most {MAX_DELAY_S:g} s: the stamps may be of different clocks, and "
-        f"the poses off by {abs(delay_s - poses.delay_s):.2f} s"
+        f"the pictures were recorded {delay_s:.2f} s after their stamps, and the poses of {poses} {poses.delay_s:.2f} "
+        f"s after theirs, expected a difference of at most {MAX_DELAY_S:g} s: the stamps may be of different clocks, "
+        f"and the poses wrong by {abs(delay_s - poses.delay_s):.2f} s"
     ]
 
 

@@ -54,7 +54,11 @@ class StationSettings(ComponentConfig):
         "motion",
     )
     min_step_deg: float = Field(
-        10.0, ge=0, le=90, description="minimum turn between two images of one panorama; others are left out"
+        10.0,
+        ge=0,
+        le=90,
+        description="minimum turn (degrees) between successive images of one panorama; images after a smaller turn "
+        "are left out",
     )
 
 
@@ -146,7 +150,7 @@ def read_depth(path: Path, encoding: RangeEncoding, lens: Camera) -> np.ndarray:
 
     Args:
         path: A 16-bit grey image.
-        encoding: What its values mean, of the kind Z or RAY.
+        encoding: Encoding of the values, of the kind Z or RAY.
         lens: The camera of the image, at any size.
 
     Raises:
@@ -161,7 +165,7 @@ def group_by_station(images: Sequence[PosedImage]) -> dict[str, list[PosedImage]
     groups: dict[str, list[PosedImage]] = {}
     for image in images:
         if image.station is None:
-            raise DataError(f"the image {image.name} has no station, expected one for every image")
+            raise DataError(f"the image {image.name} has no key station, expected one for every image")
         groups.setdefault(image.station, []).append(image)
     return groups
 
@@ -208,9 +212,9 @@ def group_by_motion(
     groups = [run for run, view in zip(runs, views, strict=True) if view.sum() >= config.min_view_deg]
     if not groups:
         raise DataError(
-            f"no part of the recording shows {config.min_view_deg:g} deg within {config.max_move_m:g} m, the largest "
-            f"view is {max(int(view.sum()) for view in views)} deg: turn the camera at each place, or set min_view_deg "
-            "or max_move_m"
+            f"no part of the recording shows {config.min_view_deg:g} deg within {config.max_move_m:g} m; the largest "
+            f"field of view is {max(int(view.sum()) for view in views)} deg: turn the camera at each place, or set "
+            "min_view_deg or max_move_m"
         )
     num_unused = len(images) - sum(map(len, groups))
     if not num_unused:
@@ -251,13 +255,13 @@ def check_upright(poses: Sequence[np.ndarray], others: Mapping[str, Sequence[np.
         else "check the axes of the cameras and of the world, and whether the poses map the camera to the world"
     )
     raise DataError(
-        f"the images are {tilt_deg:.0f} deg from upright by their poses (median of {len(poses)}), expected at most "
-        f"{MAX_IMAGE_TILT_DEG:g}: {cause}"
+        f"the images are {tilt_deg:.0f} deg from upright by their poses (median of {len(poses)} images), expected at "
+        f"most {MAX_IMAGE_TILT_DEG:g}: {cause}"
     )
 
 
 def other_conventions(convention: str) -> list[str]:
-    """Return the conventions that may be meant instead of one."""
+    """Return the conventions that a user may have meant instead of another one."""
     return [name for name in NAMES if name not in (convention, "compass", "image-plan")]
 
 
@@ -312,7 +316,7 @@ def _stitch(
             depths_m.append(depth_m)
             depth_cameras.append(depth_camera)
     if not pictures:
-        raise DataError(f"none of {len(images)} images of {id} can be read: {notes[0]}")
+        raise DataError(f"none of the {len(images)} images of {id} can be read: {notes[0]}")
     range_m = np.full((height, 2 * height), np.nan, np.float32)
     if has_depth:
         range_m = stitch_range(depths_m, depth_cameras, T_world_pano, height)

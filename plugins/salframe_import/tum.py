@@ -73,7 +73,7 @@ class TumImporter(Importer):
         pose_offset_s: float = Field(0.0, description="seconds to add to the times of the poses")
         quaternion: Literal["xyzw", "wxyz"] = Field("xyzw", description="order of the quaternions in groundtruth.txt")
         pose_convention: PoseConvention = Field(
-            "opencv", description="convention of the poses in groundtruth.txt; the benchmark has opencv"
+            "opencv", description="convention of the poses in groundtruth.txt; the benchmark uses opencv"
         )
         depth_unit_m: PositiveFloat = Field(1 / 5000, description="metres per unit of the values of a depth image")
 
@@ -88,8 +88,8 @@ class TumImporter(Importer):
         if not is_matched.any():
             raise DataError(
                 f"no image of {source / COLOR} has a pose{'' if depths is None else ' and a depth image'} within "
-                f"{self.config.max_time_s:g} s (the nearest is {gap_s.min():.3g} s away), expected times of one clock: "
-                "set pose_offset_s or max_time_s"
+                f"{self.config.max_time_s:g} s (the nearest is {gap_s.min():.3g} s away), expected times of the same "
+                "clock: set pose_offset_s or max_time_s"
             )
         lens, note = self._camera(source)
         encoding = RangeEncoding(self.config.depth_unit_m, kind=RangeKind.Z)

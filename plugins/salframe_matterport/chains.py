@@ -14,7 +14,7 @@ from salframe_matterport.scenes import ViewpointScene, generator, object_key
 
 
 class Walks:
-    """Draws walks through a building, from one viewpoint to the next along unobstructed ways."""
+    """Generates random walks through a building, from one viewpoint to the next along unobstructed ways."""
 
     def __init__(self, root: Path, scan: str, seed: int) -> None:
         """Read the ways of a building. Raises DataError if the connectivity file is malformed."""

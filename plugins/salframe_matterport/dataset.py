@@ -122,8 +122,8 @@ class MatterportAnnotations(NavigableDataset):
     def _root(self) -> Path:
         if self.config.root is None:
             raise DataError(
-                f"the dataset {self.name} has no folder, expected the folder of the official files (salframe docs "
-                "matterport): pass --data-dir DIR"
+                f"the dataset {self.name} has no folder, expected the folder of its files (see `salframe docs "
+                "matterport`): pass --data-dir DIR"
             )
         return self.config.root
 
@@ -135,7 +135,7 @@ class MatterportAnnotations(NavigableDataset):
         missing = sorted(set(self.config.scans) - set(buildings))
         if missing:
             raise DataError(
-                f"{self._root} has no building {', '.join(missing)}, expected some of {', '.join(buildings)}"
+                f"{self._root} has no building {', '.join(missing)}, expected one or more of {', '.join(buildings)}"
             )
         return self.config.scans
 

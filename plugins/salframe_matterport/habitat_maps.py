@@ -107,8 +107,7 @@ def read_floor(root: Path, scan: str, resolution_m: float) -> FloorMasks:
         path = maps_path(root, scan) / f"{name}.png"
         if not path.exists():
             raise DataError(
-                f"{path} is missing, expected the top-down map of {content} that Object2HabitatMap's "
-                "collect_2d_map.py writes"
+                f"{path} is missing, expected the top-down map of {content} from Object2HabitatMap's collect_2d_map.py"
             )
         pictures[name] = _color_code(read_color(path))
     region, category = pictures["region"], pictures["cat"]
@@ -158,7 +157,7 @@ def _locate_regions(
         raise DataError(
             f"{source}/region.png does not match the regions of the .house file: "
             f"{len(matched)} of {len(patches)} patches match a region, with a median edge distance of "
-            f"{misfit_m:.2f} m; expected at least two and at most {_MISFIT_M} m"
+            f"{misfit_m:.2f} m; expected at least two matches, and a distance of at most {_MISFIT_M} m"
         )
     table = np.zeros(number.max() + 1, np.int32)
     for patch, region in matched.items():

@@ -29,7 +29,7 @@ class Matterport3DImporter(Importer):
     version = "1"
 
     class Config(ComponentConfig):
-        scan: str | None = Field(None, description="id of the building; none: the only one in the folder")
+        scan: str | None = Field(None, description="id of the building; null: the only one in the folder")
         color: Color = Field(
             "skybox",
             description="images that give the colour of a panorama. skybox: the six skybox faces, evenly exposed; "

@@ -68,7 +68,7 @@ class Matterport3D(Dataset):
         if self.config.root is None:
             raise DataError(
                 f"the dataset {self.name} has no folder, expected the folder of the Matterport3D release "
-                "(salframe docs real-buildings): pass --data-dir DIR"
+                "(see `salframe docs real-buildings`): pass --data-dir DIR"
             )
         buildings = find_buildings(self.config.root)
         if self.config.scans == "all":
@@ -76,7 +76,8 @@ class Matterport3D(Dataset):
         missing = sorted(set(self.config.scans) - set(buildings))
         if missing:
             raise DataError(
-                f"{self.config.root} has no building {', '.join(missing)}, expected some of {', '.join(buildings)}"
+                f"{self.config.root} has no building {', '.join(missing)}, expected one or more of "
+                f"{', '.join(buildings)}"
             )
         return {scan: buildings[scan] for scan in self.config.scans}
 

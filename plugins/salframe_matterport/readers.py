@@ -108,7 +108,8 @@ def find_scans(root: Path) -> list[str]:
     if not scans:
         received = "a folder without connectivity files" if root.is_dir() else "not a folder"
         raise DataError(
-            f"{root} is {received}, expected connectivity/*{suffix}, reverie/BBox/*.json and vp2room_label.json in it"
+            f"{root} is {received}, expected a folder with connectivity/*{suffix}, reverie/BBox/*.json and "
+            f"vp2room_label.json"
         )
     return scans
 
@@ -118,7 +119,9 @@ def read_viewpoints(path: Path) -> tuple[ConnectivityViewpoint, ...]:
     listed: tuple[ConnectivityViewpoint, ...] = tuple(read_as(path, list[ConnectivityViewpoint]))
     names = {viewpoint.image_id for viewpoint in listed}
     if len(names) < len(listed):
-        raise DataError(f"{path} lists {len(listed)} viewpoints with {len(names)} distinct ids, expected distinct ids")
+        raise DataError(
+            f"{path} lists {len(listed)} viewpoints with {len(names)} distinct ids, expected a different id for each"
+        )
     return listed
 
 

@@ -57,8 +57,8 @@ class Reverie(Scorer):
             if missing:
                 listed = ", ".join(missing[:NAMED]) + (", ..." if len(missing) > NAMED else "")
                 raise DataError(
-                    f"{answers} lacks {len(missing)} of the {len(episodes)} instructions of {split}, "
-                    f"expected answers to all: {listed}"
+                    f"{answers} has no answer to {len(missing)} of the {len(episodes)} instructions of {split}, "
+                    f"expected an answer to each; missing: {listed}"
                 )
         buildings = {
             scan: BuildingGraph(root, scan)
@@ -314,11 +314,11 @@ def read_answers(content: Any, path: Path) -> dict[str, Answer]:
             raise DataError(f"{path}: {name} has an empty trajectory, expected at least its start")
     if keyless:
         _log.warning(
-            "%s: %d of %d answers have no key predObjId or pred_objid, and count as naming no object",
+            "%s: %d of %d answers have no key predObjId or pred_objid; they count as answers without an object",
             *(path, keyless, len(content)),
         )
     elif 0 < unnamed < len(content):
-        _log.warning("%s: %d of %d answers name no object, and fail in RGS", path, unnamed, len(content))
+        _log.warning("%s: %d of %d answers name no object; they count as failures in RGS", path, unnamed, len(content))
     return answers
 
 
@@ -338,7 +338,7 @@ def viewpoints(trajectory: Any) -> Iterator[str]:
     if len(trajectory) == 3 and isinstance(trajectory[0], str) and not isinstance(trajectory[1], str):
         angles = trajectory[1:]
         if any(isinstance(angle, bool) or not isinstance(angle, int | float) for angle in angles):
-            raise TypeError(f"a step has the heading and elevation {angles!r:.60}, not two numbers")
+            raise TypeError(f"a step has the heading and elevation {angles!r:.60}, expected two numbers")
         yield trajectory[0]
         return
     for step in trajectory:

@@ -75,8 +75,8 @@ class MeshDataset(RenderedDataset[FrameSpec]):
     def _source(self) -> Path:
         if self.config.root is None:
             raise DataError(
-                f"the dataset {self.name} has no folder, expected the folder of a mesh (salframe docs real-buildings): "
-                "pass --data-dir DIR"
+                f"the dataset {self.name} has no folder, expected the folder of a mesh (see `salframe docs "
+                "real-buildings`): pass --data-dir DIR"
             )
         if not self.config.root.is_dir():
             raise DataError(
@@ -201,7 +201,7 @@ def read_frames(path: Path) -> list[FrameSpec]:
                 raise DataError(f"{path}, line {number}: the role is {spec.role!r}, expected one of {known}")
             if spec.id in specs:
                 raise DataError(
-                    f"{path}, line {number}: a second frame {spec.id!r}, expected a unique id for each frame"
+                    f"{path}, line {number}: the frame id {spec.id!r} occurs twice, expected a unique id for each frame"
                 )
             specs[spec.id] = spec
     if not any(spec.role == "map" for spec in specs.values()):

@@ -106,7 +106,7 @@ def _check_counts(path: Path, size: int) -> None:
     for count in re.findall(rb"^\s*element\s+\S+\s+(\S+)", header, re.MULTILINE):
         if not count.isdigit() or len(count) > 12 or int(count) > size:
             raise ValueError(
-                f"its header names {count.decode(errors='replace')[:20]} elements, more than the "
+                f"its header states {count.decode(errors='replace')[:20]} elements, more than the "
                 f"{size} bytes of the file"
             )
 
@@ -121,7 +121,8 @@ def _check(surface: MeshSurface, path: Path) -> None:
     ):
         if numbers.min() < 0 or numbers.max() >= count:
             raise DataError(
-                f"{path} has a face with {name} {max(numbers.max(), -numbers.min())}, expected an index below {count}"
+                f"{path} has a face with the {name} index {max(numbers.max(), -numbers.min())}, expected a "
+                f"non-negative index below {count}"
             )
 
 

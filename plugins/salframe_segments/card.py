@@ -34,7 +34,9 @@ class Input(Settings):
     @model_validator(mode="after")
     def _bytes_stay(self) -> Input:
         if self.dtype == "uint8" and (self.scale, self.mean, self.std) != (1.0, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)):
-            raise ValueError("a uint8 network takes colours without scaling, expected no scale, mean or std")
+            raise ValueError(
+                "the input dtype is uint8 and the card has scale, mean or std, expected none of them for uint8"
+            )
         return self
 
 
@@ -107,8 +109,8 @@ class Card(Settings):
             if len(kinds) != 1:
                 sections = " and ".join(kinds) or "no section"
                 raise ValueError(
-                    f"the label {label!r} is in {sections}, expected it in exactly one of the sections structure, "
-                    "fixed and objects"
+                    f"the label {label!r} is in {sections}, expected each label in exactly one of the sections "
+                    "structure, fixed and objects"
                 )
         return self
 
@@ -137,5 +139,5 @@ def shipped_card(model: Path) -> Card:
             return card
     raise WeightsError(
         f"no model card for {model}: salframe ships none for its sha256 {sha256[:12]}..., expected "
-        f"{model.with_suffix('.yaml')}, or another path as detector.card=PATH (salframe docs segments)"
+        f"{model.with_suffix('.yaml')}, or another path as detector.card=PATH (see `salframe docs segments`)"
     )

@@ -159,5 +159,5 @@ def _model_path(model: str | SingleFile) -> Path:
     if isinstance(model, str):
         return ADE20K.paths()[0]
     if not model.is_file():
-        raise WeightsError(f"no file {model}, expected the path of an ONNX or TensorFlow Lite file, or ade20k")
+        raise WeightsError(f"{model} does not exist, expected the path of an ONNX or TensorFlow Lite file, or ade20k")
     return model

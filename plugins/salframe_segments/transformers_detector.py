@@ -63,7 +63,7 @@ class TransformersDetector(Detector):
             None,
             union_mode="left_to_right",
             description="labels that a zero-shot network searches for: a list, or the folder of a saved map whose "
-            "labels are used; null: the names of salframe's vocabulary. Other networks have labels of their own",
+            "labels are used; null: the names of salframe's vocabulary. Other networks have fixed labels",
         )
         fov_deg: float = Field(
             90.0,
@@ -86,7 +86,8 @@ class TransformersDetector(Detector):
         zero_shot = any(known.get(name) is NetworkTask.ZERO_SHOT for name in content.get("architectures") or ())
         if self.config.labels is not None and not zero_shot:
             raise ConfigError(
-                f"{folder} has labels of its own, expected labels: null; only zero-shot networks search for a list"
+                f"the network in {folder} has fixed labels, expected labels=null; only zero-shot networks accept a "
+                f"list of labels"
             )
         takes_text = zero_shot or content.get("model_type") in TEXT_MODELS
         model = PretrainedModel(folder, known, self.config.device, self.config.size_px, takes_text=takes_text)
@@ -128,8 +129,8 @@ class VotedViews:
         (probabilities,) = class_probabilities(model, _blank(model))
         if probabilities.shape[-1] != len(labels):
             raise WeightsError(
-                f"{model.folder} gives {probabilities.shape[-1]} classes, expected {len(labels)}, one for each label "
-                "of its config.json"
+                f"{model.folder} returned {probabilities.shape[-1]} classes, expected {len(labels)}, one for each "
+                "label of its config.json"
             )
 
     def detect(self, rgb: np.ndarray, valid: np.ndarray | None, range_m: np.ndarray | None) -> Detections:
@@ -172,7 +173,9 @@ def _labels(labels: tuple[str, ...] | UserFile | None) -> tuple[str, ...]:
         return vocabulary_names()
     names = map_labels(labels) if isinstance(labels, UserFile) else labels
     if not names or not all(name.strip() for name in names) or len(set(names)) < len(names):
-        raise ConfigError(f"received {len(names)} labels, expected at least one, and all different and not empty")
+        raise ConfigError(
+            f"received {len(names)} labels, expected at least one; all labels must be different and not empty"
+        )
     return names
 
 

@@ -24,7 +24,7 @@ MASK_PROBABILITY, MIN_VISIBLE = 0.5, 0.8
 
 
 class NetworkTask(Enum):
-    """What a network predicts for an image."""
+    """Type of the predictions of a network for an image."""
 
     SEMANTIC = "semantic segmentation"
     PANOPTIC = "panoptic segmentation"
@@ -220,7 +220,8 @@ class GroundedModel(ViewModel):
                 last -= 1
                 if last == first:
                     raise ConfigError(
-                        f"the label {labels[first]!r} is too long for {model.folder}, expected a short name"
+                        f"the label {labels[first]!r} is too long for the network in {model.folder}, expected a "
+                        f"shorter label"
                     )
             self._texts.append(text)
             first = last

@@ -19,8 +19,8 @@ def ask(
     """Find the places of a saved map that fit a description in words.
 
     Prints the five likeliest places with their probabilities, and the yes-or-no question that would best tell them
-    apart. Commas separate objects. Objects may have a number or "no", and two objects may be in the order "left of",
-    "right of" or "opposite". Words and colours that are not known are reported.
+    apart. Commas separate objects. A number or "no" may stand before an object. "left of", "right of" or "opposite" may
+    stand between two objects. Words and colours that are not known are reported.
     """
     from salframe.localization.asking import ask as run
     from salframe.localization.map import open_map

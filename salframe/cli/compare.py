@@ -24,9 +24,7 @@ from salframe.cli.output import show
 @with_common_options()
 def compare(
     methods: Methods = METHODS,
-    reported: Annotated[
-        bool, typer.Option("--reported", help="Also print tables with the results that papers report")
-    ] = False,
+    reported: Annotated[bool, typer.Option("--reported", help="Also print tables of published results")] = False,
     *,
     options: CommonOptions,
 ) -> None:
@@ -67,7 +65,7 @@ def evaluate(
     columns: Columns = None,
     as_json: Json = False,
 ) -> None:
-    """Compute the metrics of a run again from its stored answers.
+    """Recompute the metrics of a run from its stored answers.
 
     Does not run the methods again.
     """

@@ -88,8 +88,8 @@ def info(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, as
 def labels(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, as_json: Json = False) -> None:
     """List the labels of the annotated objects of a dataset, with the number of objects of each label.
 
-    Maps and queries compare the name that the vocabulary of salframe has for a label. A label that the vocabulary does
-    not have is listed with the names that resemble it. The exit status is 1 if a panorama cannot be read.
+    Methods compare labels by their names in the vocabulary of salframe. A label that is not in the vocabulary is listed
+    with the most similar names. The exit status is 1 if a panorama cannot be read.
     """
     from dataclasses import asdict
 
@@ -162,11 +162,11 @@ def import_(
     queries: Annotated[
         str | None,
         typer.Option(
-            metavar="every:N|FILE", help="Panoramas that are queries: every Nth with a pose, or the ids in a file"
+            metavar="every:N|FILE", help="Panoramas to use as queries: every Nth with a pose, or the ids in a file"
         ),
     ] = None,
     every: Annotated[
-        str | None, typer.Option(metavar="Nm|Ns", help="Minimum distance or time between panoramas, as 0.5m or 2s")
+        str | None, typer.Option(metavar="Nm|Ns", help="Minimum distance or time between panoramas, such as 0.5m or 2s")
     ] = None,
     floors: Annotated[
         Path | None, typer.Option(metavar="FILE", help="YAML file with floor masks, for places and routes")
@@ -176,9 +176,7 @@ def import_(
     ] = None,
     dry_run: Annotated[
         bool,
-        typer.Option(
-            "--dry-run", help="Read a sample, print a summary and draw two pictures, without writing the dataset"
-        ),
+        typer.Option("--dry-run", help="Print a summary of a sample and draw two pictures; do not write the dataset"),
     ] = False,
     as_json: Json = False,
 ) -> None:

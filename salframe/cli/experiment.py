@@ -33,8 +33,8 @@ def experiment(
     """Measure the tables of an experiment and store them.
 
     An experiment is a set of tables, such as those on the results pages. A table that is stored with the same settings
-    and versions is only printed. Tables of real buildings need --data-dir. Run the same command again to resume an
-    interrupted run.
+    and versions is printed without a new measurement. Tables of real buildings need --data-dir. Run the same command
+    again to resume an interrupted run.
     """
     from salframe.cli.tables import format_experiment, print_experiment, print_table
     from salframe.evaluation.studies.experiment import experiment_names, read_experiment, run_experiment

@@ -32,10 +32,9 @@ def fit(
 ) -> None:
     """Fit the parameters of a method to tuning data.
 
-    First selects the best values of --try. Then fits the weights of the parts of the score, if the method has them.
-    Then fits the posterior. It converts scores to probabilities: one for each place, and one that the query is
-    outside the map.
-    Use the file with `--set posterior=FILE.yaml` and `--set weights=FILE.yaml`.
+    First selects the best values of --try. Then fits the weights of the parts of the score, if the method has weights.
+    Then fits the posterior, which converts scores to the probability of each place and the out-of-map probability. Use
+    the file with `--set posterior=FILE.yaml` and `--set weights=FILE.yaml`.
     """
     from salframe.cli.output import Bars, tell
     from salframe.evaluation.studies.fitting import fit_method

@@ -25,7 +25,7 @@ Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Also show versio
 def methods(verbose: Verbose = False, as_json: Json = False) -> None:
     """List the methods that `--methods` accepts.
 
-    Each line has the name, the package, and what is missing to run the method.
+    Each line has the name, the package and the missing requirements of a method.
     """
     from salframe.framework.components.installation import list_names
 
@@ -47,7 +47,7 @@ def _print_statuses(entries: Sequence[ComponentStatus], verbose: bool, indent: s
 def plugins(verbose: Verbose = False, as_json: Json = False) -> None:
     """List every component, preset and command.
 
-    Components are grouped by role. Each line has the name, the package, and what is missing to run the component.
+    Components are grouped by role. Each line has the name, the package and the missing requirements of a component.
     """
     from salframe.framework.components.installation import list_components
     from salframe.framework.components.registry import load_commands, registry
@@ -87,7 +87,7 @@ def show(
 ) -> None:
     """Show the settings of a component, or the components of a role.
 
-    Each row has the value, the type and the meaning of a setting.
+    Each row has the name, the value, the type and the description of a setting.
     """
     from salframe.cli.tables import print_table
     from salframe.framework.components.installation import list_names, summary_of

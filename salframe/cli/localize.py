@@ -27,7 +27,9 @@ if TYPE_CHECKING:
 
 def localize(
     map: Annotated[Path, typer.Argument(help="Map folder written by `salframe build`")],
-    frame: Annotated[list[str] | None, typer.Argument(help="Image of the query, or id of a frame of --data")] = None,
+    frame: Annotated[
+        list[str] | None, typer.Argument(help="Image file of the query, or id of a frame of the dataset --data")
+    ] = None,
     views: Annotated[bool, typer.Option("--views", help="Localize all images together, as views of one query")] = False,
     motion: Annotated[
         Path | None,
@@ -73,11 +75,11 @@ def localize(
 ) -> None:
     """Localize a panorama in a saved map.
 
-    Prints the places, best first, and the pose. If the answer is not accepted, also prints the turn whose view would
-    help most. The images are panoramas, or photographs of a camera with --fov or --camera. With --views, several images
-    are one query, in the order in which they were taken, and the pose is that of the last one. If the file of --camera
-    has the position of the camera on the robot, the pose is that of the robot's base. With --trajectory, the pose is
-    written at time 0; without a pose, the file has no line.
+    Prints the places, best first, and the pose. If the answer is not accepted, also prints the turn of the camera that
+    would help most. Images are panoramas, or photographs with --fov or --camera. With --views, several images form one
+    query. They must be in the order in which they were taken, and the pose is that of the last image. If the file of
+    --camera has T_base_camera, the pose of the camera on the robot, the answer has the pose of the robot's base. With
+    --trajectory, the pose has the timestamp 0. If the answer has no pose, the file has no poses.
     """
     from salframe.cli.output import warn
     from salframe.cli.queries import QueryOptions
@@ -117,7 +119,7 @@ def localize(
 
 
 def tell_choices(map: Path) -> None:
-    """Print the components in those slots of a map's localizer that may be `auto`."""
+    """Print the component of each slot of a map's localizer that `auto` may have selected."""
     from salframe.cli.output import tell
     from salframe.framework.component import components_in
     from salframe.framework.components.defaults import auto_order

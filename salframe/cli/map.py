@@ -56,7 +56,7 @@ def add(
 ) -> None:
     """Add the places of a dataset to a map.
 
-    Uses the method and the settings of the map. Places that are in the map already are replaced.
+    Uses the method and the settings of the map. Places that the map already contains are replaced.
     """
     from salframe.cli.output import Bars, tell
     from salframe.topology.growing import add_to_map
@@ -175,7 +175,7 @@ def route(
 def query(
     map: AnyMap,
     frame: Annotated[
-        str, typer.Argument(help="Image of the query, listed in a manifest.json, or id of a frame of --data")
+        str, typer.Argument(help="Image listed in a manifest.json, or id of a frame of the dataset --data")
     ],
     data: Annotated[str | None, typer.Option(help="Dataset that contains the frame")] = None,
     goal: Annotated[str | None, typer.Option("--to", metavar="GOAL", help="Node or place to go to")] = None,
@@ -226,12 +226,14 @@ def query(
 def export(
     map: AnyMap,
     file: Annotated[
-        Path,
-        typer.Argument(metavar="FILE", help="FILE.json, FILE.geojson, FILE.yaml, FILE.svg, FILE.graphml, FILE.parquet"),
+        Path, typer.Argument(metavar="FILE", help="File to write: .json, .geojson, .yaml, .svg, .graphml or .parquet")
     ],
     anchor: Annotated[
         str | None,
-        typer.Option(metavar="LAT,LON,BEARING", help="Geographic origin of FILE.geojson and bearing of +y, degrees"),
+        typer.Option(
+            metavar="LAT,LON,BEARING",
+            help="Latitude, longitude and bearing of +y at the origin, in degrees, for GeoJSON",
+        ),
     ] = None,
 ) -> None:
     """Export a map for other programs.

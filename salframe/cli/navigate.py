@@ -9,7 +9,7 @@ import typer
 from salframe.cli.options import DATA, METHODS, CommonOptions, Methods, parse_seed, with_common_options
 from salframe.cli.output import show
 
-Worlds = Annotated[str, typer.Option(help="Dataset that can be walked in, such as house-12")]
+Worlds = Annotated[str, typer.Option(help="Dataset that supports navigation, such as house-12")]
 NavigationSettings = Annotated[
     list[str] | None,
     typer.Option(

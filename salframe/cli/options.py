@@ -35,7 +35,7 @@ def number_parser(option: str, kind: type[int] | type[float], low: float, high: 
     """Return the parser of an option that takes a number from `low` to `high`.
 
     Raises:
-        ConfigError: The text is no such number.
+        ConfigError: The text is not a number in this range.
     """
     noun = "an integer" if kind is int else "a number"
 
@@ -71,9 +71,7 @@ def limit_parser(option: str) -> Callable[[Any], float | None]:
 Methods = Annotated[str, typer.Option(help="Methods or YAML files, comma-separated; see `salframe methods`")]
 Data = Annotated[str, typer.Option(help="Dataset: a name of `salframe data list`, a YAML file or a folder")]
 DataArgument = Annotated[str, typer.Argument(help="Dataset: a name of `salframe data list`, a YAML file or a folder")]
-DataDir = Annotated[
-    Path | None, typer.Option(help="Folder with the files of the dataset, such as the downloaded files")
-]
+DataDir = Annotated[Path | None, typer.Option(help="Folder that contains the files of the dataset, such as a download")]
 Set = Annotated[
     list[str] | None,
     typer.Option(

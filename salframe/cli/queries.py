@@ -144,7 +144,7 @@ class QueryOptions:
             return [View(read_panorama(name, range_image, instances, self.labels, **self.encoding), motion)]
         if range_image or instances or self.labels:
             raise ConfigError(
-                f"received image files for {name}, a frame whose dataset has these images: leave out --range, "
+                f"received image files for the frame {name}, whose images are in its dataset: leave out --range, "
                 "--instances and --labels"
             )
         with Bars() as bars:

@@ -23,7 +23,7 @@ SensorSettings = Annotated[
 def sensor(
     detector: Annotated[str, typer.Argument(help="Detector to measure; see `salframe plugins`")],
     seeds: Annotated[
-        str, typer.Option(help="Seeds of the data, measured together, comma-separated (default: data.seed)")
+        str, typer.Option(help="Seeds of the dataset to measure together, comma-separated (default: data.seed)")
     ] = "",
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="JSON file to write the sensor model to")
@@ -34,7 +34,7 @@ def sensor(
     """Measure the errors of a detector (its sensor model).
 
     Compares the detections with annotations: missed objects, wrong labels, false positives and position errors. To
-    simulate these errors, use the written file as `detector.noise` of the detector `annotations`. Run the same command
+    simulate these errors, set `detector.noise` of the detector `annotations` to the output file. Run the same command
     again to resume an interrupted run.
     """
     from salframe.cli.tables import print_sensor

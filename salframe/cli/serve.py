@@ -19,23 +19,29 @@ def serve(
         str, typer.Option(help="Address to listen on; addresses other than 127.0.0.1 need a token")
     ] = "127.0.0.1",
     port: Annotated[
-        int, typer.Option(parser=number_parser("--port", int, 0, 65535), metavar="PORT", help="Port; 0: a free port")
+        int,
+        typer.Option(
+            parser=number_parser("--port", int, 0, 65535), metavar="PORT", help="Port to listen on; 0: a free port"
+        ),
     ] = 8360,
     token_file: Annotated[
         Path | None, typer.Option(metavar="FILE", help="File with the token that requests must send")
     ] = None,
     allow_origin: Annotated[
-        list[str] | None, typer.Option(metavar="ORIGIN", help="Allow pages of this site, such as https://example.org")
+        list[str] | None,
+        typer.Option(metavar="ORIGIN", help="Allow requests from web pages of this site, such as https://example.org"),
     ] = None,
     overrides: Annotated[
-        list[str] | None, typer.Option("--set", metavar="LIMIT=VALUE", help="Change a limit, such as max_sessions=10")
+        list[str] | None,
+        typer.Option("--set", metavar="LIMIT=VALUE", help="Change a limit of the server, such as max_sessions=10"),
     ] = None,
 ) -> None:
     """Serve a map over HTTP.
 
-    Opens the map, then the port, and prints the address: a page for the browser, and an interface for programs, which
-    the page `/api` describes. On an address other than 127.0.0.1 (loopback), requests must send a token; without
-    --token-file, a token is created and printed. SIGTERM finishes the requests in progress.
+    Opens the map, then the port, and prints the address. The address shows a page in a browser. Programs send HTTP
+    requests to it; the page `/api` describes them. If --host is not 127.0.0.1 (loopback), requests must send a token.
+    Without --token-file, the server creates a token and prints it. After SIGTERM, the server finishes the requests in
+    progress and exits.
     """
     import secrets
     from importlib.util import find_spec

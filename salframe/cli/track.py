@@ -16,16 +16,21 @@ def track(
     recording: Annotated[
         Path, typer.Argument(help="Folder of panoramas with a sequence, or a recording such as a ROS bag")
     ],
-    sequence: Annotated[str | None, typer.Option(help="Name of the sequence, if a folder has several")] = None,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="DIR", help="Folder of trajectory, JSON and picture")
+    sequence: Annotated[
+        str | None, typer.Option(help="Name of the sequence to track, if the folder has several")
     ] = None,
-    tracker: Annotated[str | None, typer.Option(help="Name of the tracker")] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", metavar="DIR", help="Folder to write the trajectory, the JSON file and the picture to"
+        ),
+    ] = None,
+    tracker: Annotated[str | None, typer.Option(help="Tracker to use; see `salframe plugins`")] = None,
     views: Annotated[
-        int | None, typer.Option(min=1, help="Number of the latest views that are localized together (default: 8)")
+        int | None, typer.Option(min=1, help="Number of most recent views to localize together (default: 8)")
     ] = None,
     format: Annotated[
-        str | None, typer.Option(help="Importer of the recording (default: rosbag, if there is no manifest.json)")
+        str | None, typer.Option(help="Importer of the recording (default: rosbag if there is no manifest.json)")
     ] = None,
     overrides: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a setting of the importer")
@@ -38,8 +43,8 @@ def track(
     """Track the camera of a recording in a saved map.
 
     Prints the status, the place and the pose after each frame. In the manifest of a folder, each frame of the sequence
-    has the keys `sequence` and `t_s`, and the key `odometry` is the name of the file with the motion. With --output,
-    writes trajectory.tum (the poses with the status `tracking`), track.json (all steps) and trail.png.
+    has the keys `sequence` and `t_s`, and the key `odometry` names the file with the odometry. With --output, writes
+    trajectory.tum (the poses with the status `tracking`), track.json (all steps) and trail.png.
     """
     from salframe.cli.output import Bars, warn
     from salframe.drawing.rerun_recording import check_rerun_output, write_rerun

@@ -11,9 +11,7 @@ from salframe.cli.options import Json
 from salframe.cli.output import print_json
 
 app = typer.Typer(help="List, download and locate the weights of networks", no_args_is_help=True)
-Name = Annotated[
-    str, typer.Argument(help="Name as in `salframe weights list`, or hf:ORG/MODEL[@REVISION] for a model of the hub")
-]
+Name = Annotated[str, typer.Argument(help="Name in `salframe weights list`, or hf:ORG/MODEL[@REVISION]")]
 
 
 @app.command("list")

@@ -36,7 +36,7 @@ REFERENCE, QUERY = (31, 119, 180), (214, 39, 40)
 
 @dataclass(frozen=True, eq=False)
 class ImportPreview:
-    """What an import would write.
+    """Summary of the dataset that an import would write.
 
     Attributes:
         num_references: Number of reference frames.

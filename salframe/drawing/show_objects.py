@@ -233,7 +233,8 @@ def _check(
     stem, count = Counter(image.stem for image in images).most_common(1)[0]
     if count > 1:
         raise ConfigError(
-            f"{count} images would have the same picture {stem}{SUFFIX}: show them one by one, each in its own folder"
+            f"{count} images would be drawn to the same file {stem}{SUFFIX}: draw them one by one, each to its own "
+            f"folder (-o)"
         )
 
 
@@ -276,7 +277,9 @@ class _Stages:
         missing = sorted(self._detector.needs - panorama.provides)
         if missing:
             hint = " (--range FILE)" if missing == ["range"] else ""
-            raise InputMissing(f"{self._detector.name} needs {' and '.join(missing)}{hint}, which {panorama.id} lacks")
+            raise InputMissing(
+                f"{self._detector.name} needs {' and '.join(missing)}{hint}, which {panorama.id} does not have"
+            )
         start = time.perf_counter()
         detections = self._detector.detect(panorama)
         seconds = time.perf_counter() - start

@@ -117,7 +117,7 @@ def paired_test(first: np.ndarray, second: np.ndarray, cluster: Sequence[str]) -
 
 
 def holm(p_values: Sequence[float | None]) -> list[float | None]:
-    """Return the p-values of several tests, adjusted by Holm's method (1979). None stands for no test and stays."""
+    """Return the p-values of several tests, adjusted by Holm's method (1979). None, no test, is unchanged."""
     order = sorted((p, i) for i, p in enumerate(p_values) if p is not None)
     adjusted: list[float | None] = [None] * len(p_values)
     largest = 0.0

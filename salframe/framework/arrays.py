@@ -18,7 +18,7 @@ def as_array(value: Any, where: str, error: type[SalframeError] = DataError) -> 
         error: The exception to raise.
 
     Raises:
-        error: The value is no rectangular array of numbers, such as a path, or it has masked values.
+        error: The value is not a rectangular array of numbers, such as a path, or it has masked values.
     """
     if np.ma.is_masked(value):
         raise error(f"{where} has masked values, expected an array without a mask: pass {where}.filled(VALUE)")

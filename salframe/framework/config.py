@@ -26,7 +26,7 @@ def read_yaml(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
     try:
         if path.resolve() in above:
             raise ConfigError(
-                f"{path} is its own base, directly or through other files: remove one of their keys `base`"
+                f"{path} is its own base, directly or through other files: remove the key `base` from one of them"
             )
         if len(above) > MAX_BASES:
             raise ConfigError(
@@ -40,7 +40,7 @@ def read_yaml(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
     except ValueError as error:
         raise ConfigError(f"{path} is not YAML: {error}") from None
     if not isinstance(content, dict):
-        raise ConfigError(f"{path} holds {type(content).__name__}, expected a mapping")
+        raise ConfigError(f"{path} contains {type(content).__name__}, expected a mapping")
     base = content.pop("base", None)
     if base is None:
         return content

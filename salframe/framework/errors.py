@@ -69,7 +69,9 @@ class InvalidAnswer(MethodFailed):
 class WorkerDied(SalframeError):
     """A worker process ended before it returned a result."""
 
-    def __init__(self, message: str = "its process died: killed, out of memory, or a fault in a library") -> None:
+    def __init__(
+        self, message: str = "its process died: it was killed, ran out of memory, or a library crashed"
+    ) -> None:
         super().__init__(message)
 
 

@@ -74,14 +74,14 @@ class OnnxModel:
     def _check_output(self, name: str, result: Any, batch: int) -> None:
         """Raise WeightsError on an output that is no array, has another batch size, or has no finite number."""
         if not isinstance(result, np.ndarray):
-            raise WeightsError(f"{self.path} gave {type(result).__name__} as {name}, expected an array")
+            raise WeightsError(f"{self.path} returned {type(result).__name__} as {name}, expected an array")
         if self._has_batch and result.shape[:1] != (batch,):
             raise WeightsError(
-                f"{self.path} gave {name} of shape {result.shape} for a batch of {batch}, expected a first dimension "
-                f"of {batch}"
+                f"{self.path} returned {name} of shape {result.shape} for a batch of {batch}, expected a first "
+                f"dimension of {batch}"
             )
         if result.size and result.dtype.kind == "f" and not np.isfinite(result).any():
-            raise WeightsError(f"{self.path} gave {name} without a finite number, expected finite numbers")
+            raise WeightsError(f"{self.path} returned {name} without a finite number, expected finite numbers")
 
 
 def open_model(

@@ -55,7 +55,8 @@ def check_model(component: str, config: PretrainedConfig) -> None:
     """Raise WeightsError if `model` names no model on this machine. `component` begins the message."""
     if config.model is None:
         raise WeightsError(
-            f"{component} has no network, expected the folder of a model as `model`, or hf:ORG/MODEL", "model=FOLDER"
+            f"{component} has no network, expected the folder of a model, or hf:ORG/MODEL, in the setting `model`",
+            "model=FOLDER",
         )
     read_model_config(find_model_folder(config.model))
 
@@ -73,8 +74,8 @@ def find_model_folder(model: str | Path) -> Path:
     folder = Path(model)
     if not folder.is_dir():
         raise WeightsError(
-            f"no folder {folder}, expected a folder with {CONFIG} and {WEIGHTS[0]}, or hf:ORG/MODEL for a model that "
-            "`salframe weights fetch` downloaded"
+            f"{folder} does not exist, expected a folder with {CONFIG} and {WEIGHTS[0]}, or hf:ORG/MODEL for a model "
+            "that `salframe weights fetch` downloaded"
         )
     return folder
 
@@ -88,8 +89,8 @@ def read_model_config(folder: Path) -> Mapping[str, Any]:
     for names in ((CONFIG,), WEIGHTS):
         if not any((folder / name).is_file() for name in names):
             raise WeightsError(
-                f"no file {folder / names[0]}, expected a folder with {CONFIG} and {WEIGHTS[0]}; other formats of "
-                "weights can execute code and are not read"
+                f"{folder / names[0]} does not exist, expected a folder with {CONFIG} and {WEIGHTS[0]}; other formats "
+                "of weights can execute code and are not read"
             )
     try:
         content = read_json(folder / CONFIG)
@@ -128,7 +129,8 @@ def load_network(folder: Path, class_name: str) -> tuple[Any, dict[str, Any]]:
             )
         except Exception as error:  # the parsers of the library raise many types of exceptions
             raise WeightsError(
-                f"{folder / WEIGHTS[0]} does not fit {class_name}: {type(error).__name__} {shorten(one_line(error))}"
+                f"{folder / WEIGHTS[0]} does not match the network {class_name}: {type(error).__name__} "
+                f"{shorten(one_line(error))}"
             ) from None
     return network.eval(), report
 
@@ -216,7 +218,7 @@ class PretrainedModel:
                 output[name] = value.float().cpu()
                 if torch.isnan(value).any():
                     missing = f", and its file has no {', '.join(self._missing[:3])}" if self._missing else ""
-                    raise WeightsError(f"{self.folder} gives {name} that is not a number{missing}")
+                    raise WeightsError(f"{self.folder} returned NaN values in {name}{missing}, expected numbers")
         return output
 
     def batches(self, images: np.ndarray) -> Iterator[np.ndarray]:

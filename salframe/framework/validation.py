@@ -98,7 +98,7 @@ _NOUNS = {
     "bytes_too_short": "byte",
     "bytes_too_long": "byte",
 }
-"""What is counted, by the type of an error about a length."""
+"""Name of the counted items, by the type of an error about a length."""
 _COMPARISONS = ("greater_than", "greater_than_equal", "less_than", "less_than_equal", "multiple_of")
 """Types of errors whose message compares with a number."""
 

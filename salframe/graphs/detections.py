@@ -43,7 +43,7 @@ class Detections:
         scores = check_array(self, "scores", np.float64, n, error=InvalidAnswer)
         outside = scores[~((scores >= 0) & (scores <= 1))]
         if len(outside):
-            raise InvalidAnswer(f"Detections.scores holds {outside[0]}, expected numbers from 0 to 1")
+            raise InvalidAnswer(f"Detections.scores contains {outside[0]}, expected numbers from 0 to 1")
         check_array(self, "centroid_m", np.float64, n, 3, error=InvalidAnswer)
         check_array(self, "size_m", np.float64, n, 3, error=InvalidAnswer)
         check_array(self, "yaw_rad", np.float64, n, error=InvalidAnswer)
@@ -55,7 +55,7 @@ class Detections:
         check_array(self, "solid_angle_sr", np.float64, n, error=InvalidAnswer)
         for name in ("points_m", "rays"):
             if (sets := getattr(self, name)) is not None and len(sets) != n:
-                raise InvalidAnswer(f"Detections.{name} holds {len(sets)} point sets, expected {n}")
+                raise InvalidAnswer(f"Detections.{name} has {len(sets)} point sets, expected {n}, one for each object")
 
     def __len__(self) -> int:
         return len(self.labels)

@@ -21,7 +21,7 @@ INSIDE = 0.3
 """A detection that is cut by a view's border joins a larger one that covers more than this share of it. Without this
 rule, 70 of the 1,995 objects that AGREEMENT was measured with were reported twice."""
 MIN_SHARED = 0.1
-"""Minimum overlap of two agreeing detections as a share of the smaller one: slivers at view borders are no evidence."""
+"""Minimum overlap of two agreeing detections as a share of the smaller one. Slivers at view borders do not count."""
 CANDIDATES, MAX_DETECTIONS = 1000, 100
 """Maximum number of boxes per view before and after suppression, the defaults of Detectron2. They bound the time for
 networks with more outputs."""

@@ -79,7 +79,7 @@ def top_per_group(value: np.ndarray, group: np.ndarray, count: int) -> np.ndarra
     """Return the positions of the `count` largest finite values of each group, sorted by group, then by decreasing
     value.
 
-    Ties stay in their order.
+    Ties keep their order.
 
     Args:
         value: (N,) float.

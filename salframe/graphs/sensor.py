@@ -201,13 +201,13 @@ def read_sensor(path: Path) -> SensorModel:
     """Read the sensor model in a file written by `salframe sensor`.
 
     Raises:
-        DataError: The file cannot be read or is no sensor file.
+        DataError: The file cannot be read or is not a sensor file.
     """
     content = read_json(path)
     file_format = content.get("format") if isinstance(content, Mapping) else None
     if file_format != FORMAT:
         raise DataError(
-            f"{path} is no sensor file: its format is {file_format!r}, expected {FORMAT!r}; "
+            f"{path} is not a sensor file: its format is {file_format!r}, expected {FORMAT!r}; "
             "write one with `salframe sensor`"
         )
     return read_model(path, SensorModel)

@@ -160,7 +160,7 @@ class GraphTable(Sequence[SaliencyGraph]):
 
 
 class HeldGraphs(GraphTable):
-    """A table of graphs in memory, without loss."""
+    """A table of graphs in memory, with exact values."""
 
     def __init__(self, graphs: Sequence[SaliencyGraph]) -> None:
         labels = sorted({label for graph in graphs for label in graph.labels})
@@ -199,16 +199,20 @@ class MappedGraphs(GraphTable):
         try:
             names, nodes, edges = (rows.columns[name] for name in ("labels", "nodes", "edges"))
         except KeyError as error:
-            raise DataError(f"{rows.folder} has no column {error}, expected packed graphs") from None
+            raise DataError(
+                f"{rows.folder} has no column {error}, expected the graphs of a saved map: build the map again"
+            ) from None
         if names.words is None or (nodes.values.dtype, edges.values.dtype) != (NODE, np.uint8):
-            raise DataError(f"{rows.folder} has columns of unexpected types, expected packed graphs")
+            raise DataError(
+                f"{rows.folder} has columns of unexpected types, expected the graphs of a saved map: build the map "
+                f"again"
+            )
         count = np.diff(names.start)
         super().__init__(names.words, count, names.values, edges.values)
         self._packed, self.scenes = nodes.values, scenes
         if not (np.array_equal(nodes.start, self._start) and np.array_equal(edges.start, self._first_byte)):
             raise DataError(
-                f"{rows.folder} has graphs whose columns of nodes, edges and labels do not match, expected "
-                "packed graphs"
+                f"{rows.folder} has graphs whose columns of nodes, edges and labels do not match: build the map again"
             )
 
     def __getitem__(self, number: int) -> SaliencyGraph:  # type: ignore[override]  # some at once: `batch`

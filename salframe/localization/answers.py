@@ -104,9 +104,9 @@ class Localization:
         floors: Floors of the map, for the plan that notebooks show.
 
     Raises:
-        InvalidAnswer: The status is not a LocalizationStatus; the pose is no rigid motion; the heading is not finite; a
-            status that names a place has no place; OK has no pose, or NO_POSE or OUT_OF_MAP has one; a score is NaN; or
-            some probabilities are missing, are outside [0, 1], or do not sum to 1.
+        InvalidAnswer: The status is not a LocalizationStatus; the pose is not a rigid motion; the heading is not
+            finite; a status that requires a place has none; OK has no pose, or NO_POSE or OUT_OF_MAP has one; a score
+            is NaN; or some probabilities are missing, are outside [0, 1], or do not sum to 1.
     """
 
     places: tuple[RankedPlace, ...]

@@ -61,7 +61,7 @@ class TextAnswer:
         query: The description that was read.
         entropy: Entropy of the place in nats.
         question: The question that is expected to reduce the entropy most; None if no question reduces it.
-        notes: What was read in another way than it was written, and what is not known, one line each.
+        notes: Words that were read as other words, and words that are not known, one line each.
     """
 
     places: tuple[RankedPlace, ...]

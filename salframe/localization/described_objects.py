@@ -22,7 +22,7 @@ def described_objects(description: Description) -> tuple[SaliencyGraph, Detectio
         description: The description of a panorama.
 
     Returns:
-        The graph of the levelled panorama and the detections; None if the description is no saliency graph.
+        The graph of the levelled panorama and the detections; None if the description is not a saliency graph.
     """
     level, rotation = split_level(description)
     if not level.keys() >= GRAPH_ARRAYS:

@@ -62,9 +62,9 @@ def suggest_components(config: ComponentConfig, provides: frozenset[str]) -> str
     ]
     missing = " and ".join(sorted(needs_of(config) - provides))
     if not replacements:
-        return f"give {missing} too, or build a map with another method"
+        return f"pass {missing} too, or build a map with another method"
     settings = " and ".join(f"{slot}.kind={name}" for slot, name in replacements)
-    return f"build the map with {settings}, or give {missing} too"
+    return f"build the map with {settings}, or pass {missing} too"
 
 
 def complete_panorama(

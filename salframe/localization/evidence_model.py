@@ -22,7 +22,7 @@ class EvidenceColumn:
 
     Attributes:
         name: Lower-case letters, digits and underscores.
-        description: What the numbers are, with their unit.
+        description: Meaning of the numbers, with their unit.
         weight: Weight of the column in the score of a place, unless it is set or fitted (`salframe fit`); None: it must
             be.
     """

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from salframe.framework.errors import DataError, InputMissing
 
 MAX_LEFT_OUT_SHARE = 0.2
-"""Maximum share of reference frames that may be left out of a map. With more, a method is refused for the map, since
-whole places would be missing and queries there would get a wrong answer."""
+"""Maximum share of reference frames that may be left out of a map. With more, the map is not built, because
+whole places would be missing, and queries there would get a wrong answer."""
 
 
 def check_left_out(left_out: Mapping[str, DataError | InputMissing], num_frames: int) -> None:

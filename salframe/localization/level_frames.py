@@ -1,4 +1,4 @@
-"""Level the panoramas that localizers describe, and answer with the pose of the camera as it stood."""
+"""Level the panoramas that localizers describe, and answer with the pose of the camera before levelling."""
 
 from __future__ import annotations
 

@@ -133,11 +133,11 @@ class MapParts:
         kind = saved.localizer.get("kind")
         if (kind, saved.version) != (name, version):
             raise DataError(
-                f"{directory} was made by {kind} {saved.version}, expected {name} {version}: build it again"
+                f"{directory} was built with {kind} {saved.version}, expected {name} {version}: build the map again"
             )
         if saved.described_by != digest(localizer.describe_identity()):
             raise DataError(
-                f"{directory} was described with other settings, weights or files than {name} has now: build it again"
+                f"{directory} was built with other settings, weights or files than {name} has now: build the map again"
             )
 
     def index_folder(self, localizer: Localizer) -> Path:
@@ -218,7 +218,7 @@ def _replace_parts(directory: Path, existed: bool) -> Iterator[MapParts]:
 
 
 def read_map(directory: Path, read: Callable[[MapParts], _Result]) -> _Result:
-    """Return the result of `read` for the parts of a map. It is called again where the map was replaced meanwhile.
+    """Return the result of `read` for the parts of a map. It is called again if the map was replaced during the call.
 
     Raises:
         DataError: `directory` contains no map, or a map of another format, or the map was edited or is incomplete.
@@ -238,16 +238,16 @@ def check_output(directory: Path) -> None:
     if not directory.exists() or (directory / MAP).exists():
         return
     if not directory.is_dir() or not all(path.name.startswith(_PARTS) for path in directory.iterdir()):
-        raise ConfigError(f"{directory} holds something else than a map: name a new folder, or remove it")
+        raise ConfigError(f"{directory} contains files that are not a map: choose a new folder, or remove it")
 
 
 def _read_manifest(directory: Path) -> _Manifest:
     path = directory / MAP
     if not path.exists():
-        raise DataError(f"{directory} holds no map: make one with salframe build DATA -o {directory}")
+        raise DataError(f"{directory} contains no map: build one with salframe build DATA -o {directory}")
     content = read_json(path)
     if isinstance(content, Mapping) and content.get("format", MAP_FORMAT) != MAP_FORMAT:
-        raise DataError(f"{directory} has map format {content['format']}, expected {MAP_FORMAT}: build it again")
+        raise DataError(f"{directory} has map format {content['format']}, expected {MAP_FORMAT}: build the map again")
     return read_model(path, _Manifest)
 
 

@@ -34,23 +34,25 @@ class Head(Settings):
     log-odds of the accuracy + accuracy_effect nu.
     """
 
-    absent_mean: float = Field(description="mean contrast of the answers to out-of-map queries")
+    absent_mean: float = Field(
+        description="mean contrast (of the first place with the others) of the answers to out-of-map queries"
+    )
     absent_deviation: float = Field(
         gt=0, description="standard deviation of the contrast of the answers to out-of-map queries"
     )
     bias: float = Field(
-        description="logarithm of the likelihood ratio of a right answer to an answer to an out-of-map query, at the "
-        "mean contrast of the latter"
+        description="log likelihood ratio, correct answer against answer to an out-of-map query, of an answer with the "
+        "contrast `absent_mean`"
     )
     slope: float = Field(
-        ge=0, description="change of this logarithm per standard deviation of the contrast of out-of-map queries"
+        ge=0, description="change of this log likelihood ratio per increase of the contrast by `absent_deviation`"
     )
     accuracy: float = Field(
         ge=0, le=1, description="probability that the first place is the true one, if the query is in the map"
     )
     other_score: float = Field(
-        description="mean score of the other places, in temperatures; the first place is compared with it where an "
-        "answer has no other place"
+        description="mean score of the places other than the first, divided by the temperature; used if an answer has "
+        "only one place"
     )
     objects: float = Field(
         0.0,
@@ -111,7 +113,8 @@ class Posterior(Settings):
         description="maximum out-of-map probability of an answer; above it, the status of the answer is out-of-map",
     )
     calibrate: bool = Field(
-        True, description="whether the head of a map is calibrated with the reference frames of the map"
+        True,
+        description="true: the head is calibrated with the reference frames of each map; false: it is used as fitted",
     )
     query_distance_m: float = Field(
         1.0,

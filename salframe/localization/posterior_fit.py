@@ -86,7 +86,7 @@ def fit_posterior(answers: Sequence[ScoredAnswer]) -> Fit:
     num_out_of_map = sum(not answer.here for answer in answers)
     if not ranked or not num_out_of_map:
         raise DataError(
-            f"received {len(ranked)} answers to queries in the map, with the true place among the ranked places, and "
+            f"received {len(ranked)} answers that rank the true place of a query in the map, and "
             f"{num_out_of_map} answers to out-of-map queries, expected at least 1 of each"
         )
     spread = float(np.std(np.concatenate([answer.scores for answer in answers])))

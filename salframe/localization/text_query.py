@@ -72,7 +72,7 @@ class TextQuery:
     Attributes:
         mentions: The objects that it names.
         relations: Their order.
-        notes: What was read in another way than it was written, and what is not known, one line each.
+        notes: Words that were read as other words, and words that are not known, one line each.
     """
 
     mentions: tuple[Mention, ...]
@@ -144,7 +144,7 @@ class _Reader:
             label = object_label(word)
             if label in self._labels or is_object(label) is not None:
                 if start:
-                    self.notes.append(f"not used: {' '.join(words[:start])!r} of {' '.join(words)!r}")
+                    self.notes.append(f"ignored words: {' '.join(words[:start])!r} of {' '.join(words)!r}")
                 if label not in self._labels and is_object(label) is False:
                     self.notes.append(f"{word!r} is not an object")
                 return Mention(word, label, count, is_absent)

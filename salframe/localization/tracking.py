@@ -217,7 +217,7 @@ def track(
 ) -> Track:
     """Track the camera of a sequence of views.
 
-    Truth in the recording is not used. A frame that cannot be used costs only its own step.
+    Truth in the recording is not used. A frame that cannot be used affects only its own step.
 
     Args:
         map: The map.

@@ -67,7 +67,7 @@ class Site(NamedTuple):
 
 
 def draw_episodes(sites: Mapping[str, Site], count: int, seed: int) -> tuple[list[Episode], list[str]]:
-    """Draw random episodes from a uniform pose in a region to a scene node of another region.
+    """Generate random episodes from a uniform pose in a region to a scene node of another region.
 
     Args:
         sites: Site of each world id.
@@ -90,7 +90,7 @@ def draw_episodes(sites: Mapping[str, Site], count: int, seed: int) -> tuple[lis
         else:
             worlds.append(world)
     if not worlds:
-        raise DataError(f"no episode could be drawn: {left_out[0]}")
+        raise DataError(f"no episode could be generated: {left_out[0]}")
     episodes = []
     for number in range(count):
         world = worlds[number % len(worlds)]

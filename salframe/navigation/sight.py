@@ -26,7 +26,7 @@ ASTRAY_RAD = np.radians(45.0)
 
 
 def see_place(world: World, T_world_pano: np.ndarray, yaw_rad: float, turn: np.ndarray | None = None) -> Located:
-    """Return the localization of an agent with a perfect place recognition, without a localizer.
+    """Return the localization of an agent with perfect place recognition, without a localizer.
 
     The agent is localized at the nearest node of the map, transition nodes included, to which it could walk straight.
 

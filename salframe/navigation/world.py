@@ -140,7 +140,9 @@ class FloorWorld(World):
     def draw_start(self, rng: np.random.Generator) -> np.ndarray:
         pixels = np.argwhere(self._free & self._grid.clear & (self._grid.label > 0))
         if not len(pixels):
-            raise DataError(f"{self.id} has no free floor in a region, expected some for the start of an episode")
+            raise DataError(
+                f"{self.id} has no free floor in any region, expected free floor for the start of an episode"
+            )
         x_m, y_m = self._grid.to_metres(rng.choice(pixels) + 0.5)
         return pose_2d(x_m, y_m, rng.uniform(-np.pi, np.pi), self._camera_z_m)
 

@@ -108,7 +108,7 @@ def _recorded_sequence(source: Path, format: str, settings: Sequence[str]) -> Ca
     except DataError as error:
         if not source.is_dir():
             raise
-        raise DataError(f"{error}; or a folder of panoramas with a {MANIFEST}") from None
+        raise DataError(f"{error}; a folder of panoramas with a {MANIFEST} is also accepted") from None
     times = [record.t_s for record in recording.records if record.t_s is not None]
     if len(times) < len(recording.records) or recording.odometry is None:
         raise DataError(f"the importer {format} returned views without times or odometry, expected both")

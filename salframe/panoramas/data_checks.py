@@ -83,7 +83,8 @@ def query_notes(panorama: Panorama, camera_z_m: Sequence[float] | np.ndarray = (
     if panorama.range_m is not None and panorama.range_by is None:
         if is_cube_depth(panorama.range_m):
             notes.append(
-                f"the range image of {panorama.id} seems to hold z-depth of cube faces, in which straight walls bend, "
+                f"the range image of {panorama.id} seems to contain z-depth of cube faces, in which straight walls "
+                "bend, "
                 'expected range along the ray: declare the range kind "cube"'
             )
         else:

@@ -33,7 +33,7 @@ WRITTEN_AS = {
 def _rigid(pose: tuple[float, ...] | None) -> tuple[float, ...] | None:
     if pose is not None and not is_rigid(np.array(pose).reshape(4, 4), 1e-3):
         expected = "16 numbers row by row: rotation and translation, then 0 0 0 1"
-        raise ValueError(f"the pose is no rigid motion, expected {expected}")
+        raise ValueError(f"the pose is not a rigid motion, expected {expected}")
     return pose
 
 
@@ -46,7 +46,7 @@ class RangeKeys(Settings):
     Attributes:
         range_unit_m: Metres per step.
         range_missing: Values that mean an unknown range, besides 0.
-        range_kind: What the values measure: "ray" or "cube".
+        range_kind: Quantity that the values measure: "ray" or "cube".
     """
 
     range_unit_m: PositiveFloat | None = None
@@ -145,11 +145,13 @@ class Manifest(RangeKeys):
             raise ValueError("two views of a sequence have the same t_s, expected the time at which each was taken")
         if not any(frame.role != "query" for frame in self.frames):
             raise ValueError(
-                f"the manifest has {len(self.frames)} frames and no reference frame, expected at least one of role map"
+                f"the manifest has {len(self.frames)} frames and no reference frame, expected at least one frame "
+                f"with the role map"
             )
         if any(frame.instances for frame in self.frames) and self.objects is None:
             raise ValueError(
-                "frames have instance images, expected also `objects`: the table with the labels of their objects"
+                "frames have instance images and the manifest has no `objects`, expected `objects`: the table with "
+                "their labels"
             )
         if self.labels is not None and self.objects is None:
             raise ValueError(

@@ -94,7 +94,7 @@ class Agreement:
 
     @property
     def evidence(self) -> float:
-        """Share of the points that say anything about the poses."""
+        """Share of the points that agree with or contradict the poses."""
         return self.on_surface + self.seen_through
 
     @property

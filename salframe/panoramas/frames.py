@@ -29,13 +29,14 @@ def check_pose(owner: object, where: str) -> None:
     """Check the field `T_world_pano` and replace it by a read-only (4, 4) float64 array.
 
     Raises:
-        DataError: The pose is no rigid motion: it has another shape, numbers that are not finite, a scale or a mirror.
+        DataError: The pose is not a rigid motion: it has another shape, numbers that are not finite, a scale or a
+            reflection.
     """
     pose = check_array(owner, "T_world_pano", np.float64, 4, 4)
     if not is_rigid(pose, POSE_TOLERANCE):
         raise DataError(
-            f"{where} has the pose {pose.tolist()}, expected a rigid motion: a rotation without scale or mirror and a "
-            "translation in metres, above the row 0 0 0 1"
+            f"{where} has the pose {pose.tolist()}, expected a rigid motion: a rotation without scale or reflection, a "
+            "translation in metres, and the last row 0 0 0 1"
         )
 
 
@@ -57,7 +58,7 @@ class ReferenceFrame:
             have the same panorama have the same key.
 
     Raises:
-        DataError: The kind is not a FrameKind, or the pose is no rigid motion.
+        DataError: The kind is not a FrameKind, or the pose is not a rigid motion.
     """
 
     id: str

@@ -43,7 +43,7 @@ def read_range(path: Path, encoding: RangeEncoding | None = None) -> np.ndarray:
 
     Args:
         path: A 16-bit grey image.
-        encoding: What the values of the file mean; None: millimetres along the ray.
+        encoding: Encoding of the values of the file; None: millimetres along the ray.
 
     Raises:
         DataError: The file is not a 16-bit grey image, or the encoding does not apply to a panorama.
@@ -59,7 +59,7 @@ def write_range(path: Path, range_m: np.ndarray, encoding: RangeEncoding | None 
     Args:
         path: The file.
         range_m: (H, W) floating-point range along the ray in metres.
-        encoding: What the values of the file mean; None: millimetres along the ray, up to 65.535 m.
+        encoding: Encoding of the values of the file; None: millimetres along the ray, up to 65.535 m.
 
     Raises:
         DataError: The range is not a floating-point array.
@@ -105,4 +105,4 @@ def _write(path: Path, image: np.ndarray) -> None:
         raise DataError(f"cannot write {path}: expected a file name that ends in one of {', '.join(_FORMAT_OPTIONS)}")
     with atomic_path(path) as temporary:
         if not cv2.imwrite(str(temporary), image, _FORMAT_OPTIONS[path.suffix.lower()]):
-            raise DataError(f"cannot write {path}")
+            raise DataError(f"cannot write {path}: expected a folder that exists, with write access and free space")

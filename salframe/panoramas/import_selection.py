@@ -55,7 +55,7 @@ def select(
         num_posed = sum(record.is_reference for record in records)
         raise DataError(
             f"the recording has {len(records)} panoramas, {num_posed} with poses, and no reference panorama, expected "
-            "at least one panorama that has a pose and is no query"
+            "at least one panorama that has a pose and is not a query"
         )
     source = _place_source(references, place_from)
     reference_ids = {record.id for record in references}

@@ -26,7 +26,7 @@ _ID = re.compile(r"[^\s/\\.][^/\\]*(/[^\s/\\.][^/\\]*)*")
 
 
 class PlaceSource(StrEnum):
-    """Where the place of a panorama comes from.
+    """Source of the place of a panorama.
 
     COLUMN: a column or field of the format. REGION: the room of a building model, or the region of the floor masks.
     FOLDER: the folder of the picture. NONE: no place is known, and each reference panorama is a place of its own, named
@@ -47,7 +47,7 @@ class ImageFiles:
         rgb: JPEG or PNG file.
         range: 16-bit PNG file.
         valid: PNG file, black where the panorama has no image.
-        encoding: What the values of the range image mean.
+        encoding: Encoding of the values of the range image.
     """
 
     rgb: Path | None = None
@@ -79,8 +79,8 @@ class PanoramaRecord:
         sources: Files that the panorama is made from. A stored panorama is made again if one of them is newer.
 
     Raises:
-        DataError: The id is no relative path, a part is unknown, the pose is no rigid motion, or a view of a sequence
-            has no time.
+        DataError: The id is not a relative path, a part is unknown, the pose is not a rigid motion, or a view of a
+            sequence has no time.
     """
 
     id: str
@@ -179,7 +179,7 @@ class Importer(Role):
             source: The folder or file of the recording.
 
         Raises:
-            DataError: The source is missing or is no recording of this format. The message is one line.
+            DataError: The source is missing or is not a recording of this format. The message is one line.
         """
 
     def read_views(self, source: Path) -> Recording:

@@ -54,7 +54,7 @@ class ImportResult:
         num_references: Number of reference frames.
         num_queries: Number of queries; the views of a sequence are one query.
         num_places: Number of places of reference frames.
-        place_from: Where the places come from.
+        place_from: Source of the names of places.
         failures: A one-line error for each panorama that could not be read, by id.
         notes: Warnings, one line each: images that were left out, and conventions that seem to be others.
         seconds: Time of the import.
@@ -195,12 +195,12 @@ def _claim(folder: Path, importer: Importer, source: Path) -> None:
     path = folder / SETTINGS
     if not path.exists():
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise ConfigError(f"{folder} exists and was not imported, expected a new or an empty folder")
+            raise ConfigError(f"{folder} was not written by `salframe data import`, expected a new or an empty folder")
         write_json(path, settings)
     elif (stored := read_json(path)) != settings:
         changed = [key for key, value in settings.items() if not isinstance(stored, dict) or stored.get(key) != value]
         raise ConfigError(
-            f"{folder} was imported with another {' and another '.join(changed)}: name a new folder, or remove it"
+            f"{folder} was imported with another {' and another '.join(changed)}: choose a new folder, or remove it"
         )
 
 

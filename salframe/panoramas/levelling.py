@@ -18,7 +18,7 @@ MIN_TILT_DEG = 1.0
 MAX_LINE_ROWS = 512
 """Maximum number of rows of the picture whose lines are detected."""
 _FLAT_DEG = 1e-3
-"""Maximum tilt of a pose that may be a pose in the plane, which does not say how the camera was tilted."""
+"""Maximum tilt of a pose that may be a pose in the plane, which has no information on the tilt of the camera."""
 _BLOCK_ROWS = 256
 """Number of rows that are turned at once, to bound the memory."""
 
@@ -36,7 +36,7 @@ def pose_level_rotation(T_world_pano: np.ndarray) -> np.ndarray | None:
 
 
 def may_be_flat(T_world_pano: np.ndarray) -> bool:
-    """Return whether a pose may be one in the plane: exactly level, without a word on the tilt of the camera."""
+    """Return whether a pose may be one in the plane: exactly level, without information on the tilt of the camera."""
     return tilt_deg(T_world_pano[:3, :3]) < _FLAT_DEG
 
 

@@ -32,8 +32,8 @@ def read_motion(path: Path, num_views: int) -> tuple[np.ndarray, np.ndarray | No
         the coordinates of each view, (V, 3) float64, None if the file has no roll and pitch.
 
     Raises:
-        DataError: The file cannot be read, a column is missing, a value is no finite number, the number of rows is not
-            that of the views, or the times do not increase.
+        DataError: The file cannot be read, a column is missing, a value is not a finite number, the number of rows
+            differs from the number of views, or the times do not increase.
     """
     from scipy.spatial.transform import Rotation
 

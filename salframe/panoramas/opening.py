@@ -129,10 +129,10 @@ def find_image(path: Path) -> tuple[Path, str]:
     root = next(iter(dataset_folders(path)), None)
     if root is None:
         raise DataError(
-            f"{path} lies in no folder with a {MANIFEST}, expected an image that the manifest of a dataset names"
+            f"{path} is not in a folder with a {MANIFEST}, expected an image listed in the manifest of a dataset"
         )
     raise DataError(
-        f"{root / MANIFEST} has no frame with the image {os.path.relpath(path, root)}, expected an image that it names"
+        f"{root / MANIFEST} has no frame with the image {os.path.relpath(path, root)}, expected an image listed there"
     )
 
 

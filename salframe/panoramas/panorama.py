@@ -51,8 +51,8 @@ def labels_by_id(labels: Any, where: str) -> dict[int, str]:
         where: Name of the mapping in errors.
 
     Raises:
-        DataError: This is no mapping, an id is no whole number from 0 to MAX_INSTANCE_ID, two ids are equal, or a label
-            is no text.
+        DataError: `labels` is not a mapping, an id is not a whole number from 0 to MAX_INSTANCE_ID, two ids
+            are equal, or a label is not text.
     """
     expected = 'expected the label of each instance id, such as {7: "chair"}'
     if not isinstance(labels, Mapping):

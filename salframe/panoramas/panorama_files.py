@@ -40,7 +40,7 @@ def load_panorama(
         valid: File that is black where the panorama has no image.
         labels: Label of each instance id.
         rendered: As in `Annotations`.
-        encoding: What the values of the range image mean; None: millimetres along the ray.
+        encoding: Encoding of the values of the range image; None: millimetres along the ray.
         level: Whether to turn a tilted picture upright.
 
     Raises:

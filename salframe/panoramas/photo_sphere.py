@@ -39,7 +39,7 @@ _SIZE_TOLERANCE_PX = 2
 
 @dataclass(frozen=True, eq=False)
 class PhotoSphere:
-    """Where the pixels of a picture lie on the sphere.
+    """Position of the pixels of a picture on the sphere.
 
     Attributes:
         height: Height H of the panorama.
@@ -157,7 +157,7 @@ def _gpano(packets: tuple[bytes, ...]) -> dict[str, str]:
         try:
             root = fromstring(packet.strip(b" \t\r\n\0"), forbid_dtd=True)
         except (ParseError, DefusedXmlException, LookupError, RecursionError) as error:
-            raise ValueError(f"no valid XML ({one_line(error)})") from None
+            raise ValueError(f"invalid XML ({one_line(error)})") from None
         for element in root.iter():
             for name, value in [(element.tag, element.text or ""), *element.attrib.items()]:
                 namespace, _, name = str(name).rpartition("}")
@@ -211,7 +211,7 @@ def _number(values: Mapping[str, str], name: str, default: float | None, limit: 
     """Return a number of the XMP. Raises ValueError if it is missing without a default, no number or out of range."""
     if name not in values:
         if default is None:
-            raise ValueError(f"no {name}, expected it beside the other sizes of a crop")
+            raise ValueError(f"no {name}, expected it with the other sizes of a crop")
         return default
     text = values[name]
     try:

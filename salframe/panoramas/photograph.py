@@ -41,7 +41,7 @@ def see_panorama(camera: Camera, panorama_image: np.ndarray) -> np.ndarray:
         DataError: The distortion of the camera is not invertible in a part of its image.
     """
     if camera.lost_share > 0:
-        raise DataError(f"{camera.notes[-1]}, expected a camera that shows a direction in each pixel")
+        raise DataError(f"{camera.notes[-1]}, expected a distortion that is invertible in the whole image")
     return sample_nearest(panorama_image, camera.rays())
 
 

@@ -34,7 +34,7 @@ REFUSED_TILT_DEG, REFUSED_SHARE = 45.0, 0.1
 MIN_RATIO = 0.88
 """Minimum agreement of the frames. It is 0.99 to 1.00 in rendered buildings, and 0.95 where positions are 0.1 m off."""
 MIN_EVIDENCE = 0.08
-"""Minimum share of the points that must say anything about the poses."""
+"""Minimum share of the points that agree with or contradict the poses."""
 MIN_ON_SURFACE = 0.25
 """Minimum share of agreeing points under other poses, where frames of a place see nothing in common under their own."""
 MIN_PAIR_RATIO, MIN_PAIR_EVIDENCE = 0.6, 0.2
@@ -122,7 +122,7 @@ def pose_notes(
         first = int(is_tilted.argmax())
         notes.append(
             f"{is_tilted.sum()} of {len(frames)} reference frames are tilted by their poses by more than "
-            f"{MAX_TILT_DEG:g} deg ({frames[first].id}: {tilts[first]:.0f} deg), they are levelled by their poses: "
+            f"{MAX_TILT_DEG:g} deg ({frames[first].id}: {tilts[first]:.0f} deg); they are levelled by their poses: "
             "check the convention of the poses if the camera was upright"
         )
     if not compares_ranges:

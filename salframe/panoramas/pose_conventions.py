@@ -10,19 +10,19 @@ import numpy as np
 from salframe.panoramas.geometry import invert_pose
 
 _OPENCV = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
-"""From the panorama frame to a camera with x right, y down and z forward."""
+"""Matrix (3, 3) from the panorama frame to a camera with x right, y down and z forward."""
 _OPENGL = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
-"""From the panorama frame to a camera with x right, y up and z backward."""
+"""Matrix (3, 3) from the panorama frame to a camera with x right, y up and z backward."""
 _UNITY = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
-"""From the panorama frame to left-handed axes with x right, y up and z forward."""
+"""Matrix (3, 3) from the panorama frame to left-handed axes with x right, y up and z forward."""
 _Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""From a right-handed world with y up to one with z up."""
+"""Matrix (3, 3) from a right-handed world with y up to one with z up."""
 _FLIP_Y = np.diag([1.0, -1.0, 1.0])
 _NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-"""From a world with x north, y east and z down to one with x east, y north and z up."""
+"""Matrix (3, 3) from a world with x north, y east and z down to one with x east, y north and z up."""
 _FORWARD_RIGHT_DOWN = np.diag([1.0, -1.0, -1.0])
 _QUARTER_TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-"""A turn by 90 deg to the left."""
+"""Rotation matrix (3, 3) of a turn by 90 deg to the left."""
 _SAME = np.eye(3)
 
 PoseConvention = Literal[

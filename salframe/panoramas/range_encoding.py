@@ -17,7 +17,7 @@ MAX_STEP = int(np.iinfo(np.uint16).max)
 
 
 class RangeKind(StrEnum):
-    """What the values of a range image measure.
+    """Quantity that the values of a range image measure.
 
     RAY: range along the ray. Z: depth along the optical axis, of a photograph. CUBE: depth along the axis of the cube
     face that shows the pixel, of an equirectangular image resampled from the six faces of a cube.
@@ -35,7 +35,7 @@ class RangeEncoding:
     Attributes:
         unit_m: Metres per step.
         missing: Further values that mean an unknown range.
-        kind: What the values measure.
+        kind: Quantity that the values measure.
 
     Raises:
         DataError: A value is out of its range.

@@ -28,7 +28,7 @@ SCALES = 0.1, 0.5, 2.0, 10.0
 
 @dataclass(frozen=True)
 class Stranger:
-    """A frame that is not where its place is in the masks.
+    """A frame that stands outside the region of its place in the masks.
 
     Attributes:
         frame: Id of the frame.

@@ -163,7 +163,8 @@ def open_photograph(
     file = images.read_color_file(image)
     if declares_panorama(file, image):
         raise DataError(
-            f"{image} is an equirectangular panorama by its XMP, expected a photograph: leave out --fov and --camera"
+            f"{image} is an equirectangular panorama according to its XMP, expected a photograph: leave out --fov "
+            f"and --camera"
         )
     if (named := find_frame_image(image)) is not None:
         raise DataError(

@@ -78,7 +78,7 @@ def motions(views: Sequence[View]) -> np.ndarray | None:
     The result is None if a motion is unknown. The motion of the last view may be None, because it is the identity.
 
     Raises:
-        DataError: There are no views, one of them is no View, or the motion of the last view is not the identity.
+        DataError: There are no views, one of them is not a View, or the motion of the last view is not the identity.
     """
     if not views:
         raise DataError("received no views, expected at least one View(panorama, T_last_view)")

@@ -1,4 +1,4 @@
-"""Who may use the service: host names, origins of pages, and a token."""
+"""Access rules of the service: host names, origins of pages, and a token."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def is_loopback(host: str) -> bool:
 
 @dataclass(frozen=True)
 class AccessRules:
-    """Who may use the service.
+    """Access rules of the service.
 
     Attributes:
         token: Token that requests must send; None: no token.

@@ -1,4 +1,4 @@
-"""ServiceLimits of the service, so that no request can exhaust the machine."""
+"""Limits of the service, so that no request can exhaust the machine."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from salframe.framework.validation import Settings
 
 
 class ServiceLimits(Settings):
-    """ServiceLimits of the service. Requests beyond a limit receive an error; other requests are not affected."""
+    """Limits of the service. Requests beyond a limit receive an error; other requests are not affected."""
 
     workers: int = Field(
         default_factory=lambda: os.cpu_count() or 1, ge=1, le=256, description="number of queries localized at a time"

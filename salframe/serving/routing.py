@@ -38,7 +38,7 @@ def plan_route(served: ServedMap, start: RouteStart, goal: RouteGoal) -> dict[st
         try:
             topology, first = with_position(topology, _position(start.pose)), HERE
         except DataError as error:
-            raise Problem(HTTPStatus.CONFLICT, f"no route starts here: {error}") from None
+            raise Problem(HTTPStatus.CONFLICT, f"no route starts at this pose: {error}") from None
         heading_rad = None if start.pose.yaw_deg is None else float(np.radians(start.pose.yaw_deg))
     elif start.frame is not None:
         first = _node_of_frame(topology, start.frame)
@@ -59,7 +59,8 @@ def _node_of_frame(topology: TopologicalMap, frame: str) -> str:
         if frame in node.frames:
             return node.id
     raise Problem(
-        HTTPStatus.CONFLICT, f"no route starts here: the reference frame {shorten(repr(frame))} has no node in the map"
+        HTTPStatus.CONFLICT,
+        f"no route starts at this frame: the reference frame {shorten(repr(frame))} has no node in the map",
     )
 
 

@@ -47,8 +47,8 @@ class DetectedObject(RequestBody):
         if has_position == has_direction:
             received = "both" if has_position else "neither"
             raise ValueError(
-                f"received {received} position and direction, expected either centroid_m and size_m, or azimuth_deg "
-                "and elevation_deg"
+                f"received {received} position {'and' if has_position else 'nor'} direction, expected centroid_m and "
+                "size_m, or azimuth_deg and elevation_deg"
             )
         return self
 
@@ -155,7 +155,7 @@ class StartPose(RequestBody):
 
 
 class RouteStart(RequestBody):
-    """Where a route starts: exactly one of these. Without a pose, an answer starts at its best reference frame."""
+    """Start of a route: exactly one of these fields. Without a pose, an answer starts at its best reference frame."""
 
     pose: StartPose | None = None
     place: str | None = Field(None, max_length=MAX_NAME, description="name of a place or node")
@@ -164,12 +164,12 @@ class RouteStart(RequestBody):
     @model_validator(mode="after")
     def _check_one(self) -> Self:
         if sum(value is not None for value in (self.pose, self.place, self.frame)) != 1:
-            raise ValueError("expected exactly one of pose, place and frame")
+            raise ValueError("received none or several of pose, place and frame, expected exactly one")
         return self
 
 
 class RouteGoal(RequestBody):
-    """Where a route ends: exactly one of these."""
+    """Goal of a route: exactly one of these fields."""
 
     place: str | None = Field(None, max_length=MAX_NAME, description="name of a place or node")
     point: StartPose | None = None
@@ -177,7 +177,7 @@ class RouteGoal(RequestBody):
     @model_validator(mode="after")
     def _check_one(self) -> Self:
         if (self.place is None) == (self.point is None):
-            raise ValueError("expected exactly one of place and point")
+            raise ValueError("received both or none of place and point, expected exactly one")
         return self
 
 
@@ -215,7 +215,7 @@ class SessionBody(BaseModel):
 
 
 class BeliefBody(BaseModel):
-    """What a session knows of the pose of the robot."""
+    """Belief of a session on the pose of the robot."""
 
     status: str = Field(description="tracking, lost, or out-of-map")
     place: str | None

@@ -141,7 +141,9 @@ class MapHolder:
                 _log.info("opened the changed map in %.1f s", time.perf_counter() - start)
             except Exception as error:
                 self.failure, self._failed_stamp = describe_error(error), stamp
-                _log.warning("the changed map cannot be opened, the previous version remains: %s", self.failure)
+                _log.warning(
+                    "the changed map cannot be opened; the server continues with the previous version: %s", self.failure
+                )
             return self.current
 
 

@@ -1,4 +1,4 @@
-"""Sessions: what the service knows of the pose of a moving robot, from its views and its odometry."""
+"""Sessions: the belief of the service on the pose of a moving robot, from its views and its odometry."""
 
 from __future__ import annotations
 

@@ -114,7 +114,7 @@ async def read_json_body(request: Request, model: type[_Model], limits: ServiceL
         if len(body) > limits.max_json_bytes:
             raise Problem(
                 HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
-                f"the JSON body has more than {limits.max_json_bytes} bytes, expected at most that many",
+                f"the JSON body has more than {limits.max_json_bytes} bytes, expected at most {limits.max_json_bytes}",
             )
     return _validate(model, _parse(bytes(body), "the body"))
 
@@ -241,7 +241,7 @@ def _parse(content: bytes, where: str) -> Any:
     try:
         return parse_json(content)
     except (ValueError, RecursionError) as error:
-        raise Problem(HTTPStatus.BAD_REQUEST, f"{where} is no JSON: {one_line(error)}") from None
+        raise Problem(HTTPStatus.BAD_REQUEST, f"{where} is not JSON: {one_line(error)}") from None
 
 
 def _validate(model: type[_Model], content: Any) -> _Model:

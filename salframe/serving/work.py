@@ -41,7 +41,7 @@ class WorkPool:
         if self._num_pending >= self._limits.workers + self._limits.max_queue:
             raise Problem(
                 HTTPStatus.SERVICE_UNAVAILABLE,
-                f"{self._num_pending} requests run or wait already, expected at most that many: try again later",
+                f"{self._num_pending} requests are running or waiting, the maximum number: try again later",
                 retry_after_s=max(1, math.ceil(self._mean_s * self._num_pending / self._limits.workers)),
             )
 

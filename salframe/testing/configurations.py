@@ -21,7 +21,7 @@ from salframe.framework.validation import validate
 from salframe.testing.rooms import PARTS
 
 CHANGED_SHARE = 0.3
-"""Probability of each setting to be drawn. The others keep their value."""
+"""Probability of each setting to be changed. The others keep their value."""
 MAX_FACTOR = 2.0
 """A number is drawn between its value divided and multiplied by this factor."""
 MAX_DRAWS = 20

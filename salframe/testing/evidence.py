@@ -60,7 +60,7 @@ class EvidenceRules(Rules[EvidenceModel]):
             checked = f"column {column.name!r}"
             is_name = _NAME.fullmatch(column.name)
             expect(is_name, checked, column.name, "a name of lower-case letters, digits and underscores")
-            expect(column.description.strip(), checked, "no description", "what the numbers are, with their unit")
+            expect(column.description.strip(), checked, "no description", "the meaning of the numbers, with their unit")
             expect(
                 column.weight is None or np.isfinite(column.weight), checked, f"weight {column.weight}", "a finite one"
             )

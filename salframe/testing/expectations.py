@@ -39,7 +39,8 @@ def attempt(checked: str, function: Callable[..., Any], *arguments: Any) -> Any:
     except Exception as error:
         line = " ".join(f"{type(error).__name__}: {error}".split())
         raise ConformanceError(
-            f"{checked}: received {line}, expected an answer without an exception (input arrays are read-only)"
+            f"{checked}: received {line}, expected an answer without an exception (the rules make input arrays "
+            f"read-only)"
         ) from error
 
 

@@ -15,7 +15,7 @@ from salframe.testing.rules import Conformance, Rules, check_all
 
 
 class ImporterRules(Rules[Importer]):
-    """A source that is no recording raises a DataError of one line. `check_recording` checks a recording."""
+    """A source that is not a recording raises a DataError of one line. `check_recording` checks a recording."""
 
     def a_missing_source_raises_an_error(self) -> None:
         self._check("a missing source", lambda folder: folder / "missing")

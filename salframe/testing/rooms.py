@@ -227,7 +227,7 @@ def room_graph(room: FurnishedRoom) -> SaliencyGraph:
 
 
 def random_rooms(seed: int, count: int = 3) -> tuple[FurnishedRoom, ...]:
-    """Return rooms of random size side by side, each with five to eight boxes along its walls, by a seed."""
+    """Return rooms of random size side by side, each with five to eight boxes along its walls, depending on a seed."""
     rng = np.random.default_rng(seed)
     rooms, left_m = [], 0.0
     for number in range(count):
@@ -250,7 +250,7 @@ def random_rooms(seed: int, count: int = 3) -> tuple[FurnishedRoom, ...]:
 
 
 def random_frames(seed: int) -> tuple[list[ReferenceFrame], list[QueryFrame]]:
-    """Return two reference frames and a query in each of `random_rooms`, with random headings, by a seed."""
+    """Return two reference frames and a query in each of `random_rooms`, with random headings that depend on a seed."""
     rng = np.random.default_rng((seed, 1))
     references, queries = [], []
     for room in random_rooms(seed):

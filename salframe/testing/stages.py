@@ -207,7 +207,7 @@ def _check_matches(
         expect(
             match.T_scene_query is None or is_rigid(match.T_scene_query),
             checked,
-            "a T_scene_query that is no rigid motion",
+            "a T_scene_query that is not a rigid motion",
             "a rigid motion of shape (4, 4) or None",
         )
 

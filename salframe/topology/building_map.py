@@ -91,7 +91,8 @@ def build_map(
     output = Path(output)
     if central_nodes and not topology:
         raise ConfigError(
-            "received --central-nodes and --no-topology: the nodes belong to the topology, so remove one of the options"
+            "received --central-nodes and --no-topology: --no-topology leaves out the nodes, so remove one of the "
+            "options"
         )
     check_output(output)
     name, dataset, localizer = prepare(data, method, data_dir, overrides, engine, progress, tell)

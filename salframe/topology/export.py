@@ -80,7 +80,7 @@ def _write_map_server(directory: Path, path: Path) -> tuple[Path, ...]:
 def _write_svg(directory: Path, path: Path) -> tuple[Path, ...]:
     localization, topology = read_map(directory, _read_both)
     if topology is None:
-        raise DataError(f"{directory} has no topology, expected a map of data with floor masks")
+        raise DataError(f"{directory} has no topology, expected a map that was built from data with floor masks")
     write_plan(directory.name, localization, topology, path)
     return (path,)
 

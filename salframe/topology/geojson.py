@@ -162,7 +162,7 @@ def find_places(localization: LocalizationMap) -> dict[str, ReferenceFrame]:
 
 
 def graph_of_reference(localization: LocalizationMap, frame_id: str) -> SaliencyGraph | None:
-    """Return the saliency graph of a reference frame; None where its description is no graph."""
+    """Return the saliency graph of a reference frame; None where its description is not a graph."""
     _, description = localization.reference(frame_id)
     return graph_from_arrays(description) if description.keys() >= GRAPH_ARRAYS else None
 

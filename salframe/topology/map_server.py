@@ -35,7 +35,7 @@ def write_map_server(floors: Sequence[FloorMasks], path: Path) -> tuple[Path, ..
         DataError: There are no floors.
     """
     if not floors:
-        raise DataError("the map has no floors, expected a map of data with floor masks")
+        raise DataError("the map has no floors, expected a map that was built from data with floor masks")
     written: list[Path] = []
     for number, floor in enumerate(sorted(floors, key=lambda floor: floor.z_m), 1):
         yaml = path if len(floors) == 1 else path.with_name(f"{path.stem}-{number}{path.suffix}")

@@ -164,14 +164,14 @@ def with_position(topology: TopologicalMap, xyz_m: np.ndarray, node_id: str = HE
     """
     number = find_floor(topology.floors, xyz_m)
     if number is None:
-        raise DataError(f"the position ({xyz_m[0]:.2f}, {xyz_m[1]:.2f}, {xyz_m[2]:.2f}) m is on no floor of the map")
+        raise DataError(f"the position ({xyz_m[0]:.2f}, {xyz_m[1]:.2f}, {xyz_m[2]:.2f}) m is not on a floor of the map")
     floor = topology.floors[number]
     grid = FloorGrid(floor, topology.parameters.robot_radius_m)
     close_doorways(grid, topology.parameters.min_doorway_m)
     pixel = nearest_pixel(grid.clear, grid.to_pixel(xyz_m[:2]))
     others = [node for node in topology.nodes if find_floor(topology.floors, node.xyz_m) == number]
     if pixel is None or not others:
-        raise DataError(f"the floor at z = {floor.z_m:g} m has no node that a route could lead to")
+        raise DataError(f"the floor at z = {floor.z_m:g} m has no nodes, expected at least one for a route")
     pixels = grid.to_pixel(np.array([node.xyz_m[:2] for node in others]))
     visible = sees(grid.clear, np.broadcast_to(pixel, pixels.shape), pixels)
     paths = [(int(node), np.array([pixel, pixels[node]])) for node in np.flatnonzero(visible)]

@@ -56,7 +56,7 @@ def read_topology(parts: MapParts) -> TopologicalMap:
     """
     if not parts.has(TOPOLOGY):
         raise DataError(
-            f"{parts.folder.parent} holds no topological map: build it again, from data with floor masks and without "
+            f"{parts.folder.parent} contains no topology: build the map again, from data with floor masks and without "
             "--no-topology"
         )
     saved = parts.read_json(TOPOLOGY, _Saved)

@@ -172,7 +172,9 @@ def test_an_unknown_method_tells_the_closest(data):
 
 @pytest.mark.skipif(importlib.util.find_spec("kornia") is None, reason="the extra salframe[keypoints] is not installed")
 def test_missing_weights_are_told_and_how_to_get_them(data):
-    told = r"weights 'loftr': no file .*\.ckpt \(sha256 [0-9a-f]{64}\); get it with: salframe weights fetch loftr"
+    told = (
+        r"weights 'loftr': .*\.ckpt is missing \(sha256 [0-9a-f]{64}\); download it with: salframe weights fetch loftr"
+    )
     assert_one_line(run("build", data, "-o", "map", "--method", "loftr"), told)
     done = run(
         "compare",
@@ -189,7 +191,9 @@ def test_missing_weights_are_told_and_how_to_get_them(data):
     (row,) = done.json["rows"]
     assert (done.code, row["method"], row["available"]) == (1, "loftr", False)
     assert re.fullmatch(
-        r"weights 'loftr': no file absent\.ckpt; use another path, or: salframe weights fetch loftr", row["reason"]
+        r"weights 'loftr': absent\.ckpt does not exist; set another path, or download the weights with: salframe "
+        r"weights fetch loftr",
+        row["reason"],
     )
 
 
@@ -197,7 +201,7 @@ def test_another_method_in_the_place_of_one_that_cannot_run_is_named(data):
     done = run("compare", "--methods", "loftr", "--data", "./data", "--engine", "inline", "--json")
     assert [row["method"] for row in done.json["rows"]] == ["loftr-compact"]
     (note,) = done.json["notes"]
-    assert re.match(r"loftr-compact, not loftr: (weights 'loftr': no file|loftr needs torch)", note)
+    assert re.match(r"loftr-compact, not loftr: (weights 'loftr': .* is missing|loftr needs torch)", note)
 
 
 BROKEN_PLUGINS = {
@@ -253,7 +257,7 @@ def test_a_yaml_with_an_unknown_key(data):
             r"unknown key detector\.noize, did you mean 'noise' \(known: noise, seed\)",
         ),
         ("method: objects\nvary: [labels", r"sweep\.yaml is not YAML"),
-        ("- objects", r"sweep\.yaml holds list, expected a mapping"),
+        ("- objects", r"sweep\.yaml contains list, expected a mapping"),
     ):
         Path("sweep.yaml").write_text(content)
         assert_one_line(run("ablate", "sweep.yaml", "--data", "./data"), message)
@@ -300,7 +304,7 @@ def test_a_detector_that_lacks_something_is_named_and_others_that_could_look(dat
     (row,) = done.json["rows"]
     assert (done.code, row["available"]) == (1, False)
     needs = "the detector 'annotations' of the method needs annotations, which the dataset folder does not have"
-    hint = re.fullmatch(f"{needs}; to work without: (.*)", row["reason"])
+    hint = re.fullmatch(f"{needs}; use another detector: (.*)", row["reason"])
     assert hint, row["reason"]
     offered = hint[1].split(" or ")
     assert "--set detector.kind=panoseg" in offered
@@ -316,4 +320,4 @@ def test_where_no_detector_can_look_that_is_said(data, monkeypatch):
     registry.cache_clear()
     (row,) = compare("./data", "--json", "--set", "detector.kind=annotations").json["rows"]
     registry.cache_clear()
-    assert row["reason"].endswith("which the dataset folder does not have; no installed detector works without")
+    assert row["reason"].endswith("which the dataset folder does not have; no installed detector works without it")

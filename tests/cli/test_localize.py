@@ -78,13 +78,13 @@ def test_an_image_of_a_folder_is_localized_by_its_path(fakes, tmp_path, monkeypa
     assert run("localize", "map", "mine/images/b.png", "--json").json["places"][0]["place"] == "room-3"
     assert run("localize", "map", "there", "--data", "mine", "--json").json["places"][0]["place"] == "room-3"
     assert "has no frame with the image images/c.png" in run("localize", "map", "mine/images/c.png").err
-    assert "lies in no folder with a manifest.json" in run("localize", "map", "c.png").err
+    assert "is not in a folder with a manifest.json" in run("localize", "map", "c.png").err
 
 
 def test_build_does_not_write_into_another_folder(fakes, tmp_path):
     (tmp_path / "home").mkdir()
     (tmp_path / "home" / "letter.txt").write_text("dear")
-    assert "holds something else than a map" in run("build", "rooms", "-o", "home", "--method", "reader").err
+    assert "contains files that are not a map" in run("build", "rooms", "-o", "home", "--method", "reader").err
 
 
 @pytest.fixture
@@ -113,7 +113,7 @@ def test_loose_images_are_localized(loose):
 def test_images_without_what_the_map_needs_are_one_line(loose):
     assert run("localize", "map", *loose[:4]).err.endswith(
         "error: saliency-places needs annotations, which a.jpg does not have: "
-        "build the map with detector.kind=panoseg, or give annotations too\n"
+        "build the map with detector.kind=panoseg, or pass annotations too\n"
     )
     assert "received neither a frame nor images" in run("localize", "map").err
     assert "received both a frame and images" in run("localize", "map", "query", *loose).err

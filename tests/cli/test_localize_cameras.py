@@ -139,7 +139,7 @@ def test_an_unusual_camera_is_reported_once(photographs):
         (("data/frames/bedroom-query.rgb.png", "--fov", "90"), "is a panorama, the frame bedroom-query of "),
         (
             ("--views", "data/frames/bedroom-query.rgb.png", "--range", "0.depth.png"),
-            "received image files for data/frames/bedroom-query.rgb.png, a frame whose dataset has these images",
+            "received image files for the frame data/frames/bedroom-query.rgb.png, whose images are in its dataset",
         ),
         (("--rgb", "0.jpg", "--views"), "received --views with --rgb"),
         (("0.jpg", "--fov", "90", "--range-missing", "7"), "received --range-missing without --range"),

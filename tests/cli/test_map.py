@@ -188,7 +188,8 @@ def test_build_and_map_build_are_one_command(built, tmp_path):
     done = run("map", "route", "other", "room-0", "room-1")
     assert (done.code, done.err) == (
         2,
-        "error: other holds no topological map: build it again, from data with floor masks and without --no-topology\n",
+        "error: other contains no topology: build the map again, from data with floor masks and without "
+        "--no-topology\n",
     )
 
 
@@ -258,7 +259,7 @@ def test_floors_above_each_other_are_said_to_be_apart(rooms):
         ),
         (
             ["build", "doored", "-o", ".", "--method", "reader"],
-            ". holds something else than a map: name a new folder, or remove it",
+            ". contains files that are not a map: choose a new folder, or remove it",
         ),
         (["build", "doored", "-o", "new", "--method", "raeder"], "unknown method 'raeder', did you mean 'reader'?"),
         (["route", "map", "room-0", "rom-1"], "unknown node or place 'rom-1', did you mean 'room-1'?"),
@@ -266,18 +267,21 @@ def test_floors_above_each_other_are_said_to_be_apart(rooms):
             ["route", "map", "room-0", "room-1", "--planner", "dijkstr"],
             "unknown planner 'dijkstr', did you mean 'dijkstra'?",
         ),
-        (["route", "absent", "room-0", "room-1"], "absent holds no map: make one with salframe build DATA -o absent"),
-        (["show", "absent"], "absent holds no map"),
+        (
+            ["route", "absent", "room-0", "room-1"],
+            "absent contains no map: build one with salframe build DATA -o absent",
+        ),
+        (["show", "absent"], "absent contains no map"),
         (["add", "map", "dored"], "unknown dataset 'dored', did you mean 'doored'?"),
-        (["add", "new", "doored"], "new holds no map: make one with salframe build DATA -o new"),
+        (["add", "new", "doored"], "new contains no map: build one with salframe build DATA -o new"),
         (["add", "map", "doored", "--set", "offset=1"], "received the setting offset, expected data.KEY"),
         (["remove", "map", "rom-1"], "unknown place 'rom-1', did you mean 'room-1'?"),
-        (["remove", "new", "room-1"], "new holds no map: make one with salframe build DATA -o new"),
+        (["remove", "new", "room-1"], "new contains no map: build one with salframe build DATA -o new"),
         (
             ["merge", "map", "map"],
             "both maps, map and map, contain room-0, room-1, room-2, room-3, room-4, expected places of",
         ),
-        (["merge", "map", "new"], "new holds no map: make one with salframe build DATA -o new"),
+        (["merge", "map", "new"], "new contains no map: build one with salframe build DATA -o new"),
         (
             ["export", "map", "map.dot"],
             "received the file map.dot, expected one that ends in .json, .geojson, .yaml, .svg, .graphml or .parquet",

@@ -134,7 +134,7 @@ def test_a_map_remembers_its_range_model(rooms, options, network):
     assert found["places"][0]["place"] == "kitchen"
     write_network(network, "z-depth")
     error = run("localize", "map", "kitchen-query", "--data", "painted-rooms").err
-    assert "was described with other settings, weights or files" in error
+    assert "was built with other settings, weights or files" in error
 
 
 def test_without_a_range_model_what_could_estimate_it_is_named(rooms, options):
@@ -144,9 +144,12 @@ def test_without_a_range_model_what_could_estimate_it_is_named(rooms, options):
         "the detector 'panoseg' of the method needs range, which the dataset painted-rooms does not have; "
     )
     assert row["reason"].endswith(
-        "; to estimate it: --set range.kind=onnx-depth or --set range.kind=transformers-depth"
+        "; or estimate it: --set range.kind=onnx-depth or --set range.kind=transformers-depth"
     )
     (row,) = run(*arguments, "--engine", "inline", "--json", *options).json["rows"]
     assert row["input"] == ["rgb", "estimated range"]
     (row,) = run(*arguments, "--engine", "inline", "--json", "--set", "range.kind=onnx-depth").json["rows"]
-    assert row["reason"] == "the range model 'onnx-depth' has no network, expected the path of an ONNX file as `model`"
+    assert (
+        row["reason"]
+        == "the range model 'onnx-depth' has no network, expected the path of an ONNX file in the setting `model`"
+    )

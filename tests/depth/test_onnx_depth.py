@@ -167,16 +167,19 @@ def test_another_content_of_the_file_is_another_model(network):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({}, "the range model 'onnx-depth' has no metric scale, expected metric: true .* or camera_height_m"),
+        (
+            {},
+            "the range model 'onnx-depth' has no metric scale, expected metric: true .* or the setting camera_height_m",
+        ),
         ({"metric": True, "size_px": (64, 64)}, r"takes image float32 \(1, 3, 128, 128\), .*\(\*, 3, 64, 64\)"),
         (
             {"metric": True, "gives": "points"},
-            r"gives \(1, 1, 128, 128\) as first output, expected \(1, 3, height, width\)",
+            r"returned \(1, 1, 128, 128\) as its first output, expected \(1, 3, height, width\)",
         ),
         ({"metric": True, "input": "equirectangular"}, "takes images of 128 x 128, expected width = 2 x height"),
         (
             {"metric": True, "input": "equirectangular", "gives": "z-depth"},
-            "the range model 'onnx-depth' has gives: z-depth with input: equirectangular",
+            "the range model 'onnx-depth' has gives=z-depth and input=equirectangular",
         ),
     ],
 )
@@ -191,5 +194,5 @@ def test_a_model_that_is_not_there_is_told(tmp_path):
         WeightsError, match="the range model 'onnx-depth' has no network, expected the path of an ONNX file"
     ):
         OnnxDepth(OnnxDepth.Config(metric=True))
-    with pytest.raises(WeightsError, match=r"no file .*nothing.onnx, expected the path"):
+    with pytest.raises(WeightsError, match=r"nothing\.onnx does not exist, expected the path"):
         build(tmp_path / "nothing.onnx", metric=True)

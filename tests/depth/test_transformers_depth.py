@@ -142,7 +142,9 @@ def test_views_of_a_relative_network_are_merged_as_inverse_depth_of_unknown_scal
 
 
 def test_a_relative_network_needs_the_height_of_the_camera(models):
-    with pytest.raises(ConfigError, match="has no metric scale, expected a network that gives metres, or cam"):
+    with pytest.raises(
+        ConfigError, match="has no metric scale, expected a network that gives metres, or the setting cam"
+    ):
         build(models(tiny.dpt))
 
 
@@ -169,8 +171,10 @@ def test_one_line_says_what_does_not_fit(models, tmp_path):
 
     with pytest.raises(WeightsError, match="the range model 'transformers-depth' has no network, expected the folder"):
         TransformersDepth(configure("range-model", "transformers-depth", {}))
-    refused(tmp_path / "gone", r"no folder .*gone, expected a folder with config\.json and model\.safetensors, or hf:")
-    refused("hf:org/model", "the model hf:org/model is not downloaded; get it with: salframe weights fetch hf:")
+    refused(
+        tmp_path / "gone", r"gone does not exist, expected a folder with config\.json and model\.safetensors, or hf:"
+    )
+    refused("hf:org/model", "the model hf:org/model is not downloaded; download it with: salframe weights fetch hf:")
     folder = tmp_path / "model"
     shutil.copytree(models(tiny.dpt), folder)
     tiny.edit_config(folder, architectures=["DPTForSemanticSegmentation"])

@@ -249,18 +249,18 @@ def test_a_network_of_any_size_is_given_the_declared_one(tmp_path):
         (
             {"model": "nowhere.onnx"},
             WeightsError,
-            "no file nowhere.onnx, expected the path of an ONNX file, or one of yolox-nano,",
+            "nowhere.onnx does not exist, expected the path of an ONNX file, or one of yolox-nano,",
         ),
         ({"decoder": "yolov4"}, UnknownName, "unknown detection-decoder 'yolov4', did you mean 'yolov[58]'"),
         (
             {"decoder": "yolov8"},
             WeightsError,
-            r"colours.onnx: the output of .* is \(3, 8\) for each image, the decoder 'yolov8' expects \(7, \*\)",
+            r"colours.onnx: the output of .* is \(3, 8\) for each image; the decoder 'yolov8' expects \(7, \*\)",
         ),
         (
             {"labels": ["red"]},
             WeightsError,
-            r"the output of the network is \(3, 8\) for each image, the decoder 'yolov5' expects \(\*, 6\)",
+            r"the output of the network is \(3, 8\) for each image; the decoder 'yolov5' expects \(\*, 6\)",
         ),
         (
             {"size_px": [640, 640]},
@@ -314,7 +314,7 @@ def test_networks_to_fetch_are_told_where_they_are_not_at_hand(monkeypatch, tmp_
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
     assert len(COCO_80) == len(set(COCO_80)) == 80
     for name in ZOO:
-        with pytest.raises(WeightsError, match=f"get it with: salframe weights fetch {name}"):
+        with pytest.raises(WeightsError, match=f"download it with: salframe weights fetch {name}"):
             OnnxDetector.check(configure("detector", "onnx", {"model": name}))
 
 

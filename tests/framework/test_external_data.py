@@ -112,12 +112,12 @@ def test_a_folder_of_too_many_files_is_refused_at_once(tmp_path, monkeypatch):
     monkeypatch.setattr("salframe.framework.components.identity.MAX_FOLDER_FILES", 3)
     for number in range(5):
         (tmp_path / f"{number}.txt").write_text("a")
-    with pytest.raises(ConfigError, match="holds more than 3 files or 4 GiB"):
+    with pytest.raises(ConfigError, match="contains more than 3 files or 4 GiB"):
         identity(Reader.Config(folder=tmp_path))
 
 
 def test_a_folder_of_huge_files_is_refused_before_they_are_read(tmp_path):
     with (tmp_path / "huge.bin").open("wb") as file:
         file.truncate(5 << 30)  # takes no space
-    with pytest.raises(ConfigError, match="holds more than 10000 files or 4 GiB"):
+    with pytest.raises(ConfigError, match="contains more than 10000 files or 4 GiB"):
         content_sha256(tmp_path)

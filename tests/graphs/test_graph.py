@@ -77,7 +77,7 @@ def test_nodes_are_chosen_by_share_and_number():
 
 @pytest.mark.parametrize("score", [1.5, -0.1, np.nan])
 def test_a_score_that_is_no_share_is_refused(score):
-    with pytest.raises(InvalidAnswer, match=rf"Detections.scores holds {score}, expected numbers from 0 to 1"):
+    with pytest.raises(InvalidAnswer, match=rf"Detections.scores contains {score}, expected numbers from 0 to 1"):
         Detections(("bed", "sofa"), np.array([0.5, score]), np.ones((2, 3)), np.ones((2, 3)), np.zeros(2))
 
 

@@ -55,12 +55,12 @@ def test_the_weights_are_those_of_the_columns_listed():
     [
         (
             {"evidence": ["outline"], "weights": {"panorama": 1.0}},
-            "received a weight of 'panorama', expected those of the columns of the evidence: outline",
+            "received a weight for 'panorama', expected weights for the columns of the evidence: outline",
         ),
         (
             {"evidence": ["paint"]},
-            "received no weight of zero, expected one for each column of the evidence: set weights.zero, "
-            "or fit all with `salframe fit`",
+            "received no weight for zero, expected one for each column of the evidence: set weights.zero, "
+            "or fit all weights with `salframe fit`",
         ),
         (
             {"evidence": ["repainted", "paint"]},
@@ -82,9 +82,9 @@ def test_a_file_has_the_weights_of_all_columns(tmp_path):
     path = tmp_path / "fitted.yaml"
     path.write_text(yaml.safe_dump({"weights": {"outline": 0.5, "paint": 2.0}}))
     assert config(evidence=["repainted", "outline"], weights=str(path)).weights == {"paint": 2.0, "outline": 0.5}
-    with pytest.raises(ConfigError, match="received a weight of 'paint'"):
+    with pytest.raises(ConfigError, match="received a weight for 'paint'"):
         config(evidence=["outline"], weights=str(path))
-    with pytest.raises(ConfigError, match="received no weight of detected_labels, labels_shared"):
+    with pytest.raises(ConfigError, match="received no weight for detected_labels, labels_shared"):
         config(evidence=["repainted", "outline", "labels"], weights=str(path))
 
 
@@ -162,7 +162,7 @@ def test_joined_views_have_the_evidence_of_the_last():
 
 def test_evidence_of_objects_needs_a_localizer_with_objects():
     hypotheses = PlaceHypotheses(np.zeros(1, int), np.zeros((0, 2)), np.zeros(0), np.zeros(0), np.zeros(1))
-    with pytest.raises(ConfigError, match="'labels' received hypotheses without objects, expected those of"):
+    with pytest.raises(ConfigError, match="'labels' received hypotheses without objects, expected hypotheses of"):
         LabelEvidence().score({}, hypotheses)
 
 

@@ -94,7 +94,7 @@ def test_a_file_gives_the_model_back(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[1]", r"is no sensor file: its format is None, expected 'salframe sensor 2'; write one with"),
+        ("[1]", r"is not a sensor file: its format is None, expected 'salframe sensor 2'; write one with"),
         ('{"format": "salframe sensor 9"}', r"its format is 'salframe sensor 9', expected 'salframe sensor 2'"),
         ("{", "is not JSON"),
         ('{"format": "salframe sensor 2"}', r"provenance is missing; .*detection is missing"),

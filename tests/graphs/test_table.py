@@ -93,12 +93,18 @@ def packed(graph):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda row: {"labels": row["labels"], "nodes": row["nodes"]}, "has no column 'edges', expected packed graphs"),
+        (
+            lambda row: {"labels": row["labels"], "nodes": row["nodes"]},
+            "has no column 'edges', expected the graphs of a saved map",
+        ),
         (
             lambda row: {**row, "labels": np.arange(len(row["labels"]))},
-            "columns of unexpected types, expected packed graphs",
+            "columns of unexpected types, expected the graphs of a saved map",
         ),
-        (lambda row: {**row, "nodes": row["nodes"]["saliency"]}, "columns of unexpected types, expected packed graphs"),
+        (
+            lambda row: {**row, "nodes": row["nodes"]["saliency"]},
+            "columns of unexpected types, expected the graphs of a saved map",
+        ),
         (lambda row: {**row, "nodes": row["nodes"][1:]}, "columns of nodes, edges and labels do not match"),
         (lambda row: {**row, "edges": row["edges"][1:]}, "columns of nodes, edges and labels do not match"),
     ],

@@ -243,7 +243,7 @@ def test_textures_have_mean_one_and_no_seam(name: str) -> None:
 def test_wrong_input_is_one_clear_line() -> None:
     with pytest.raises(DataError, match="unknown lighting 'noon'; expected one of day, evening, dim"):
         HouseRenderer(box_room(), "noon", HEIGHT)
-    with pytest.raises(DataError, match="height of 130"):
+    with pytest.raises(DataError, match="height is 130"):
         HouseRenderer(box_room(), "day", 130)
     scene = box_room()
     with pytest.raises(DataError, match="unknown texture 'velvet'; expected one of books, carpet"):

@@ -171,14 +171,14 @@ def test_a_panorama_without_colour_is_refused(build):
 def test_without_clip_the_row_says_how_to_get_it(monkeypatch, tmp_path):
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
     with pytest.raises(
-        WeightsError, match=r"no file .*vision_model\.onnx .*get it with: salframe weights fetch clip-vit-b32"
+        WeightsError, match=r"vision_model\.onnx is missing .*download it with: salframe weights fetch clip-vit-b32"
     ):
         ClipRooms.check(ClipRooms.Config())
 
 
 def test_a_file_that_is_no_tokenizer_is_one_line(folder, build):
     (folder / "tokenizer.json").write_text("{}")
-    with pytest.raises(WeightsError, match=r"tokenizer\.json is not a tokenizer: ."):
+    with pytest.raises(WeightsError, match=r"tokenizer\.json is not a valid tokenizer file: ."):
         build(ROOMS)
 
 

@@ -170,7 +170,7 @@ def test_missing_and_damaged_weights_say_how_to_get_them(monkeypatch, tmp_path):
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
     with pytest.raises(
         WeightsError,
-        match=r"no file .*efficientnet-lite0\.onnx .*get it with: salframe weights fetch efficientnet-lite0",
+        match=r"efficientnet-lite0\.onnx is missing .*download it with: salframe weights fetch efficientnet-lite0",
     ):
         ImageFeatures()
     (tmp_path / "weights" / "resnet101").mkdir(parents=True)
@@ -182,7 +182,9 @@ def test_missing_and_damaged_weights_say_how_to_get_them(monkeypatch, tmp_path):
 def test_without_a_file_the_users_own_network_says_what_it_wants(tmp_path):
     with pytest.raises(WeightsError, match="received no model; set model to the path of an ONNX file"):
         ImageFeatures(ImageFeatures.Config(network="onnx"))
-    with pytest.raises(WeightsError, match=r"received no file \S+none\.onnx; set model to the path of an ONNX file"):
+    with pytest.raises(
+        WeightsError, match=r"received \S+none\.onnx, which is not a file; set model to the path of an ONNX file"
+    ):
         ImageFeatures(ImageFeatures.Config(network={"kind": "onnx", "model": tmp_path / "none.onnx"}))
 
 

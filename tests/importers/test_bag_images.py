@@ -121,5 +121,7 @@ def test_errors_name_the_topic():
         color_image(short, "/a")
     with pytest.raises(DataError, match=r"an image of the topic /a, format 'jpeg', is not a readable image"):
         color_image(compressed(b"no picture", "jpeg"), "/a")
-    with pytest.raises(DataError, match=r"the topic /d has the encoding 'rgb8', expected depth: 16UC1, mono16, 32FC1"):
+    with pytest.raises(
+        DataError, match=r"the topic /d has the encoding 'rgb8', expected an encoding of depth: 16UC1, mono16, 32FC1"
+    ):
         depth_image(image(PIXELS, "rgb8"), "/d", 0.001)

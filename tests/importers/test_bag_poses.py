@@ -105,7 +105,7 @@ def test_frames_that_are_not_connected_are_named(tmp_path):
 
 def test_a_bag_without_poses_is_named(tmp_path):
     bag = write(tmp_path / "bag", has_odometry=False, has_tf=False)
-    with pytest.raises(DataError, match=r"no pose over time: no topic of nav_msgs/msg/Odometry, and /tf does not"):
+    with pytest.raises(DataError, match=r"has no moving poses, expected a topic of the type nav_msgs/msg/Odometry"):
         source(bag)
 
 
@@ -119,7 +119,9 @@ def test_several_topics_of_odometry_are_listed(tmp_path):
         for topic in ("/wheels", "/visual"):
             writer.odometry(topic, 0.0, "odom", "camera", (0, 0, 0), (0, 0, 0, 1))
     bag = Bag(tmp_path / "bag", "humble")
-    with pytest.raises(DataError, match=r"2 topics .* \(/visual, /wheels\), expected one: choose it with poses=TOPIC"):
+    with pytest.raises(
+        DataError, match=r"2 topics .* \(/visual, /wheels\), expected one: select it with --set poses=TOPIC"
+    ):
         source(bag, frame="camera")
 
 

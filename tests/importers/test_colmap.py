@@ -91,7 +91,9 @@ def test_the_scale_by_the_height_of_the_cameras(tmp_path):
     poses = {record.id: record.T_world_pano for record in recording.records}
     assert np.linalg.norm(poses["den/3"][:3, 3] - poses["hall/0"][:3, 3]) == pytest.approx(np.hypot(3, 1.5))
     assert [pose[2, 3] for pose in poses.values()] == pytest.approx([1.5] * 4)  # the floor is at 0
-    assert recording.notes == ("scale: 2.5 m per unit of the model, by a camera 1.5 m above the floor",)
+    assert recording.notes == (
+        "scale: 2.5 m per unit of the model, computed from the camera height of 1.5 m above the floor",
+    )
 
 
 def test_a_camera_of_another_size_than_its_pictures(tmp_path):
@@ -210,7 +212,7 @@ def test_pictures_that_the_model_does_not_have_are_counted(tmp_path):
 def test_a_missing_depth_image_is_named(tmp_path):
     equirectangular(tmp_path)
     (tmp_path / "depth").mkdir()
-    with pytest.raises(DataError, match=r"has no depth of the picture den/3\.png, expected den/3\.png$"):
+    with pytest.raises(DataError, match=r"has no depth image of the picture den/3\.png, expected den/3\.png$"):
         read(tmp_path, SCALE, f"depth={tmp_path / 'depth'}")
 
 

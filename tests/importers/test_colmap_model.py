@@ -92,7 +92,7 @@ def test_a_camera_model_without_counterpart_is_named(tmp_path):
 def test_a_model_without_poses_is_named(tmp_path):
     writer = ColmapWriter()
     writer.camera("PINHOLE", 64, 64, (32, 32, 32, 32))
-    with pytest.raises(DataError, match="0 pictures, none with a pose"):
+    with pytest.raises(DataError, match=r"none of the 0 pictures of .* has a pose"):
         read_model(writer.write(tmp_path / "m"))
 
 
@@ -112,7 +112,7 @@ def test_the_model_of_a_workspace(tmp_path, inside):
 def test_several_models_are_named(tmp_path):
     for number in "01":
         one_picture(tmp_path / "sparse" / number, "PINHOLE", 64, 64, (32, 32, 32, 32))
-    with pytest.raises(DataError, match=r"has 2 models, 0, 1 in sparse, expected one"):
+    with pytest.raises(DataError, match=r"has 2 models in sparse \(0, 1\), expected one"):
         find_model(tmp_path)
 
 

@@ -127,9 +127,9 @@ def test_the_same_call_resumes_and_writes_changed_files_again(written, tmp_path)
 
 def test_a_folder_with_other_content_is_not_overwritten(written, tmp_path):
     salframe.import_data("pictures", written["pictures"], tmp_path / "out")
-    with pytest.raises(salframe.ConfigError, match="was imported with another settings: name a new folder"):
+    with pytest.raises(salframe.ConfigError, match="was imported with another settings: choose a new folder"):
         salframe.import_data("pictures", written["pictures"], tmp_path / "out", settings=["range_unit_m=0.002"])
-    with pytest.raises(salframe.ConfigError, match="exists and was not imported"):
+    with pytest.raises(salframe.ConfigError, match="was not written by `salframe data import`"):
         salframe.import_data("pictures", written["pictures"], written["pictures"])
 
 
@@ -137,14 +137,18 @@ def test_rows_without_a_picture_are_counted(written, tmp_path):
     root = shutil.copytree(written["pictures"], tmp_path / "home")
     write_poses(root, [["p0.jpg", *STANDS[0], 20], ["P1.JPG", *STANDS[1], 130]], HEADER)
     (note,) = salframe.import_data("pictures", root, tmp_path / "out").notes
-    assert note.startswith("1 of 2 rows of poses.csv name no picture (such as P1.JPG)")
+    assert note.startswith("1 of 2 rows of poses.csv name a picture that does not exist (such as P1.JPG)")
 
 
 @pytest.mark.parametrize(
     ("header", "row", "message"),
     [
         (("picture", "x_m", "y_m", "yaw_deg"), ["p0.jpg", 0, 0, 0], "has no column z_m"),
-        (("picture", "x_m", "y_m", "z_m"), ["p0.jpg", 0, 0, 0], "has neither of yaw_deg and qx,qy,qz,qw"),
+        (
+            ("picture", "x_m", "y_m", "z_m"),
+            ["p0.jpg", 0, 0, 0],
+            "has neither the column yaw_deg nor the columns qx,qy,qz,qw",
+        ),
         (HEADER, ["p0.jpg", 0, 0, 0, "north"], "yaw_deg is 'north' in row 1, expected a finite number"),
         ((*HEADER[:4], "qx", "qy", "qz", "qw"), ["p0.jpg", 0, 0, 0, 0, 0, 1, 1], "has the length 1.41, expected 1"),
     ],

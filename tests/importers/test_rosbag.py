@@ -224,7 +224,7 @@ def test_pictures_without_a_pose_are_counted(tmp_path):
             writer.image("/pano", t_s, "camera_optical", np.zeros((128, 256, 3), np.uint8), "rgb8")
     recording = read(tmp_path / "a")
     assert len(recording.records) == 2
-    assert recording.notes == ("1 of 3 pictures have no pose at their time: left out",)
+    assert recording.notes == ("1 of 3 pictures have no pose at their time and are left out",)
 
 
 def write_drive(path: Path) -> Path:
@@ -285,7 +285,9 @@ def test_several_topics_are_listed(tmp_path):
         write_robot(writer)
         for name in ("/left", "/right"):
             writer.image(name, 1.0, "camera_optical", np.zeros((128, 256, 3), np.uint8), "rgb8")
-    with pytest.raises(DataError, match=r"has 2 topics .* \(/left, /right\), expected one: choose it with image=TOPIC"):
+    with pytest.raises(
+        DataError, match=r"has 2 topics .* \(/left, /right\), expected one: select it with --set image=TOPIC"
+    ):
         read(tmp_path / "a")
     assert len(read(tmp_path / "a", "image=/right").records) == 1
 
@@ -326,9 +328,9 @@ def test_the_quaternion_of_an_optical_frame_in_the_order_w_x_y_z_is_harmless(tmp
 def test_clocks_that_differ_by_half_a_second_are_named(tmp_path):
     (note,) = read(write_pinhole(tmp_path / "a", clock_s=0.5), "depth=none").notes
     assert note.startswith(
-        "the pictures were recorded 0.00 s after their stamps, the poses of /odom, in the frame odom"
+        "the pictures were recorded 0.00 s after their stamps, and the poses of /odom, in the frame odom"
     )
-    assert note.endswith("the poses off by 0.50 s")
+    assert note.endswith("the poses wrong by 0.50 s")
 
 
 @pytest.mark.parametrize(

@@ -71,7 +71,7 @@ def test_a_time_offset_of_half_a_second_is_noticed(import_home, tmp_path, both_w
 
 def test_clocks_that_have_nothing_in_common_are_named(import_home):
     with pytest.raises(
-        salframe.DataError, match=r"within 0.02 s \(the nearest is 70.\d s away\), expected times of one"
+        salframe.DataError, match=r"within 0.02 s \(the nearest is 70.\d s away\), expected times of the same"
     ):
         import_home("tum", "pose_offset_s=100")
 

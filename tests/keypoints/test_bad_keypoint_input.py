@@ -57,8 +57,8 @@ def test_a_checkpoint_that_is_missing_or_another_networks_costs_its_own_row(tiny
         f"aliked-nn.features.checkpoint={none}",
     )
     assert not rows["xfeat-nn"].available
-    assert "other.pt does not fit XFeatModel" in rows["xfeat-nn"].reason
-    assert f"no file {none}" in rows["aliked-nn"].reason
+    assert "other.pt does not match the network XFeatModel" in rows["xfeat-nn"].reason
+    assert f"{none} does not exist" in rows["aliked-nn"].reason
     assert rows["sift"].accuracy is not None
 
 

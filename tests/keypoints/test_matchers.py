@@ -163,7 +163,9 @@ class TestLoftrCheckpoint:
 
     @pytest.mark.parametrize("change", [{"fine": True}, {"architecture": {}}])
     def test_another_architecture_is_one_clear_line(self, make_matcher, change):
-        with pytest.raises(WeightsError, match=r"loftr_coarse_distilled\.pt does not fit LoFTR: ") as caught:
+        with pytest.raises(
+            WeightsError, match=r"loftr_coarse_distilled\.pt does not match the network LoFTR: "
+        ) as caught:
             make_matcher("loftr", **{**DISTILLED_SETTINGS, **change})
         assert "\n" not in str(caught.value)
 
@@ -181,7 +183,7 @@ def test_another_networks_checkpoint_is_one_clear_line(name, content, make_match
     torch = pytest.importorskip("torch")
     for file in of_name(name).weights[0].files:
         torch.save(content, tmp_path / file.name)
-    with pytest.raises(WeightsError, match=r"(does not fit|is not a) [A-Z]") as caught:
+    with pytest.raises(WeightsError, match=r"(does not match the network|is not a) [A-Z]") as caught:
         make_matcher(name, checkpoint=tmp_path)
     assert of_name(name).weights[0].files[0].name in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -192,7 +194,7 @@ def test_a_checkpoint_that_is_no_lightglue_is_one_clear_line(content, tmp_path):
     torch = pytest.importorskip("torch")
     pytest.importorskip("kornia")
     torch.save(content, tmp_path / "matcher.pth")
-    with pytest.raises(WeightsError, match=r"matcher\.pth (does not fit|is not a) LightGlue") as caught:
+    with pytest.raises(WeightsError, match=r"matcher\.pth (does not match the network|is not a) LightGlue") as caught:
         LightGlue("aliked", tmp_path / "matcher.pth")
     assert "\n" not in str(caught.value)
 

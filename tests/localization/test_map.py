@@ -78,7 +78,7 @@ def test_frames_that_stand_askew_are_refused(turn, tmp_path):
         (parts := tmp_path / str(count)).mkdir()
         MapParts(parts).write_scenes(({} for _ in range(count)), frames[:count])
     assert len(MapParts(tmp_path / "2").read_scenes()[1]) == 2
-    with pytest.raises(DataError, match="the pose of map-2 is no rigid motion: build the map again"):
+    with pytest.raises(DataError, match="the pose of map-2 is not a rigid motion: build the map again"):
         MapParts(tmp_path / "3").read_scenes()
 
 
@@ -120,19 +120,19 @@ def test_a_folder_of_something_else_is_not_overwritten(saved, tmp_path):
     build_map("rooms", saved, "reader")
     assert open_map(saved).localizer.config.offset == 0
     (tmp_path / "file").write_text("years")
-    with pytest.raises(ConfigError, match="file holds something else than a map"):
+    with pytest.raises(ConfigError, match="file contains files that are not a map"):
         build_map("nowhere", tmp_path / "file", "reader")  # said before anything is opened
 
 
 @pytest.mark.parametrize(
     ("changes", "error", "message"),
     [
-        ({"version": "0"}, DataError, "was made by reader 0, expected reader 1: build it again"),
+        ({"version": "0"}, DataError, "was built with reader 0, expected reader 1: build the map again"),
         ({"localizer": {"kind": "raeder"}}, UnknownName, "unknown localizer 'raeder', did you mean 'reader'"),
         ({"localizer": {"kind": "reader", "ofset": 1}}, ConfigError, "unknown key .*ofset"),
         ({"localizer": None}, DataError, r"method\.json: localizer: received None, expected a dictionary"),
         ({"localizer": {}}, DataError, r"method\.json names no localizer: build the map again"),
-        ({"described_by": "0"}, DataError, "was described with other settings, weights or files .*: build it again"),
+        ({"described_by": "0"}, DataError, "was built with other settings, weights or files .*: build the map again"),
     ],
 )
 def test_a_map_that_is_none_is_one_line(saved, changes, error, message):
@@ -157,7 +157,7 @@ def test_a_map_described_with_another_file_is_not_asked(fakes):
     LocalizationMap.build(Noting(), reference_frames(Rooms())).save("map")
     LocalizationMap.open("map", Noting())
     Path("note.txt").write_text("two")
-    with pytest.raises(DataError, match=r"was described with other .* files than noting has now: build it again"):
+    with pytest.raises(DataError, match=r"was built with other .* files than noting has now: build the map again"):
         LocalizationMap.open("map", Noting())
 
 
@@ -311,7 +311,7 @@ def test_another_version_of_a_dataset_is_described_anew(fakes, monkeypatch):
 
 
 def test_a_folder_without_a_map_is_one_line(fakes, tmp_path):
-    with pytest.raises(DataError, match=r"holds no map: make one with salframe build"):
+    with pytest.raises(DataError, match=r"contains no map: build one with salframe build"):
         open_map(tmp_path)
 
 

@@ -99,7 +99,7 @@ def test_parts_of_two_maps_are_refused(tmp_path):
         ("[]", r"map\.json contains list, expected a JSON object"),
         ("{", r"map\.json is not JSON"),
         (json.dumps({"format": MAP_FORMAT}), r"map\.json: parts is missing"),
-        (json.dumps({"format": 2}), r"has map format 2, expected 7: build it again"),
+        (json.dumps({"format": 2}), r"has map format 2, expected 7: build the map again"),
         (json.dumps({"format": MAP_FORMAT, "parts": "../elsewhere", "sha256": {}}), r"map\.json: parts: received"),
     ],
 )
@@ -114,7 +114,7 @@ def test_a_map_file_that_is_none_is_one_line(tmp_path, content, message):
 
 def test_no_map_is_one_line(tmp_path):
     for directory in (tmp_path, tmp_path / "absent"):
-        with pytest.raises(DataError, match=r"holds no map: make one with salframe build DATA -o "):
+        with pytest.raises(DataError, match=r"contains no map: build one with salframe build DATA -o "):
             read_map(directory, read)
 
 
@@ -138,7 +138,7 @@ def test_another_folder_is_not_written_to(tmp_path):
     (tmp_path / "work" / "thesis.tex").write_text("years")
     (tmp_path / "file").write_text("years")
     for name in ("work", "file"):
-        with pytest.raises(ConfigError, match=f"{name} holds something else than a map"):
+        with pytest.raises(ConfigError, match=f"{name} contains files that are not a map"):
             write(tmp_path / name, "one")
     assert [path.name for path in (tmp_path / "work").iterdir()] == ["thesis.tex"]
 

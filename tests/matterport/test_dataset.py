@@ -179,7 +179,7 @@ def test_fingerprint_follows_settings_and_content_but_not_the_folder(building, t
 def test_bad_input_is_one_clear_line(building, tmp_path):
     with pytest.raises(DataError, match="--data-dir DIR"):
         MatterportAnnotations().folds()
-    with pytest.raises(DataError, match="has no building other, expected some of fake"):
+    with pytest.raises(DataError, match="has no building other, expected one or more of fake"):
         opened(building, scans=("other",)).folds()
     with pytest.raises(DataError, match="has no queries, expected a viewpoint with at least 9 visible objects"):
         opened(building, min_visible=9).folds()

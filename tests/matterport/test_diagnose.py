@@ -85,7 +85,7 @@ def test_command_counts_and_lists_wrong_queries(run, capsys):
 
 def test_command_says_what_is_missing(run, tmp_path, capsys):
     assert main([str(tmp_path / "nowhere"), "objects"]) == 2
-    assert "is no run folder" in capsys.readouterr().err
+    assert "is not a run folder" in capsys.readouterr().err
     (run.folder("objects") / ROWS).write_text("")
     assert main([str(run.directory), "objects"]) == 2
     assert "has no answer of 'objects' to fake/a/query, expected a complete run" in capsys.readouterr().err

@@ -164,7 +164,7 @@ def test_a_real_building_is_connected_and_walked(real_root):
 def test_a_building_whose_viewpoints_have_no_region_allows_no_episode(world):
     nodes = tuple(replace(node, regions=()) for node in world.chart.map.nodes)
     object.__setattr__(world.chart.map, "nodes", nodes)
-    with pytest.raises(DataError, match="fake has no viewpoint in a region"):
+    with pytest.raises(DataError, match="fake has no viewpoint in any region"):
         world.draw_start(np.random.default_rng(0))
     with pytest.raises(DataError, match="fake allows no episode"):
         draw_episodes({"fake": Site(world, Guide(world.chart, Dijkstra.Config()))}, 5, 0)

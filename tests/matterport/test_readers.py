@@ -50,7 +50,7 @@ def test_regions(building):
 
 
 def test_missing_and_malformed_files_are_named(building, tmp_path):
-    with pytest.raises(DataError, match=r"not a folder, expected connectivity/\*_connectivity.json"):
+    with pytest.raises(DataError, match=r"not a folder, expected a folder with connectivity/\*_connectivity.json"):
         find_scans(tmp_path / "nowhere")
     (tmp_path / "empty").mkdir()
     with pytest.raises(DataError, match="empty is a folder without connectivity files"):

@@ -174,10 +174,12 @@ def test_bad_folders_are_one_clear_line(release, tmp_path):
     with pytest.raises(DataError, match="--data-dir DIR"):
         Matterport3D().folds()
     with pytest.raises(
-        DataError, match=r"is a folder without camera files, expected v1/scans/<scan>/undistorted_camera_parameters/"
+        DataError,
+        match=r"is a folder without camera files, expected a folder with "
+        r"v1/scans/<scan>/undistorted_camera_parameters/",
     ):
         of(tmp_path).folds()
-    with pytest.raises(DataError, match="has no building other, expected some of drawn"):
+    with pytest.raises(DataError, match="has no building other, expected one or more of drawn"):
         of(release, scans=("other",)).folds()
     write_building(tmp_path / "scans" / "bare", ["scan a b 1 2 3"], {0: ((0, 0, 0), (1, 1, 1))}, {})
     with pytest.raises(DataError, match=r"bare\.conf is not a valid camera file"):

@@ -123,7 +123,7 @@ def test_an_answer_without_an_object_among_others_is_a_warning(root, caplog):
     answers[0]["predObjId"] = None
     score(root, answers)
     (message,) = caplog.messages
-    assert message.endswith("answers.json: 1 of 3 answers name no object, and fail in RGS")
+    assert message.endswith("answers.json: 1 of 3 answers name no object; they count as failures in RGS")
 
 
 def test_a_target_that_the_end_of_the_path_does_not_show_is_a_warning(root, caplog):
@@ -142,7 +142,7 @@ def test_a_target_that_the_end_of_the_path_does_not_show_is_a_warning(root, capl
 def test_a_step_without_two_angles_is_refused(root, angles):
     answers = official(ANSWERS)
     answers[0]["trajectory"][0] = [answers[0]["trajectory"][0][0], *angles]
-    with pytest.raises(DataError, match=r"answer 0: a step has the heading and elevation .*, not two numbers"):
+    with pytest.raises(DataError, match=r"answer 0: a step has the heading and elevation .*, expected two numbers"):
         score(root, answers)
 
 
@@ -185,7 +185,11 @@ def test_ways_are_shortest_in_3d(root):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"1_8_1": None}, r"answers.json lacks 1 of the 3 instructions of val_seen, expected answers to all: 1_8_1$"),
+        (
+            {"1_8_1": None},
+            r"answers.json has no answer to 1 of the 3 instructions of val_seen, expected an answer to each; "
+            r"missing: 1_8_1$",
+        ),
         (dict.fromkeys(ANSWERS), r"answers none of the instructions of .*, expected answers to 3 of val_seen"),
         ({"1_8_0": ("abz", 8)}, "1_8_0: the viewpoint 'z' is not in building fake"),
         ({"1_8_0": ("afd", 8)}, "1_8_0: the viewpoint 'f' is not in building fake"),
@@ -306,7 +310,7 @@ def test_data_without_a_folder_has_no_published_episodes():
     data = "matterport-annotations"
     result = run("navigate", "--data", data, "--methods", "objects", "--episodes", "reverie:val_seen")
     reason = (
-        f"the episodes reverie:val_seen are in the folder of the dataset {data}: name this folder with --data-dir DIR"
+        f"the episodes reverie:val_seen are in the folder of the dataset {data}: pass this folder as --data-dir DIR"
     )
     line = f"error: {reason}\n"
     assert (result.code, result.err) == (2, line)

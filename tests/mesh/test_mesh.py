@@ -233,7 +233,7 @@ def test_bad_input_is_one_clear_line(tmp_path, capfd):
     with pytest.raises(DataError, match=r"frames\.csv has no row with the role 'map'"):
         prepared()
     (tmp_path / "frames.csv").write_text(header + "a,map,hall,1,2,1.5,0\na,map,hall,1,2,1.5,0\n")
-    with pytest.raises(DataError, match=r"frames\.csv, line 3: a second frame 'a'"):
+    with pytest.raises(DataError, match=r"frames\.csv, line 3: the frame id 'a' occurs twice"):
         prepared()
     (tmp_path / "frames.csv").write_text(header + "a,map,hall,1,2,1.5,0\n")
     with pytest.raises(DataError, match=r"has 0 meshes \(none\), expected one"):
@@ -244,7 +244,7 @@ def test_bad_input_is_one_clear_line(tmp_path, capfd):
     whole = (tmp_path / "bare.ply").read_bytes()
     (tmp_path / "bare.ply").write_bytes(whole.replace(b"vertex 3", b"vertex 1000000000000"))
     with pytest.raises(
-        DataError, match=r"bare\.ply is not a mesh: its header names 1000000000000 elements, more than the 217 bytes"
+        DataError, match=r"bare\.ply is not a mesh: its header states 1000000000000 elements, more than the 217 bytes"
     ):
         prepared()
     write_ply(tmp_path / "bare.ply", np.diag([1.0, 1.0, np.inf]), [[0, 1, 2]])

@@ -118,7 +118,7 @@ def test_several_worlds_must_be_told_apart(sites):
 
 def test_a_floor_without_free_regions_allows_no_episode():
     blocked = FloorWorld("floor", Apartment(), masks(), references(), masks((-1.0, -1.0, 9.0, 9.0)))
-    with pytest.raises(DataError, match="floor has no free floor in a region"):
+    with pytest.raises(DataError, match="floor has no free floor in any region"):
         blocked.draw_start(np.random.default_rng(0))
     with pytest.raises(DataError, match="floor allows no episode"):
         draw_episodes({"floor": Site(blocked, Guide(blocked.chart, Dijkstra.Config()))}, 5, 3)

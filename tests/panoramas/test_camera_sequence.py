@@ -38,7 +38,9 @@ def test_a_missing_recording_is_refused(tmp_path):
 
 
 def test_a_folder_of_neither_kind_is_refused(tmp_path):
-    with pytest.raises(DataError, match=r"expected a ROS bag: .*; or a folder of panoramas with a manifest\.json"):
+    with pytest.raises(
+        DataError, match=r"expected a ROS bag: .*; a folder of panoramas with a manifest\.json is also accepted"
+    ):
         read_sequence(tmp_path)
 
 

@@ -219,9 +219,9 @@ def test_valid_mask_marks_a_partial_field_of_view(folder: Path) -> None:
         (lambda m: m["frames"][2].update(place="room-a"), r"the query q has a pose or place in the manifest"),
         (lambda m: m["frames"][1].update(id="a"), r"two frames have the id a"),
         (lambda m: m["frames"][0].update(depth="a.png"), r"unknown key .*frames.0.depth"),
-        (lambda m: m["frames"][0].update(pose=[2.0] * 16), r"no rigid motion"),
+        (lambda m: m["frames"][0].update(pose=[2.0] * 16), r"not a rigid motion"),
         (lambda m: m["frames"][0].update(pose=[1.0, 2.0]), r"frames.0.pose"),
-        (lambda m: m.pop("objects"), r"expected also `objects`"),
+        (lambda m: m.pop("objects"), r"expected `objects`"),
         (lambda m: [m["frames"][2].pop(part) for part in ("rgb", "range", "instances")], r"the frame q names no image"),
     ],
 )

@@ -113,5 +113,5 @@ def test_the_id_and_the_place_of_a_frame_are_no_images(fakes, tiny):
 def test_an_image_of_no_frame_is_one_line(fakes, tiny, tmp_path):
     with pytest.raises(DataError, match=r"manifest\.json has no frame with the image frames/absent\.png"):
         find_image(tiny / "frames" / "absent.png")
-    with pytest.raises(DataError, match=r"lies in no folder with a manifest\.json"):
+    with pytest.raises(DataError, match=r"is not in a folder with a manifest\.json"):
         find_image(tmp_path / "photo.jpg")

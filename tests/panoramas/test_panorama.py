@@ -128,7 +128,7 @@ def test_objects_without_a_label_are_named():
 )
 def test_poses_that_are_no_rigid_motion_are_refused(wrong):
     for build in (lambda: ReferenceFrame("a", "room", wrong), lambda: Truth("room", wrong)):
-        with pytest.raises(DataError, match="expected a rigid motion: a rotation without scale or mirror"):
+        with pytest.raises(DataError, match="expected a rigid motion: a rotation without scale or reflection"):
             build()
     assert ReferenceFrame("a", "room", pose_2d(1, 2, 3).tolist()).T_world_pano.shape == (4, 4)
 

@@ -68,11 +68,14 @@ def test_an_estimate_is_kept_for_all_that_use_the_same_model(tmp_path):
 @pytest.mark.parametrize(
     ("answer", "message"),
     [
-        (np.ones((8, 16)), r"even gave float64 \(8, 16\), expected float32 \(8, 16\)"),
-        (np.ones((8, 8), np.float32), r"even gave float32 \(8, 8\), expected float32 \(8, 16\)"),
-        (None, r"even gave NoneType \(\), expected float32 \(8, 16\)"),
-        (np.zeros((8, 16), np.float32), "even gave a range that is not positive or not finite, expected NaN"),
-        (np.full((8, 16), np.inf, np.float32), "even gave a range that is not positive or not finite, expected NaN"),
+        (np.ones((8, 16)), r"even returned float64 \(8, 16\), expected float32 \(8, 16\)"),
+        (np.ones((8, 8), np.float32), r"even returned float32 \(8, 8\), expected float32 \(8, 16\)"),
+        (None, r"even returned NoneType \(\), expected float32 \(8, 16\)"),
+        (np.zeros((8, 16), np.float32), "even returned a range that is not positive or not finite, expected NaN"),
+        (
+            np.full((8, 16), np.inf, np.float32),
+            "even returned a range that is not positive or not finite, expected NaN",
+        ),
     ],
 )
 def test_an_answer_that_is_no_range_is_refused(answer, message, monkeypatch):

@@ -111,7 +111,7 @@ FAULTS: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
     "poses of text": (
         array_file("map/parts-*/frames/pose.npy", lambda poses: poses.astype("U9")),
         LOCALIZE,
-        r"pose\.npy holds <U9, expected",
+        r"pose\.npy contains <U9, expected",
     ),
     "poses of different shapes": (
         lambda root: (
@@ -150,7 +150,7 @@ FAULTS: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
     "edges of bool": (
         array_file("ways/parts-*/edges/length_m.npy", lambda lengths: lengths > 0),
         ROUTE,
-        r"length_m\.npy holds bool, expected",
+        r"length_m\.npy contains bool, expected",
     ),
     "outcome": (text_file("runs/sound-*/methods/objects/outcome.json", "[1]"), EVALUATE, r"outcome\.json"),
     "row": (
@@ -202,7 +202,7 @@ FAULTS: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
     "step of text": (
         json_file("reverie/answers.json", lambda answers: answers[0]["trajectory"][1].__setitem__(2, "north")),
         SCORE,
-        r"answer 0: a step has the heading and elevation \[0\.0, 'north'\], not two numbers",
+        r"answer 0: a step has the heading and elevation \[0\.0, 'north'\], expected two numbers",
     ),
     "stored row twice": (
         json_file(

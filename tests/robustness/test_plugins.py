@@ -14,14 +14,14 @@ import pytest
 import yaml
 
 TESTS = Path(__file__).parent.parent
-DIED = "its process died: killed, out of memory, or a fault in a library"
+DIED = "its process died: it was killed, ran out of memory, or a library crashed"
 RAISED = {
     "raise": "ValueError: this is too much",
     "leave": "SystemExit: the network wants to leave",
     "recurse": "RecursionError: maximum recursion depth exceeded.*",
 }
-DEAD = {"exit": DIED, "fault": DIED, "hoard": "took over 450 MB, the limit of --memory"}
-LONG = "took over 10 s, the limit of --timeout"
+DEAD = {"exit": DIED, "fault": DIED, "hoard": "used more than 450 MB, the limit of --memory"}
+LONG = "took more than 10 s, the limit of --timeout"
 ALL = {(when, how): reason for when in ("init", "map") for how, reason in (RAISED | DEAD).items()}
 QUERY = {
     **{("query", how): reason for how, reason in (RAISED | DEAD).items()},

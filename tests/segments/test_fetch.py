@@ -66,7 +66,7 @@ def published(folder, address, tmp_path, monkeypatch):
 def test_fetched_weights_make_the_detector_work_without_settings(published):
     pytest.importorskip("ai_edge_litert")
     config = configure("detector", "segments", {})
-    with pytest.raises(WeightsError, match=r"no file .*; get it with: salframe weights fetch ade20k"):
+    with pytest.raises(WeightsError, match=r"is missing .*; download it with: salframe weights fetch ade20k"):
         registry().build("detector", config)
     printed = run("weights", "fetch", "ade20k")
     assert printed.code == 0

@@ -197,16 +197,17 @@ def test_a_network_without_a_card_says_what_to_write(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "error", "message"),
     [
-        ({"labels": ["wall", "tv"]}, WeightsError, "gives .* 5, expected 4 axes with 2 classes, one for each label"),
+        ({"labels": ["wall", "tv"]}, WeightsError, "returned .* 5, expected 4 axes with 2 classes, one for each label"),
         (
             {"labels": ["wall", "sofa"]},
             ConfigError,
-            "the label 'sofa' is in no section, expected it in exactly one of the sections structure, fixed and",
+            "the label 'sofa' is in no section, expected each label in exactly one of the sections structure, fixed "
+            "and",
         ),
         (
             {"structure": ["wall", "tv"]},
             ConfigError,
-            "the label 'tv' is in structure and objects, expected it in exactly one of the sections structure",
+            "the label 'tv' is in structure and objects, expected each label in exactly one of the sections structure",
         ),
         (
             {"output": {"name": "gone", "layout": "nchw", "values": "logits"}},

@@ -438,10 +438,10 @@ def test_views_that_a_part_of_a_panorama_does_not_show_are_not_run(models, monke
 def test_zero_shot_labels_are_a_list_or_the_vocabulary_and_other_networks_have_their_own(models):
     assert build(models(tiny.owlv2), labels=["chair"])._objects._model.names == ("chair",)
     assert build(models(tiny.owlv2))._objects._model.names == vocabulary_names()
-    with pytest.raises(ConfigError, match="has labels of its own, expected labels: null"):
+    with pytest.raises(ConfigError, match="has fixed labels, expected labels=null"):
         build(models(tiny.detr), labels=["chair"])
     for labels in ([], ["chair", "chair"], [" "]):
-        with pytest.raises(ConfigError, match="expected at least one, and all different and not empty"):
+        with pytest.raises(ConfigError, match="expected at least one; all labels must be different and not empty"):
             build(models(tiny.owlv2), labels=labels)
 
 
@@ -459,23 +459,29 @@ def test_one_line_says_what_does_not_fit(models, tmp_path, monkeypatch):
 
     with pytest.raises(WeightsError, match="the detector 'transformers' has no network, expected the folder"):
         TransformersDetector(configure("detector", "transformers", {}))
-    refused(tmp_path / "gone", r"no folder .*gone, expected a folder with config\.json and model\.safetensors, or hf:")
-    refused("hf:org/model", "the model hf:org/model is not downloaded; get it with: salframe weights fetch hf:")
+    refused(
+        tmp_path / "gone", r"gone does not exist, expected a folder with config\.json and model\.safetensors, or hf:"
+    )
+    refused("hf:org/model", "the model hf:org/model is not downloaded; download it with: salframe weights fetch hf:")
     folder = tmp_path / "model"
     shutil.copytree(models(tiny.segformer), folder)
     tiny.edit_config(folder, architectures=["ViTForImageClassification"])
     refused(folder, r"has the architectures \['ViTForImageClassification'\], expected one for this task")
     tiny.edit_config(folder, architectures=["DetrForObjectDetection"])
-    refused(folder, "does not fit DetrForObjectDetection|has no tensors|that is not a number, and its file has no")
+    refused(
+        folder,
+        r"does not match the network DetrForObjectDetection|has no tensors|returned NaN values in \w+, and its file "
+        "has no",
+    )
     tiny.edit_config(folder, architectures=["SegformerForSemanticSegmentation"], decoder_hidden_size=16)
-    refused(folder, r"model\.safetensors does not fit SegformerForSemanticSegmentation: ")
+    refused(folder, r"model\.safetensors does not match the network SegformerForSemanticSegmentation: ")
     (folder / "config.json").write_text("{")
     refused(folder, "is not JSON")
     shutil.copy(models(tiny.segformer) / "config.json", folder)
     (folder / "preprocessor_config.json").unlink()
     refused(folder, "has no usable ImageProcessor: ")
     (folder / "model.safetensors").rename(folder / "pytorch_model.bin")
-    refused(folder, r"no file .*model\.safetensors, expected .* other formats of weights can execute code")
+    refused(folder, r"model\.safetensors does not exist, expected .* other formats of weights can execute code")
     message = "the setting device is 'cuda', which this machine does not have, expected cpu"
     if not tiny.torch.cuda.is_available():
         refused(models(tiny.segformer), message, ConfigError, device="cuda")
@@ -495,7 +501,7 @@ def test_a_file_without_tensors_that_the_network_uses_is_refused_and_unused_ones
     used = "decode_head.classifier.weight"
     kept = {name: value for name, value in tensors.items() if name != used}
     save_file(kept, folder / "model.safetensors", {"format": "pt"})
-    with pytest.raises(WeightsError, match=f"gives logits that is not a number, and its file has no {used}"):
+    with pytest.raises(WeightsError, match=f"returned NaN values in logits, and its file has no {used}"):
         build(folder)
 
 

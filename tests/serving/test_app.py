@@ -124,7 +124,7 @@ def test_a_route_leads_to_a_point(service):
     body["goal"] = {"point": {"x_m": 80.0, "y_m": 1.0}}
     problem = service.client.post("/route", json=body)
     assert problem.status_code == 422
-    assert "is on no floor of the map" in problem.json()["detail"]
+    assert "is not on a floor of the map" in problem.json()["detail"]
 
 
 def walk(client, session: str, start: float, **more):

@@ -249,7 +249,7 @@ BROKEN_DETECTORS = [
     (Moody, "by another instance: received different detections"),
     (Flat, r"received InvalidAnswer: Detections.centroid_m has shape \(\d, 2\), expected \(\d, 3\)"),
     (Listing, "received list, expected Detections"),
-    (Certain, r"received InvalidAnswer: Detections.scores holds 100.0, expected numbers from 0 to 1"),
+    (Certain, r"received InvalidAnswer: Detections.scores contains 100.0, expected numbers from 0 to 1"),
     (Seamed, r"detect in the \w+ rolled by \d+ columns: received \["),
     (Offset, r"rolled by 1 columns: received a \w+ that moved 0\.0\d+ m"),
     (Strided, r"not multiples of column_step = 4: received \d+ of \d+ objects within 2 deg, expected at least 95%"),

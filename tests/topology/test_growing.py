@@ -238,7 +238,7 @@ def test_what_does_not_fit_is_one_line_and_changes_nothing(rooms):
     }
     at_zero, same_ids = "data.z_m=0", "data.rename_frames=false"
     for change, error, message in (
-        (lambda: add_to_map("absent", "nothing"), DataError, "absent holds no map: make one with salframe"),
+        (lambda: add_to_map("absent", "nothing"), DataError, "absent contains no map: build one with salframe"),
         (
             lambda: add_to_map("bare", "doored"),
             DataError,

@@ -23,7 +23,7 @@ from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.opening import find_dataset, find_frame
 from salframe.topology.building_map import ask_map, build_map
 
-NO_MAP = "holds no map: make one with salframe"
+NO_MAP = "contains no map: build one with salframe"
 
 
 EITHER = pytest.mark.parametrize(

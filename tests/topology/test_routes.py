@@ -137,7 +137,7 @@ def test_a_position_in_a_wall_or_out_of_sight_still_finds_its_way(flat):
     (way,) = [e for e in behind.edges if e.start == "here"]
     assert way.end == "west/east"
     assert len(way.path_m) > 2
-    with pytest.raises(DataError, match=r"the position \(99.00, 0.00, 1.50\) m is on no floor of the map"):
+    with pytest.raises(DataError, match=r"the position \(99.00, 0.00, 1.50\) m is not on a floor of the map"):
         with_position(flat, np.array([99.0, 0.0, 1.5]))
 
 

@@ -74,7 +74,7 @@ def test_a_map_of_a_building_is_read_back_identical(tmp_path):
 def test_a_map_without_a_topology_is_one_line(tmp_path):
     with write_map(tmp_path):
         pass
-    with pytest.raises(DataError, match="holds no topological map: build it again, from data with floor masks"):
+    with pytest.raises(DataError, match="contains no topology: build the map again, from data with floor masks"):
         open_topology(tmp_path)
 
 

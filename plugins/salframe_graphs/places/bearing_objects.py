@@ -23,7 +23,7 @@ from salframe_graphs.places.query_objects import QueryObjects
 from salframe_graphs.places.rates import Likelihood, Rates
 
 MIN_DISTANCE_M = 0.15
-"""Lower bound of the distance between camera and map object, because an object is no point."""
+"""Lower bound of the distance between camera and map object, because an object is not a point."""
 MIN_COSINE = 0.3
 """Minimum cosine of the angle between the bearings of two objects that may be the same."""
 FREEDOM = 3.0

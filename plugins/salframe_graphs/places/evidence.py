@@ -68,7 +68,8 @@ def weights_of(evidence: Sequence[ComponentConfig], value: Any) -> Any:
         return fitted
     if unknown := [name for name in fitted if name not in columns]:
         raise ValueError(
-            f"received a weight of {unknown[0]!r}, expected those of the columns of the evidence: {', '.join(columns)}"
+            f"received a weight for {unknown[0]!r}, expected weights for the columns of the evidence: "
+            f"{', '.join(columns)}"
         )
     weights = dict(fitted)
     if not isinstance(value, str | Path) and "kind" not in value:
@@ -76,8 +77,8 @@ def weights_of(evidence: Sequence[ComponentConfig], value: Any) -> Any:
         weights = {name: weight for name, weight in defaults.items() if weight is not None} | weights
     if missing := [name for name in columns if name not in weights]:
         raise ValueError(
-            f"received no weight of {', '.join(missing)}, expected one for each column of the evidence: "
-            f"set weights.{missing[0]}, or fit all with `salframe fit`"
+            f"received no weight for {', '.join(missing)}, expected one for each column of the evidence: "
+            f"set weights.{missing[0]}, or fit all weights with `salframe fit`"
         )
     return {name: weights[name] for name in columns}
 
@@ -174,8 +175,8 @@ class PlaceEvidence:
             arrays = arrays_of(model)
             if undeclared := arrays.keys() - set(model.arrays):
                 raise InvalidAnswer(
-                    f"the evidence {model.name!r} returned the array {min(undeclared)!r}, expected only those that its "
-                    f"attribute `arrays` names: {', '.join(model.arrays) or 'none'}"
+                    f"the evidence {model.name!r} returned the array {min(undeclared)!r}, expected only the arrays in "
+                    f"its attribute `arrays`: {', '.join(model.arrays) or 'none'}"
                 )
             description = _merged(description, arrays, model.name)
         return description

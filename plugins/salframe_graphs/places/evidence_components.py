@@ -171,8 +171,8 @@ class LabelEvidence(EvidenceModel):
 def _with_objects(evidence: EvidenceModel, hypotheses: PlaceHypotheses) -> ObjectHypotheses:
     if not isinstance(hypotheses, ObjectHypotheses):
         raise ConfigError(
-            f"the evidence {evidence.name!r} received hypotheses without objects, expected those of the localizer "
-            "saliency-places: use other evidence with other localizers"
+            f"the evidence {evidence.name!r} received hypotheses without objects, expected hypotheses of the localizer "
+            "saliency-places: remove this evidence from other localizers"
         )
     return hypotheses
 

@@ -20,12 +20,12 @@ _RIDGE = 1e-6 * np.eye(5)
 
 
 class FittedObjects(Protocol):
-    """What the fit needs of the likelihood of a query: its priors, and its objects by kind."""
+    """Interface of the likelihood of a query for the fit of poses: its priors, and its objects by kind."""
 
     likelihood: Likelihood
 
     def rows_of(self, i: np.ndarray) -> list[tuple[ObservedObjects, np.ndarray | slice, np.ndarray]]:
-        """As PlaceLikelihood.rows_of."""
+        """See PlaceLikelihood.rows_of."""
         ...
 
 

@@ -35,7 +35,7 @@ def height_of(description: Mapping[str, np.ndarray]) -> float:
 
 
 def join_heights(heights_m: Sequence[float], T_last_view: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the height of the last of V views as an array (1,): the median over all views that know theirs.
+    """Return the height of the last of V views as an array (1,): the median over all views whose height is known.
 
     Args:
         heights_m: The height of each view, NaN where it is unknown.

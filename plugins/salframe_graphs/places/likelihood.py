@@ -49,7 +49,7 @@ class PlaceLikelihood:
         query: The n objects of the query, first those with range.
         index: The places, with M objects.
         parts: The objects with range and those without; kinds that the query has not are left out.
-        log_ratio: (n, M) float32, log ratio of what does not depend on the pose.
+        log_ratio: (n, M) float32, log ratio of the observations that do not depend on the pose.
         same_label: (n, M) bool, whether both objects have the same label.
     """
 
@@ -95,8 +95,12 @@ class PlaceLikelihood:
         return self.query.num_ranged < len(self.query)
 
     def rows_of(self, i: np.ndarray) -> list[tuple[ObservedObjects, np.ndarray | slice, np.ndarray]]:
-        """Return for each part with any of the query objects i (P,): the part, the positions of its objects in `i`,
-        and the numbers of these objects in the part."""
+        """Group query objects i (P,) by part: objects with range, and objects with a bearing only.
+
+        Returns:
+            For each part that has any of them: the part, the positions of its objects in `i`, and the indices of these
+            objects in the part.
+        """
         if len(self.parts) == 1:
             return [(self.parts[0], slice(None), i)]
         first = 0

@@ -260,7 +260,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         divided = np.diff(heights_m).max(initial=0) > MAX_STEP_M
         note = (
             f"no pose: the frames of the place {places[0].place!r} lie at heights from {heights_m[0]:.2f} to "
-            f"{heights_m[-1]:.2f} m, expected those of one room: name the rooms of each storey differently"
+            f"{heights_m[-1]:.2f} m, expected the frames of one room: name the rooms of each storey differently"
         )
         return Localization(places, None, LocalizationStatus.NO_POSE, notes=(note,) if divided else ())
 

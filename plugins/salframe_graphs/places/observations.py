@@ -1,4 +1,4 @@
-"""What observed objects of a query contribute to the likelihood of a place and to the fit of a pose."""
+"""Terms of the observed objects of a query in the likelihood of a place and in the fit of a pose."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class PairPoints:
         ray: (P,) complex128, horizontal directions from the camera, of length 1.
         along_m2: (P,) variance of the position along the ray.
         across_m2: (P,) variance across it.
-        value: (P,) log ratio of what does not depend on the pose.
+        value: (P,) log ratio of the observations that do not depend on the pose.
         has_scale: (P,) bool, whether the factor of the query's ranges applies to the position.
     """
 

@@ -24,7 +24,7 @@ from salframe_graphs.places.rates import SHIPPED, Likelihood, Rates, shipped_rat
 def shipped_posterior() -> Posterior:
     """Return the posterior that is distributed with the method.
 
-    It never answers that a query is out-of-map, because most robots stay on their map.
+    It never answers that a query is out-of-map, because most robots do not leave their map.
     """
     fitted = validate(Posterior, read_yaml(SHIPPED)["posterior"], f"{SHIPPED}: posterior:")
     return fitted.model_copy(update={"max_out_of_map_probability": 1.0})  # type: ignore[no-any-return]
@@ -76,7 +76,9 @@ class PlacesConfig(GraphLocalizerConfig, PanoramaScoresConfig):
         ge=1,
         description="maximum number of places that are matched object by object, the best ones of the scene index",
     )
-    scene_index: slot("scene-index", "by-size", match_only=True)  # type: ignore[valid-type]
+    scene_index: slot(  # type: ignore[valid-type]
+        "scene-index", "by-size", match_only=True, description="index that selects candidates"
+    )
     merged: bool = match_only(
         True,
         description="true: the panoramas of a place are merged into one graph; false: each panorama has its own graph",

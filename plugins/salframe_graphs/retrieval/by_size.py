@@ -66,7 +66,9 @@ class BySize(SceneIndex):
             raise DataError(f"{folder} has no scene index: build it with SceneIndex.build")
         kind = read_model(folder / _CHOICE, _Choice).kind
         if kind not in _KINDS:
-            raise DataError(f"{folder} has a scene index {kind!r}, expected one of {', '.join(_KINDS)}: build it again")
+            raise DataError(
+                f"{folder} has a scene index of the kind {kind!r}, expected one of {', '.join(_KINDS)}: build it again"
+            )
         self._index = _KINDS[kind]()
         self._index.open(folder / _INDEX)
 

@@ -41,7 +41,7 @@ def load_kernels() -> ModuleType:
 
 
 def compile_kernels(call: Callable[[], object]) -> None:
-    """Compile the kernels with a call that uses all of them, whatever the state of the cache folder.
+    """Compile the kernels with a call that uses all of them, regardless of the state of the cache folder.
 
     numba raises OSError once for each kernel that it cannot write, for instance on a full disk. It may raise any error
     where the folder is damaged; the folder is then removed.

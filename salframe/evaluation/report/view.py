@@ -1,4 +1,4 @@
-"""What the HTML page of a report shows of a run: its result and its records."""
+"""Data of a run for the HTML page of a report: its result and its records."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from salframe.evaluation.runs.task import LineT, Result
 
 @dataclass(frozen=True, eq=False)
 class RunView(Generic[PieceRowT, LineT]):
-    """What the HTML page shows of a run of any task. `records` are in the order of the result's rows."""
+    """Data of a run of any task for the HTML page. `records` are in the order of the result's rows."""
 
     result: Result[LineT]
     records: Sequence[Record[PieceRowT]]

@@ -74,8 +74,8 @@ def check_needs(method: Component, dataset: Dataset) -> None:
         if absent & needs_of(inner):
             able = [n for n in registry().names(role) if why_unfit(registry().get(role, n), dataset.provides) is None]
             hint = " or ".join(f"--set {slot}.kind={name}" for name in able)
-            advice = f"to work without: {hint}" if able else f"no installed {role} works without"
-            advice += f"; to estimate it: {estimate}" if estimate else ""
+            advice = f"use another {role}: {hint}" if able else f"no installed {role} works without it"
+            advice += f"; or estimate it: {estimate}" if estimate else ""
             raise InputMissing(
                 f"the {role} {inner.kind!r} of the method needs {words}, which the dataset "
                 f"{dataset.name} does not have; {advice}"

@@ -19,7 +19,7 @@ TOO_LARGE, TOO_LONG = "resident memory", "time"
 
 
 def children(process: psutil.Process) -> list[psutil.Process]:
-    """Return the children of a process and theirs, without this process."""
+    """Return all descendants of a process, without this process."""
     return [child for child in process.children(recursive=True) if child.pid != os.getpid()]
 
 
@@ -43,8 +43,8 @@ def is_late(end: Path) -> bool:
 def reason(log: str, timeout_s: float | None, memory_mb: float | None) -> str:
     """Return why a process was killed, from its log and the limits."""
     if log.startswith(TOO_LARGE):
-        return f"took over {memory_mb:g} MB, the limit of --memory"
-    return f"took over {timeout_s:g} s, the limit of --timeout"
+        return f"used more than {memory_mb:g} MB, the limit of --memory"
+    return f"took more than {timeout_s:g} s, the limit of --timeout"
 
 
 def watch(process: psutil.Process, max_mb: float, end: Path, log: Path) -> None:

@@ -29,9 +29,9 @@ from salframe.framework.files.writing import write_json, write_text
 from salframe.framework.validation import Seed, Settings, validate
 
 REQUEST, NOTES, METHODS = "request.yaml", "notes.json", "methods"
+"""Names in a run folder: the request, its notes, and the folder that contains a folder for each method."""
 RUN_FORMAT: Literal[2] = 2
 """Version of the layout of run folders. It changes when a key of their files is renamed."""
-"""Names in a run folder: the request, its notes, and the folder that holds a folder for each method."""
 ROWS, DESCRIPTIONS, MAPS = "rows.jsonl", "descriptions.jsonl", "maps.jsonl"
 OUTCOME, IDENTITY, CRASH_LOG = "outcome.json", "identity.json", "crash.log"
 """Names of files in a method's folder."""
@@ -165,7 +165,7 @@ class Run:
         """Open an existing run folder. Raises ConfigError if it is none."""
         path = directory / REQUEST
         if not path.exists():
-            raise ConfigError(f"{directory} is no run folder: it has no {REQUEST}")
+            raise ConfigError(f"{directory} is not a run folder: it has no {REQUEST}")
         content = read_yaml(path)
         if isinstance(content, Mapping) and content.get("format") != RUN_FORMAT:
             version = content.get("format", 1)
@@ -293,7 +293,7 @@ class Run:
             fingerprint: Hash of all that answers depend on.
 
         Raises:
-            DataError: A file of the other run is no regular file.
+            DataError: A file of the other run is not a regular file.
         """
         folder = self.folder(label)
         if (folder / IDENTITY).exists():

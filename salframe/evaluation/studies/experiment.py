@@ -229,7 +229,7 @@ def _with_data(study: Study, request: Request) -> Request:
         return without
     if request.data_dir is None:
         raise InputMissing(
-            f"the dataset {configs[0].kind} needs files that you supply: name their folder with --data-dir DIR"
+            f"the dataset {configs[0].kind} needs files that you supply: pass their folder as --data-dir DIR"
         )
     return request
 

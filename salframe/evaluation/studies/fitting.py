@@ -146,7 +146,7 @@ def fit_method(
     if output.suffix not in SUFFIXES:
         raise ConfigError(f"received the file {output}, expected one that ends in {' or '.join(SUFFIXES)}")
     if not data:
-        raise ConfigError("received no tuning data, expected at least one data set")
+        raise ConfigError("received no tuning data, expected at least one dataset")
     if posterior_only and tries:
         raise ConfigError("received settings to try and `posterior_only`, which keeps all settings: omit one of them")
     tunings = [_describe(one, method, data_dir, overrides, progress, tell) for one in data]
@@ -164,7 +164,7 @@ def fit_method(
             f"weights: mean -ln(probability of the query's place) {after:.3f}, {before:.3f} for a uniform distribution"
         )
     elif tries:
-        raise ConfigError(f"{method} has no setting `weights`, which --try needs: try another method")
+        raise ConfigError(f"{method} has no setting `weights`, which --try needs: use another method")
     answers = [answer for tuning in tunings for answer in _scored(tuning, content)]
     try:
         fit = fit_posterior(answers)

@@ -58,7 +58,7 @@ def to_latex(table: Table, caption: str = "", label: str = "") -> str:
 
 
 def _latex_heading(text: str) -> str:
-    """Return a heading whose line breaks stay, so that columns are narrow."""
+    """Return a heading with its line breaks, so that columns are narrow."""
     lines = [line.translate(_LATEX) for line in text.split("\n")]
     return lines[0] if len(lines) == 1 else r"\shortstack[r]{" + r" \\ ".join(lines) + "}"
 

@@ -177,7 +177,7 @@ def _list_files(folder: Path) -> list[Path]:
             size += file.stat().st_size
         if len(files) > MAX_FOLDER_FILES or size > MAX_FOLDER_BYTES:
             raise ConfigError(
-                f"the folder {folder} holds more than {MAX_FOLDER_FILES} files or {MAX_FOLDER_BYTES >> 30} GiB: name "
-                "a file, or a folder that has only the files of the setting"
+                f"the folder {folder} contains more than {MAX_FOLDER_FILES} files or {MAX_FOLDER_BYTES >> 30} GiB: "
+                "name a file, or a folder that has only the files of the setting"
             )
     return files

@@ -242,7 +242,7 @@ def check_declaration(component: Any, roles: dict[str, type[Role]]) -> None:
         )
     if component.name == AUTO:
         raise SalframeError(
-            f"{where}.name is {AUTO!r}, which is reserved for slots whose component is chosen by the data"
+            f"{where}.name is {AUTO!r}, which is reserved for settings whose component is chosen by the data"
         )
     for attribute in ("version", "extra"):
         if not isinstance(getattr(component, attribute), str):
@@ -254,10 +254,10 @@ def check_declaration(component: Any, roles: dict[str, type[Role]]) -> None:
             )
     for package in component.requires:
         if not (isinstance(package, str) and package.isidentifier()):
-            raise SalframeError(f"{where}.requires holds {package!r}, expected the name of a top-level package")
+            raise SalframeError(f"{where}.requires contains {package!r}, expected the name of a top-level package")
     for weights in component.weights:
         if not isinstance(weights, NetworkWeights):
-            raise SalframeError(f"{where}.weights holds {weights!r}, expected Weights")
+            raise SalframeError(f"{where}.weights contains {weights!r}, expected Weights")
     _check_settings(component, where)
 
 

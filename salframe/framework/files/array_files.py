@@ -67,7 +67,7 @@ def check_arrays(arrays: Mapping[str, np.ndarray], expected: Mapping[str, ArrayK
         if not expected[name].fits(array.dtype.kind, array.shape):
             raise DataError(f"{where}: {name} is {array.dtype} {array.shape}, expected {expected[name]}")
         if array.dtype.kind == "f" and not np.isfinite(array).all():
-            raise DataError(f"{where}: {name} holds a number that is not finite")
+            raise DataError(f"{where}: {name} contains a number that is not finite, expected finite numbers")
 
 
 def parse_arrays(content: bytes) -> dict[str, np.ndarray]:
@@ -122,7 +122,7 @@ def map_array(path: Path) -> np.ndarray:
 
 
 class FileStamp(NamedTuple):
-    """Size and modification time of a file, which tell whether it was changed."""
+    """Size and modification time of a file, to detect changes."""
 
     path: Path
     size: int

@@ -130,7 +130,7 @@ class Cache:
         self._size_bytes = size
 
     def _entries(self) -> list[tuple[Path, int, int]]:
-        """Return the path, time of last use (ns) and size in bytes of each entry. Skips entries removed meanwhile."""
+        """Return the path, time of last use (ns) and size in bytes of each entry. Skips entries that are gone."""
         entries = []
         for path in self.directory.glob("??/[!.]*.npz"):
             try:
@@ -148,5 +148,5 @@ def _limit_bytes() -> int:
     except (ValueError, OverflowError):
         limit_bytes = -1
     if limit_bytes < 0:
-        raise ConfigError(f"received {LIMIT}={text!r}, expected gigabytes, a number of at least 0")
+        raise ConfigError(f"received {LIMIT}={text!r}, expected a number of gigabytes that is at least 0")
     return limit_bytes

@@ -58,7 +58,7 @@ class _Table(Settings):
         for column in self.columns:
             if len(set(column.absent)) < len(column.absent) or max(column.absent, default=-1) >= self.rows:
                 raise ValueError(
-                    f"the column {column.name} has repeated or invalid absent rows, expected "
+                    f"the column {column.name} lists absent rows twice or out of range, expected "
                     f"distinct rows below {self.rows}"
                 )
         return self
@@ -180,7 +180,7 @@ class _Spool:
             self._contents |= {_content(array) for array in parts}
             if len(self._contents) > 1 or "Python objects" in self._contents:
                 received = " and ".join(sorted(self._contents))
-                raise DataError(f"arrays named {self._name!r} hold {received}, expected numbers or strings")
+                raise DataError(f"arrays named {self._name!r} contain {received}, expected numbers or strings")
             self._write(np.concatenate(parts))
 
     def _write(self, values: np.ndarray) -> None:
@@ -284,7 +284,7 @@ def check_kinds(columns: Columns, row: Row) -> None:
         if saved not in _KINDS.get(kind, kind):
             path = _path(columns.folder, name)
             raise DataError(
-                f"{path} holds {column.values.dtype}, expected {np.asarray(array).dtype}: build the map again"
+                f"{path} contains {column.values.dtype}, expected {np.asarray(array).dtype}: build the map again"
             )
 
 
@@ -303,14 +303,14 @@ def _check_columns(path: Path, table: _Table, expected: Mapping[str, ArrayKind])
 
 def _check_values(path: Path, values: np.ndarray, kind: ArrayKind) -> None:
     if values.dtype.kind not in kind.kinds:
-        raise DataError(f"{path} holds {values.dtype}, expected {kind}")
+        raise DataError(f"{path} contains {values.dtype}, expected {kind}")
     if values.dtype.kind == "f" and not np.isfinite(values).all():
-        raise DataError(f"{path} holds a number that is not finite")
+        raise DataError(f"{path} contains a number that is not finite, expected finite numbers")
 
 
 def _check_words(path: Path, numbers: np.ndarray, words: Sequence[str]) -> None:
     if numbers.dtype.kind != "u" or (len(numbers) and numbers.max() >= len(words)):
-        raise DataError(f"{path} holds {numbers.dtype}, expected indices of {len(words)} words")
+        raise DataError(f"{path} contains {numbers.dtype}, expected indices of {len(words)} words")
 
 
 def _path(folder: Path, name: str) -> Path:

@@ -62,7 +62,7 @@ class HubReference:
 
     @classmethod
     def parse(cls, name: str) -> HubReference:
-        """Return the model with a name like hf:ORG/MODEL@REVISION. Raises WeightsError if it is no such name."""
+        """Return the model with a name like hf:ORG/MODEL@REVISION. Raises WeightsError if the name has another form."""
         if not _NAME.match(name):
             raise WeightsError(f"received {shorten(name)!r} as a model of the hub, expected hf:ORG/MODEL[@REVISION]")
         return cls(*name.removeprefix(PREFIX).split("@"))
@@ -137,7 +137,7 @@ def find_hub_model(name: str) -> HubWeights:
     commit = reference.commit
     if commit is None or not (reference.folder / commit / MANIFEST).is_file():
         command = f"salframe weights fetch {reference}"
-        raise WeightsError(f"the model {reference} is not downloaded; get it with: {command}", command)
+        raise WeightsError(f"the model {reference} is not downloaded; download it with: {command}", command)
     return _read_model(reference.folder / commit)
 
 
@@ -173,7 +173,7 @@ def fetch_hub_model(name: str, progress: ByteProgress = lambda done, total: None
         pass
     if importlib.util.find_spec("huggingface_hub") is None:
         remedy = f"pip install '{EXTRA}'"
-        raise RequirementMissing(f"{reference} needs huggingface_hub, not installed: {remedy}", remedy)
+        raise RequirementMissing(f"{reference} needs huggingface_hub, which is not installed: {remedy}", remedy)
     from huggingface_hub import HfApi
 
     api = HfApi(endpoint=os.environ.get("HF_ENDPOINT"))
@@ -183,7 +183,7 @@ def fetch_hub_model(name: str, progress: ByteProgress = lambda done, total: None
         )
     commit = info.sha or ""
     if not re.fullmatch(_COMMIT, commit):
-        raise WeightsError(f"{api.endpoint} gave {commit!r} as the commit of {reference}, expected 40 hex digits")
+        raise WeightsError(f"{api.endpoint} returned {commit!r} as the commit of {reference}, expected 40 hex digits")
     files = _select(reference, info.siblings or [])
     folder = reference.folder / commit
     shutil.rmtree(folder, ignore_errors=True)  # incomplete or damaged, else it would have been found

@@ -55,11 +55,11 @@ def _resolve(path: Path, location: str) -> Path:
     file = path.parent / location
     if is_absolute or ".." in windows.parts or not file.resolve().is_relative_to(path.parent.resolve()):
         raise WeightsError(
-            f"{path} points to {location!r}, which is outside its folder; expected a file beside it: save the network "
-            "again with its external data in the same folder"
+            f"{path} points to {location!r}, which is outside its folder; expected a file in the same folder: save "
+            "the network again with its external data in this folder"
         )
     if not file.is_file():
-        raise WeightsError(f"{path} points to {location!r}, which is missing: expected it as {file}")
+        raise WeightsError(f"{path} points to {location!r}, which is missing, expected the file {file}")
     return file
 
 
@@ -91,7 +91,7 @@ def _fields(message: memoryview) -> Iterator[tuple[int, memoryview]]:
         elif kind == _BYTES:
             length, at = _varint(message, at)
             if at + length > len(message):
-                raise ValueError("a field of the network ends after its message, expected before")
+                raise ValueError("a field of the network ends after its message, expected its end inside the message")
             yield key >> 3, message[at : at + length]
             at += length
         else:

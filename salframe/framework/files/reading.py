@@ -117,8 +117,8 @@ def whole_lines_bytes(path: Path) -> int:
 
 
 def copy_log(path: Path, target: Path) -> None:
-    """Copy a .jsonl or JSON file. Raises DataError if it is too large or no regular file, such as a device, which has
-    no end."""
+    """Copy a .jsonl or JSON file. Raises DataError if it is too large or not a regular file. A device, for example, may
+    have no end."""
     with reading(path, "a file of JSON"):
         check_regular(path, _MAX_LOG)
         shutil.copyfile(path, target)
@@ -165,7 +165,7 @@ def read_csv_numbers(path: Path, columns: Sequence[str], optional: Sequence[str]
     Columns in `optional` follow the others. They are NaN where the file does not have them.
 
     Raises:
-        DataError: The file is not a CSV table, a column is missing, or a value is no finite number.
+        DataError: The file is not a CSV table, a column is missing, or a value is not a finite number.
     """
     texts = read_csv_texts(path, columns, optional)
     names = [*columns, *optional]

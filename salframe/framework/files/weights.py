@@ -287,7 +287,7 @@ class NetworkWeights:
         paths = self.find(override)
         if override is None:
             for path, file in zip(paths, self.files, strict=True):
-                _verify(path, file, f"get it again with: {self._fetch_command}")
+                _verify(path, file, f"download it again with: {self._fetch_command}")
         return paths
 
     def find(self, override: Path | None = None) -> tuple[Path, ...]:
@@ -296,7 +296,7 @@ class NetworkWeights:
             names = ", ".join(file.name for file in self.files)
             if len(self.files) > 1 and override.is_file():
                 raise WeightsError(
-                    f"weights {self.name!r}: received the file {override}, expected a folder that holds {names}"
+                    f"weights {self.name!r}: received the file {override}, expected a folder that contains {names}"
                 )
             return tuple(
                 self._local_path(override / file.name if override.is_dir() else override) for file in self.files
@@ -309,7 +309,8 @@ class NetworkWeights:
         path = path if path.is_file() else self.source.installed(file) or path
         if not path.is_file():
             raise WeightsError(
-                f"weights {self.name!r}: no file {path} (sha256 {file.sha256}); get it with: {self._fetch_command}",
+                f"weights {self.name!r}: {path} is missing (sha256 {file.sha256}); download it with: "
+                f"{self._fetch_command}",
                 self._fetch_command,
             )
         return path
@@ -318,7 +319,8 @@ class NetworkWeights:
         """Return the path of a local file. Raises WeightsError if there is none."""
         if not path.is_file():
             raise WeightsError(
-                f"weights {self.name!r}: no file {path}; use another path, or: {self._fetch_command}",
+                f"weights {self.name!r}: {path} does not exist; set another path, or download the weights with: "
+                f"{self._fetch_command}",
                 self._fetch_command,
             )
         return path

@@ -69,7 +69,7 @@ def new_folder(path: Path) -> Iterator[Path]:
         ConfigError: `path` exists.
     """
     if path.exists():
-        raise ConfigError(f"{path} exists already: name a new folder, or remove it")
+        raise ConfigError(f"{path} exists already: choose a new folder, or remove it")
     temporary = path.with_name(f".{path.name}-{os.getpid()}-{time.monotonic_ns()}")
     temporary.mkdir(parents=True)
     try:

@@ -91,7 +91,7 @@ def test_the_command_says_where_the_page_lies(comparison, tmp_path):
 def test_what_cannot_be_shown_together_is_refused(comparison, tmp_path):
     with pytest.raises(ConfigError, match="received no run"):
         write_report([])
-    with pytest.raises(ConfigError, match="is no run folder"):
+    with pytest.raises(ConfigError, match="is not a run folder"):
         write_report([tmp_path])
     with pytest.raises(DataError, match="cannot write"):
         write_report([comparison.run], comparison.run / "request.yaml" / "page.html")

@@ -170,7 +170,7 @@ def test_no_component_may_be_called_so():
     from auto_plugin import Named
 
     with pytest.raises(
-        SalframeError, match="name is 'auto', which is reserved for slots whose component is chosen by the data"
+        SalframeError, match="name is 'auto', which is reserved for settings whose component is chosen by the data"
     ):
         registry().add(type("Auto", (Named,), {"name": "auto"}), "a-package")
 

@@ -119,7 +119,7 @@ def test_a_yaml_file_is_a_method_and_a_data_set(fakes, tmp_path, suffix):
         ("offset: 2\n", r"mine\.yaml has no `kind`, expected the name of a localizer and its settings"),
         ("kind: 3\n", r"mine\.yaml has no `kind`"),
         ("kind: reader\notherwise: [x]\n", r"mine\.yaml: otherwise is \['x'\], expected the name of another localizer"),
-        ("- kind\n", r"mine\.yaml holds list, expected a mapping"),
+        ("- kind\n", r"mine\.yaml contains list, expected a mapping"),
         ("kind: [\n", r"mine\.yaml is not YAML: "),
         (None, r"cannot read .*mine\.yaml: No such file"),
         ("kind: reader\nbase: absent.yaml\n", r"cannot read .*absent\.yaml: No such file"),

@@ -69,14 +69,14 @@ class Nameless(SaliencyModel):
         (declared(extra=None), "Changed.extra is None, expected text"),
         (declared(requires="torch"), "Changed.requires is str, expected a tuple"),
         (declared(weights=[]), "Changed.weights is list, expected a tuple"),
-        (declared(weights=("small.pt",)), "Changed.weights holds 'small.pt', expected Weights"),
+        (declared(weights=("small.pt",)), "Changed.weights contains 'small.pt', expected Weights"),
         (declared(Config=config(labels=(frozenset[str], frozenset("ab")))), "Changed.Config has a set for labels"),
         (declared(Config=config(parts=(dict, {"a": ({1},)}))), "Changed.Config has a set for parts, expected a tuple"),
         (
             declared(requires=("torch.nn",)),
-            "Changed.requires holds 'torch.nn', expected the name of a top-level package",
+            "Changed.requires contains 'torch.nn', expected the name of a top-level package",
         ),
-        (declared(requires=("opencv-python",)), "Changed.requires holds 'opencv-python'"),
+        (declared(requires=("opencv-python",)), "Changed.requires contains 'opencv-python'"),
         (
             declared(Config=config(size_m=(float, ...))),
             "Changed.Config has no default for size_m, expected one for every",
@@ -258,7 +258,7 @@ def write_presets(folder: Path, **content: str) -> Presets:
     ("name", "content", "reason"),
     [
         ("methods__odd", "[kind", "odd.yaml is not YAML"),
-        ("ablations__odd", "- kind", "odd.yaml holds list, expected a mapping"),
+        ("ablations__odd", "- kind", "odd.yaml contains list, expected a mapping"),
         ("methods__odd", "offset: 1", "odd.yaml has no `kind`, expected the name of a localizer"),
         ("data__odd", "kind: [rooms]", "odd.yaml has no `kind`, expected the name of a dataset"),
         ("methods__odd", "kind: even\notherwise: [calm]", r"odd.yaml: otherwise is \['calm'\], expected the name"),

@@ -83,7 +83,7 @@ def test_a_table_that_lost_its_words_is_one_line(tmp_path):
     write_columns(tmp_path / "rows", [{"a": np.array("x")}])
     table = tmp_path / "rows" / "columns.json"
     table.write_text(table.read_text().replace('["x"]', "[]"))
-    with pytest.raises(DataError, match=r"a\.npy holds uint8, expected indices of 0 words"):
+    with pytest.raises(DataError, match=r"a\.npy contains uint8, expected indices of 0 words"):
         read_columns(tmp_path / "rows")
 
 
@@ -117,7 +117,7 @@ def test_arrays_of_other_dimensions_are_refused(tmp_path):
 
 @pytest.mark.parametrize("second", [np.arange(3), np.array([None])])
 def test_arrays_that_no_column_holds_are_refused(tmp_path, second):
-    with pytest.raises(DataError, match=r"arrays named 'a' hold .* and strings, expected numbers or strings"):
+    with pytest.raises(DataError, match=r"arrays named 'a' contain .* and strings, expected numbers or strings"):
         write_columns(tmp_path / "rows", [{"a": np.array(["bed"])}, {"a": second}])
 
 
@@ -133,6 +133,6 @@ def test_columns_of_another_kind_than_a_row_are_refused(tmp_path):
     check_kinds(columns, {"weight": np.ones(3, int), "labels": np.zeros(0)})
     for row in ({"weight": np.ones(3, bool)}, {"weight": np.ones(3, complex)}, {"labels": np.ones(3)}):
         with pytest.raises(
-            DataError, match=rf"{next(iter(row))}\.npy holds .*, expected {next(iter(row.values())).dtype}"
+            DataError, match=rf"{next(iter(row))}\.npy contains .*, expected {next(iter(row.values())).dtype}"
         ):
             check_kinds(columns, row)

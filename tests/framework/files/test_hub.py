@@ -163,7 +163,9 @@ def test_without_a_hub_one_line_names_the_ways_out(folder, monkeypatch):
 def test_without_huggingface_hub_one_line_says_how_to_install_it(folder, monkeypatch):
     find = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "huggingface_hub" else find(name))
-    with pytest.raises(RequirementMissing, match=r"needs huggingface_hub, not installed: pip install 'salframe\[trans"):
+    with pytest.raises(
+        RequirementMissing, match=r"needs huggingface_hub, which is not installed: pip install 'salframe\[trans"
+    ):
         fetch_weights(NAME)
 
 
@@ -171,7 +173,7 @@ def test_the_commands_print_the_pinned_commit_and_the_licence(serve):
     serve(licence="mit")
     printed = run("weights", "where", NAME)
     assert printed.code != 0
-    assert printed.err.strip().endswith("is not downloaded; get it with: salframe weights fetch hf:org/model")
+    assert printed.err.strip().endswith("is not downloaded; download it with: salframe weights fetch hf:org/model")
     printed = run("weights", "fetch", NAME)
     assert printed.code == 0
     assert f"hf:org/model@{COMMIT}: mit" in printed.err

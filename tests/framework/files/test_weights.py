@@ -44,7 +44,8 @@ def test_missing_weights_say_where_what_and_how(served, cache):
         served.paths()
     assert (
         str(caught.value)
-        == f"weights 'net': no file {cache}/net/net.pt (sha256 {DIGEST}); get it with: salframe weights fetch net"
+        == f"weights 'net': {cache}/net/net.pt is missing (sha256 {DIGEST}); download it with: salframe weights "
+        f"fetch net"
     )
 
 
@@ -72,7 +73,7 @@ def test_a_damaged_file_is_one_clear_line_and_is_fetched_anew(served, cache):
     received = hashlib.sha256(b"damaged").hexdigest()
     assert (
         str(caught.value)
-        == f"{path} has sha256 {received}, expected {DIGEST}; get it again with: salframe weights fetch net"
+        == f"{path} has sha256 {received}, expected {DIGEST}; download it again with: salframe weights fetch net"
     )
     assert served.fetch()[0].read_bytes() == CONTENT
 
@@ -97,7 +98,7 @@ def test_a_local_path_wins_and_its_hash_is_the_users_business(served, tmp_path):
     own.write_bytes(b"finetuned")
     assert served.paths(own) == (own,)
     assert served.paths(tmp_path / "server") == (tmp_path / "server" / "net.pt",)
-    with pytest.raises(WeightsError, match=r"no file .*/absent\.pt"):
+    with pytest.raises(WeightsError, match=r"/absent\.pt does not exist"):
         served.paths(tmp_path / "absent.pt")
 
 
@@ -105,7 +106,7 @@ def test_one_file_for_weights_of_two_is_refused(tmp_path):
     files = (WeightsFile("one.pt", DIGEST, 1), WeightsFile("two.pt", DIGEST, 1))
     (tmp_path / "own.pt").write_bytes(CONTENT)
     with pytest.raises(
-        WeightsError, match=r"received the file .*own\.pt, expected a folder that holds one\.pt, two\.pt"
+        WeightsError, match=r"received the file .*own\.pt, expected a folder that contains one\.pt, two\.pt"
     ):
         NetworkWeights("net", "MIT", files, Download(("file:///nowhere",))).paths(tmp_path / "own.pt")
 

@@ -99,7 +99,9 @@ class AskingTask(Task[DescribedRoom, Survey[DescribedRoom], DescriptionRow, Aski
 
     def survey(self, dataset: Dataset) -> Survey[DescribedRoom]:
         if "annotations" not in dataset.provides:
-            raise InputMissing(f"the dataset {dataset.name} has no annotations, which descriptions are made from")
+            raise InputMissing(
+                f"the dataset {dataset.name} has no annotations, from which the task asking makes descriptions"
+            )
         queries = [query for fold in dataset.folds() for query in fold.queries]
         return Survey(dataset, [DescribedRoom(query, dataset.truth(query.id).place) for query in queries])
 

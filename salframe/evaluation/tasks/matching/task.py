@@ -143,7 +143,7 @@ def choose_pairs(dataset: Dataset) -> list[FramePair]:
             truth = dataset.truth(query.id)
             if truth.T_world_pano is None:
                 raise DataError(
-                    f"the true pose of the query {query.id} is missing, expected a true pose of every query"
+                    f"the true pose of the query {query.id} is missing, expected a true pose for every query"
                 )
             if truth.place in scenes:
                 at_m, near = truth.T_world_pano[:3, 3], scenes[truth.place]

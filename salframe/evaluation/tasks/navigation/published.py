@@ -64,8 +64,7 @@ class Published:
         root: Path | None = getattr(data, "root", None)
         if root is None:
             raise InputMissing(
-                f"the episodes {self} are in the folder of the dataset {data.kind}: name this "
-                "folder with --data-dir DIR"
+                f"the episodes {self} are in the folder of the dataset {data.kind}: pass this folder as --data-dir DIR"
             )
         return root
 

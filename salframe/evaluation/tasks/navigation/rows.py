@@ -33,5 +33,7 @@ class EpisodeRow(PieceRow):
     @model_validator(mode="after")
     def _complete(self) -> EpisodeRow:
         if self.path is not None and None in (self.travelled_m, self.panoramas, self.collisions):
-            raise ValueError("the row of an episode has a path, expected also travelled_m, panoramas and collisions")
+            raise ValueError(
+                "the row of an episode with a path lacks a field, expected `travelled_m`, `panoramas` and `collisions`"
+            )
         return self

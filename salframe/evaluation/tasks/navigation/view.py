@@ -1,4 +1,4 @@
-"""What the HTML page of a report shows of a run of the task `navigation`."""
+"""Data for the HTML page of a report on a run of the task `navigation`."""
 
 from __future__ import annotations
 

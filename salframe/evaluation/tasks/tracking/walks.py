@@ -1,4 +1,4 @@
-"""Walks of a camera through a building, drawn at random, and the views that it takes."""
+"""Random walks of a camera through a building, and the views that it takes."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def _with_errors_of(walk: str, panorama: Panorama) -> Panorama:
 
 
 def draw_walk(site: Site, number: int, seed: int) -> Walk:
-    """Draw a walk from a random pose towards a random scene node of another region, along the shortest path.
+    """Generate a walk from a random pose towards a random scene node of another region, along the shortest path.
 
     Raises:
         DataError: The world allows no walk.

@@ -61,13 +61,16 @@ class TurningTask(Task[NarrowQuery, Survey[NarrowQuery], TurnRow, TurnsRow]):
     def survey(self, dataset: Dataset) -> Survey[NarrowQuery]:
         if type(dataset).observe is Dataset.observe:
             raise InputMissing(
-                f"the dataset {dataset.name} cannot render, and turning needs panoramas at other headings"
+                f"the dataset {dataset.name} cannot render new panoramas, which the task turning needs at other "
+                f"headings"
             )
         queries = []
         for query in (query for fold in dataset.folds() for query in fold.queries):
             truth = dataset.truth(query.id)
             if truth.T_world_pano is None:
-                raise DataError(f"the true pose of the query {query.id} is missing, expected that of every query")
+                raise DataError(
+                    f"the true pose of the query {query.id} is missing, expected a true pose for every query"
+                )
             queries.append(NarrowQuery(query, truth.place, truth.T_world_pano))
         return Survey(dataset, queries)
 

@@ -278,7 +278,7 @@ def test_evaluate_says_what_is_unfinished(fakes):
 
 
 def test_evaluate_of_no_run_is_an_error(tmp_path):
-    with pytest.raises(ConfigError, match="no run folder"):
+    with pytest.raises(ConfigError, match="not a run folder"):
         evaluate(tmp_path)
 
 
