@@ -232,7 +232,7 @@ def export(
         str | None,
         typer.Option(
             metavar="LAT,LON,BEARING",
-            help="Latitude, longitude and bearing of +y at the origin, in degrees, for GeoJSON",
+            help="Latitude and longitude of the origin and bearing of the +y axis (degrees)",
         ),
     ] = None,
 ) -> None:
