@@ -231,8 +231,7 @@ def export(
     anchor: Annotated[
         str | None,
         typer.Option(
-            metavar="LAT,LON,BEARING",
-            help="Latitude and longitude of the origin and bearing of the +y axis (degrees)",
+            metavar="LAT,LON,BEARING", help="Latitude and longitude of the origin and bearing of the +y axis (degrees)"
         ),
     ] = None,
 ) -> None:

@@ -176,7 +176,7 @@ def _renaming(strangers: Sequence[Stranger]) -> dict[str, str]:
 
 
 def _heights(frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks]) -> list[float]:
-    """Return a height for each floor that suits the cameras of its places."""
+    """Return for each floor a height that is plausible for the cameras of its places."""
     heights_m = []
     for floor in floors:
         places = set(floor.regions.values())

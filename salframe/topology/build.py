@@ -103,7 +103,8 @@ class _FloorMap:
         self._names = self._grid.names
         if not self._names:
             raise DataError(
-                f"the floor at z = {floor.z_m:g} m has no free floor in any region, expected labelled free floor"
+                f"the storey at z = {floor.z_m:g} m has no free floor in any region, expected at least "
+                "one region with free floor"
             )
         self.nodes: list[MapNode] = []
         self._positions: list[np.ndarray] = []
