@@ -23,6 +23,7 @@ from salframe.panoramas.geometry import pose_yaw
 from salframe.panoramas.opening import Progress, reference_frames
 from salframe.panoramas.panorama import Panorama
 from salframe.topology.build import build_topology
+from salframe.topology.connections import connect_by_walks
 from salframe.topology.derived_floors import FloorPlan, derive_floors, has_places
 from salframe.topology.free_space import FreeSpace
 from salframe.topology.map_server import read_map_server
@@ -175,6 +176,7 @@ def plan_floors(
 
 def _build_topology(plan: FloorPlan, settings: TopologySettings) -> TopologicalMap:
     topology = build_topology(plan.floors, by_place(plan.frames), settings, plan.sources)
+    topology = connect_by_walks(topology, plan.frames)
     return replace(topology, notes=(*filter(None, [plan.sources.note]), *plan.notes, *topology.notes))
 
 

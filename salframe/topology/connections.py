@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -13,9 +14,11 @@ from salframe.framework.errors import DataError, UnknownName
 from salframe.framework.files.reading import read_csv_texts
 from salframe.framework.validation import validate
 from salframe.panoramas.floors import FloorMasks, find_floor
+from salframe.panoramas.frames import ReferenceFrame
 from salframe.topology.edges import components
 from salframe.topology.routes import find_nodes
-from salframe.topology.topological_map import Connection, MapEdge, MapNode, TopologicalMap
+from salframe.topology.storeys import find_walks
+from salframe.topology.topological_map import Connection, MapEdge, MapNode, NodeKind, TopologicalMap
 
 COLUMNS = ("start", "end", "kind", "length_m")
 """Columns of a file with connections."""
@@ -62,6 +65,35 @@ def connect_storeys(topology: TopologicalMap, connections: Iterable[Connection])
         connections=tuple(connection for connection, _ in every.values()),
         notes=(*notes, *filter(None, [apart_note(topology.floors, edges)])),
     )
+
+
+def connect_by_walks(topology: TopologicalMap, frames: Sequence[ReferenceFrame]) -> TopologicalMap:
+    """Return a map with a connection for each recorded walk between its storeys, and a note for each.
+
+    The shortest walk between two places counts. Walks whose ends have no node are left out.
+
+    Args:
+        topology: The map.
+        frames: The reference frames in the order of their recording.
+    """
+    scenes = [node for node in topology.nodes if node.kind is NodeKind.SCENE]
+    of_region = {region: node.id for node in scenes for region in node.regions}
+    of_frame = {frame: node.id for node in scenes for frame in node.frames}
+    nodes = {frame.id: of_frame.get(frame.id) or of_region.get(frame.place) for frame in frames}
+    ends = {frame: node for frame, node in nodes.items() if node is not None}
+    joined: set[frozenset[str]] = set()
+    for walk in sorted(find_walks(frames, ends), key=lambda walk: walk.length_m):
+        places = frozenset((walk.start.place, walk.end.place))
+        if places in joined:
+            continue
+        values = {"start": ends[walk.start.id], "end": ends[walk.end.id], "kind": walk.kind}
+        connection = validate(Connection, {**values, "length_m": walk.length_m}, "recorded walk:")
+        with suppress(UnknownName, DataError):
+            topology = connect_storeys(topology, [connection])
+            joined.add(places)
+            note = f"the frames {walk.start.id} to {walk.end.id} show {walk.kind} of {walk.length_m:.1f} m"
+            topology = replace(topology, notes=(*topology.notes, note))
+    return topology
 
 
 def restore_connections(topology: TopologicalMap, connections: Iterable[Connection]) -> TopologicalMap:

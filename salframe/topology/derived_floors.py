@@ -17,10 +17,9 @@ from salframe.panoramas.samples import load_samples
 from salframe.topology.free_space import FreeSpace, OccupancyGrid
 from salframe.topology.region_names import name_regions
 from salframe.topology.regions import grow_regions, regions_at, split_regions
+from salframe.topology.storeys import storeys
 from salframe.topology.topological_map import PartSource, TopologySources
 
-MIN_STOREY_M = 1.5
-"""Minimum difference in height between two successive cameras of different storeys."""
 NUM_HEIGHT_FRAMES = 30
 """Maximum number of frames per storey that the height of the floor is measured in."""
 NUM_SAMPLES = 5
@@ -88,7 +87,7 @@ def derive_floors(
     if space is None and not any(panorama.range_m is not None for _, panorama in load_samples(frames, NUM_SAMPLES)):
         raise DataError("the data have no floor masks and no range images to derive floors from, expected one of them")
     notes: list[str] = []
-    levels = _find_storeys(frames, space, _Count(len(frames), progress), notes)
+    levels = _find_storeys(frames, space, progress, notes)
     split = None if has_places(frames) else [split_regions(storey.space) for storey in levels]
     if split is not None:
         counts = [
@@ -129,13 +128,20 @@ def _masks(storey: _Storey, region: np.ndarray, regions: Mapping[int, str]) -> F
 
 
 def _find_storeys(
-    frames: Sequence[ReferenceFrame], space: FreeSpace | None, count: _Count, notes: list[str]
+    frames: Sequence[ReferenceFrame],
+    space: FreeSpace | None,
+    progress: Callable[[int, int], None] | None,
+    notes: list[str],
 ) -> list[_Storey]:
     """Return the storeys with their free space, lowest first. `space` is that of a single storey, None if unknown."""
     levels = []
     groups = storeys(np.array([frame.T_world_pano[2, 3] for frame in frames]))
     if space is not None and len(groups) > 1:
         raise DataError(f"the frames are on {len(groups)} storeys, expected one: a map file shows one storey")
+    on_stairs = sorted(set(range(len(frames))) - set(np.concatenate(groups).tolist()))
+    if on_stairs:
+        notes.append(f"{len(on_stairs)} frames are on no storey: {_listed([frames[k].id for k in on_stairs])}")
+    count = _Count(len(frames) - len(on_stairs), progress)
     for numbers in groups:
         members = tuple(frames[number] for number in numbers)
         xy_m = np.array([frame.T_world_pano[:2, 3] for frame in members])
@@ -157,6 +163,11 @@ class _Count:
             self._progress(self._done, self._total)
 
 
+def _listed(ids: Sequence[str]) -> str:
+    """Return the first ids of a list in words."""
+    return f"{', '.join(ids[:NUM_LISTED])}{', ...' if len(ids) > NUM_LISTED else ''}"
+
+
 def _scan(frames: Sequence[ReferenceFrame], xy_m: np.ndarray, z_m: float, count: _Count, notes: list[str]) -> FreeSpace:
     """Return the free space of a storey from its frames, at positions xy_m (N, 2), and note those without range.
 
@@ -173,24 +184,11 @@ def _scan(frames: Sequence[ReferenceFrame], xy_m: np.ndarray, z_m: float, count:
             grid.add(range_m, frame.T_world_pano)
         count.step()
     if without_range:
-        listed = f"{', '.join(without_range[:NUM_LISTED])}{', ...' if len(without_range) > NUM_LISTED else ''}"
         notes.append(
             f"{len(without_range)} of {len(frames)} frames at z = {z_m:.1f} m add no free space, because they have no "
-            f"range: {listed}"
+            f"range: {_listed(without_range)}"
         )
     return grid.free_space(xy_m)
-
-
-def storeys(camera_z_m: np.ndarray) -> list[np.ndarray]:
-    """Return the indices of the cameras of each storey, lowest first.
-
-    A storey ends where the next higher camera is at least MIN_STOREY_M higher.
-
-    Args:
-        camera_z_m: (N,) heights of the cameras in the world frame.
-    """
-    order = np.argsort(camera_z_m, kind="stable")
-    return np.split(order, np.flatnonzero(np.diff(camera_z_m[order]) >= MIN_STOREY_M) + 1)
 
 
 def _floor_height(frames: Sequence[ReferenceFrame]) -> float:

@@ -27,6 +27,9 @@ MAX_LOG_ODDS = 5.0
 """Limit of the log odds of a cell, in both directions."""
 MAX_HOLE_M2 = 0.5
 """Maximum area of an unseen part of the floor that counts as a low obstacle, such as the shadow of a chair."""
+SLIVER_M = 0.35
+"""Maximum width of an unseen strip of floor that counts as walkable: the shadow of an obstacle, between what two
+panoramas see. Wider unseen parts may hold an obstacle."""
 MAX_ROWS = 512
 """Maximum number of rows of a range image after subsampling."""
 
@@ -168,6 +171,7 @@ class OccupancyGrid:
         for row, column in cells.tolist():
             cv2.circle(stand, (column, row), int(SELF_M / RESOLUTION_M), 1, -1)
         walkable |= (stand > 0) & ~occupied
+        walkable |= _slivers(walkable, ~walkable & ~occupied, self._tall & occupied)
         low = (occupied & ~self._tall) | _small_parts(~walkable & ~occupied, MAX_HOLE_M2)
         parts, _ = ndimage.label(walkable | low)
         visited = np.unique(parts[tuple(cells.T)])
@@ -179,6 +183,17 @@ class OccupancyGrid:
         left_m, top_m = self.origin_m
         origin_m = float(left_m + (columns[0] - 1) * RESOLUTION_M), float(top_m - (rows[0] - 1) * RESOLUTION_M)
         return FreeSpace((walkable & is_connected)[window], (low & is_connected)[window], origin_m)
+
+
+def _slivers(walkable: np.ndarray, unseen: np.ndarray, tall: np.ndarray) -> np.ndarray:
+    """Return the unseen cells between walkable cells at most SLIVER_M apart, but not the inside of walls."""
+    import cv2
+
+    size = round(SLIVER_M / RESOLUTION_M)
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    closed = cv2.morphologyEx(walkable.astype(np.uint8), cv2.MORPH_CLOSE, disc) > 0
+    near_wall = cv2.dilate(tall.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    return closed & unseen & ~near_wall  # type: ignore[no-any-return]
 
 
 def _small_parts(mask: np.ndarray, max_area_m2: float) -> np.ndarray:

@@ -16,7 +16,7 @@ from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.panorama import Panorama
 from salframe.topology.build import build_topology
 from salframe.topology.building_map import build_map
-from salframe.topology.derived_floors import derive_floors, storeys
+from salframe.topology.derived_floors import derive_floors
 from salframe.topology.routes import find_route
 from salframe.topology.store import open_topology
 from salframe.topology.topological_map import NodeKind, PartSource, TopologySources
@@ -119,11 +119,6 @@ def test_storeys_have_floors_at_their_heights():
     plan = derive_floors(frames[::-1])
     assert [floor.z_m for floor in plan.floors] == pytest.approx([0.0, 3.0], abs=0.02)
     assert [set(floor.regions.values()) for floor in plan.floors] == [{"west", "east"}, {"up-west", "up-east"}]
-
-
-def test_cameras_of_different_heights_stand_on_one_storey_until_a_gap():
-    groups = storeys(np.array([1.5, 4.4, 0.6, 1.9, 4.6]))
-    assert [sorted(group.tolist()) for group in groups] == [[0, 2, 3], [1, 4]]
 
 
 def test_frames_without_range_are_noted_and_data_without_range_are_refused():
