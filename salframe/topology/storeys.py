@@ -89,7 +89,7 @@ def find_walks(frames: Sequence[ReferenceFrame], ends: Container[str]) -> Iterat
         storey[members] = number
     storey[[frame.id not in ends for frame in frames]] = -1
     on_storey = np.flatnonzero(storey >= 0)
-    for start, end in pairwise(on_storey):
+    for start, end in pairwise(on_storey.tolist()):
         if storey[start] == storey[end]:
             continue
         steps_m = np.diff(xyz_m[start : end + 1], axis=0)

@@ -151,3 +151,13 @@ def test_a_folder_without_masks_gets_a_map_with_routes(tmp_path):
     )
     route = find_route(read, "west", "east")
     assert route.length_m == pytest.approx(np.hypot(1.0, 1.0) * 2, abs=0.1)  # from b through (0, 0) to c
+
+
+def test_a_strip_that_no_camera_sees_is_walkable_if_it_is_narrower_than_a_robot():
+    # A camera at (-1, 1) sees boxes 0.12 and 0.3 m wide, 1 m away; their shadows are 0.22 and 0.55 m wide at 1.8 m.
+    narrow = ((-2.06, 0.94, 0.0), (-1.94, 1.06, 1.0))
+    wide = ((-2.06, 0.85, 0.0), (-1.94, 1.15, 1.0))
+    for box, is_walkable in ((narrow, True), (wide, False)):
+        (floor,) = derive_floors([range_frame("b", "west", -1.0, 1.0, [*two_room_walls(), box])]).floors
+        assert at(floor, floor.free & ~floor.obstacle, -2.8, 1.0) == is_walkable
+        assert at(floor, floor.obstacle, -1.96, 1.0)
