@@ -55,7 +55,7 @@ def _split_levels(part: np.ndarray, camera_z_m: np.ndarray) -> list[np.ndarray]:
 
 
 @dataclass(frozen=True)
-class Walk:
+class StoreyChange:
     """A recorded walk from one storey to another.
 
     Attributes:
@@ -71,7 +71,7 @@ class Walk:
     length_m: float
 
 
-def find_walks(frames: Sequence[ReferenceFrame], ends: Container[str]) -> Iterator[Walk]:
+def find_walks(frames: Sequence[ReferenceFrame], ends: Container[str]) -> Iterator[StoreyChange]:
     """Yield the walks between storeys in frames that are in the order of their recording.
 
     A walk by stairs has frames on the way. A ride in a lift has a horizontal length of at most MAX_LIFT_M. Successive
@@ -97,4 +97,4 @@ def find_walks(frames: Sequence[ReferenceFrame], ends: Container[str]) -> Iterat
         is_lift = np.linalg.norm(steps_m[:, :2], axis=1).sum() <= MAX_LIFT_M
         if is_lift or (len(steps_m) > 1 and lengths_m.max() <= MAX_STEP_M):
             kind = EdgeKind.LIFT if is_lift else EdgeKind.STAIRS
-            yield Walk(frames[start], frames[end], kind, float(lengths_m.sum()))
+            yield StoreyChange(frames[start], frames[end], kind, float(lengths_m.sum()))
