@@ -1,4 +1,4 @@
-"""Time and memory of derived floors: `python -m training.floors.cost house-106 --frames-per-room 8`.
+"""Time and memory of derived floors: `python -m training.floors.cost house-106 --repeats 4`.
 
 The panoramas are rendered before the measurement, which takes memory. Run the command twice.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import resource
 import time
+from dataclasses import replace
 from typing import Annotated
 
 import typer
@@ -20,13 +21,15 @@ from salframe.topology.derived_floors import derive_floors
 
 def main(
     data: Annotated[str, typer.Argument(help="Preset of the dataset house")],
-    frames_per_room: Annotated[int, typer.Option(help="Number of panoramas per room")] = 8,
+    repeats: Annotated[int, typer.Option(help="Number of times that each panorama is used")] = 4,
     seed: Annotated[int, typer.Option(help="Seed of the building")] = 200,
 ) -> None:
     """Measure the time and memory of derived floors and their topology."""
-    settings = ["data.rgb=false", f"data.seed={seed}", f"data.frames_per_room={frames_per_room}"]
+    settings = ["data.rgb=false", f"data.seed={seed}"]
     _, dataset, _ = prepare(data, "proposed", None, settings, None, None, print)
-    frames = reference_frames(dataset)
+    frames = [
+        replace(frame, id=f"{frame.id}-{number}") for number in range(repeats) for frame in reference_frames(dataset)
+    ]
     before_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     start_s = time.perf_counter()
     plan = derive_floors(frames)
