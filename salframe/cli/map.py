@@ -1,4 +1,4 @@
-"""The commands `map build`, `add`, `remove`, `merge`, `calibrate`, `show`, `route`, `query` and `export`."""
+"""The commands `map build`, `add`, `remove`, `merge`, `calibrate`, `connect`, `show`, `route`, `query` and `export`."""
 
 from __future__ import annotations
 
@@ -118,6 +118,40 @@ def calibrate(map: AnyMap, as_json: Json = False) -> None:
         print_json(calibration.model_dump(mode="json"))
     else:
         print(f"{map}: {describe_calibration(calibration)}")
+
+
+@app.command()
+def connect(
+    map: TopologyMap,
+    start: Annotated[str | None, typer.Argument(metavar="FROM", help="Node or place on one floor")] = None,
+    end: Annotated[str | None, typer.Argument(metavar="TO", help="Node or place on another floor")] = None,
+    kind: Annotated[str, typer.Option(metavar="KIND", help="How to change floors: stairs or lift")] = "stairs",
+    length: Annotated[float | None, typer.Option(metavar="M", help="Length that routes count for it (m)")] = None,
+    file: Annotated[
+        Path | None, typer.Option(metavar="FILE.csv", help="CSV table of connections: start, end, kind, length_m")
+    ] = None,
+) -> None:
+    """Connect floors of a map by stairs or a lift, so that routes can cross them.
+
+    The connections are FROM and TO with --length, or the rows of --file.
+    """
+    from salframe.framework.errors import ConfigError
+    from salframe.framework.validation import validate
+    from salframe.topology.connections import read_connections
+    from salframe.topology.store import connect_map
+    from salframe.topology.topological_map import Connection
+
+    if file is not None and start is None:
+        connections = read_connections(file)
+    elif file is None and start is not None and end is not None and length is not None:
+        values = {"start": start, "end": end, "kind": kind, "length_m": length}
+        connections = [validate(Connection, values, "map connect:")]
+    else:
+        raise ConfigError("expected either FROM, TO and --length, or --file: name the two ends, or a CSV table")
+    topology = connect_map(map, connections)
+    print(f"{map}: {len(topology.connections)} connections between {len(topology.floors)} floors")
+    for note in topology.notes:
+        print(f"  {note}")
 
 
 @app.command()

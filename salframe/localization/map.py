@@ -517,15 +517,26 @@ def build_localization(
     dataset: Dataset,
     progress: Callable[[int, int], None] | None,
     tell: Tell,
+    frames: Sequence[ReferenceFrame] | None = None,
+    floors: Sequence[FloorMasks] | None = None,
     *,
     calibrate: bool = True,
 ) -> LocalizationMap:
     """Build the map of a prepared dataset. Raises as `LocalizationMap.build`.
 
     If the engine has a number of workers, the workers describe the frames first.
+
+    Args:
+        localizer: The localizer.
+        dataset: The dataset.
+        progress: As in `LocalizationMap.build`.
+        tell: As in `LocalizationMap.build`.
+        frames: The reference frames of the dataset with other places; None: those of the dataset.
+        floors: Other floors; None: those of the dataset.
     """
     describe_ahead(localizer.config, dataset, progress)
-    frames, floors = reference_frames(dataset), dataset.floors()
+    frames = reference_frames(dataset) if frames is None else frames
+    floors = dataset.floors() if floors is None else floors
     return LocalizationMap.build(
         localizer,
         frames,
