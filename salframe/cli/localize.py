@@ -75,8 +75,8 @@ def localize(
 ) -> None:
     """Localize a panorama in a saved map.
 
-    Prints the places, best first, and the pose. If the answer is not accepted, also prints the turn of the camera that
-    would help most. Images are panoramas, or photographs with --fov or --camera. With --views, several images form one
+    Prints the places, best first, and the pose. If the answer is not accepted, also prints a turn of the camera to
+    directions that the query does not show. Images are panoramas, or photographs with --fov or --camera. With --views, several images form one
     query. They must be in the order in which they were taken, and the pose is that of the last image. The file of
     --camera can contain T_base_camera, the pose of the camera on the robot. Then the answer has the pose of the robot's
     base. With --trajectory, the pose has the timestamp 0. If the answer has no pose, the file has no poses.

@@ -236,18 +236,19 @@ def query(
         query_frame = open_frame(frame, data, data_dir, overrides or (), bars.update)
     answer = ask_map(map, query_frame, goal, planner, warn=warn)
     tell_choices(map)
+    next_view = answer.localization.next_view if answer.localization.accepted is False else None
     if as_json:
         heading_deg = None if answer.heading_rad is None else float(np.degrees(answer.heading_rad))
         node = {"node": answer.node, "distance_m": answer.distance_m, "heading_deg": heading_deg}
         route = None if answer.route is None else route_json(answer.route, answer.heading_rad)
-        plan = {"route": route, "no_route": answer.no_route, "next_view": next_view_json(answer.next_view)}
+        plan = {"route": route, "no_route": answer.no_route, "next_view": next_view_json(next_view)}
         print_json({**answer_json(answer.localization), **node, **plan})
     else:
         print_answer(answer.localization)
         distance = "" if answer.distance_m is None else f", {answer.distance_m:.2f} m away"
         print(f"nearest node: {answer.node or 'unknown'}{distance}")
-        if answer.next_view is not None:
-            print(f"next view: {answer.next_view}")
+        if next_view is not None:
+            print(f"next view: {next_view}")
         if answer.route is not None:
             _print_route(answer.route, answer.heading_rad)
         elif answer.no_route is not None:

@@ -15,7 +15,6 @@ from salframe.localization.describing import describe_ahead, describe_frame
 from salframe.localization.localizer import Localizer
 from salframe.localization.map import LocalizationMap, build_localization
 from salframe.localization.map_files import MapParts, check_output, read_map, write_map
-from salframe.localization.next_view import NextView
 from salframe.localization.preparing import Tell, prepare, python_warning, silent
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.frames import QueryFrame, ReferenceFrame
@@ -27,7 +26,6 @@ from salframe.topology.connections import connect_by_walks
 from salframe.topology.derived_floors import FloorPlan, derive_floors, has_places
 from salframe.topology.free_space import FreeSpace
 from salframe.topology.map_server import read_map_server
-from salframe.topology.next_node import next_view_in
 from salframe.topology.planner import Route
 from salframe.topology.routes import HERE, find_route, with_position
 from salframe.topology.store import TOPOLOGY, read_topology, write_topology
@@ -193,8 +191,6 @@ class Whereabouts:
         heading_rad: Azimuth of the panorama's x axis in the world frame, None without a pose.
         route: The route to the goal, where a goal was passed and can be reached.
         no_route: Why there is no route, where a goal was passed.
-        next_view: The turn or, in a map with a topology, the walk that would help most to localize the camera; None if
-            the answer is accepted, or as for `next_view_in`.
     """
 
     localization: Localization
@@ -203,7 +199,6 @@ class Whereabouts:
     heading_rad: float | None = None
     route: Route | None = None
     no_route: str | None = None
-    next_view: NextView | None = None
 
 
 def ask_map(
@@ -237,8 +232,6 @@ def ask_map(
         answer, heading_rad=None if answer.T_world_query is None else pose_yaw(answer.T_world_query)
     )
     if answer.accepted is False:
-        next_view = answer.next_view if topology is None else next_view_in(topology, answer)
-        whereabouts = replace(whereabouts, next_view=next_view)
         reason = f"{frame.id} was not localized ({answer.summary})"
         return whereabouts if goal is None else replace(whereabouts, no_route=f"no route to {goal}: {reason}")
     if topology is None:
