@@ -76,10 +76,11 @@ def localize(
     """Localize a panorama in a saved map.
 
     Prints the places, best first, and the pose. If the answer is not accepted, also prints a turn of the camera to
-    directions that the query does not show. Images are panoramas, or photographs with --fov or --camera. With --views, several images form one
-    query. They must be in the order in which they were taken, and the pose is that of the last image. The file of
-    --camera can contain T_base_camera, the pose of the camera on the robot. Then the answer has the pose of the robot's
-    base. With --trajectory, the pose has the timestamp 0. If the answer has no pose, the file has no poses.
+    directions that the query does not show. Images are panoramas, or photographs with --fov or --camera. With --views,
+    several images form one query. They must be in the order in which they were taken, and the pose is that of the last
+    image. The file of --camera can contain T_base_camera, the pose of the camera on the robot. Then the answer has the
+    pose of the robot's base. With --trajectory, the pose has the timestamp 0. If the answer has no pose, the file has
+    no poses.
     """
     from salframe.cli.output import warn
     from salframe.cli.queries import QueryOptions
