@@ -147,8 +147,8 @@ def _with_motion(query: QueryFrame, config: Any, content: str) -> QueryFrame:
             )
     elif query.earlier:
         raise DataError(
-            f"the query {query.id} has {len(query.views)} views in the data, expected query_views=1, which uses "
-            "these views"
+            f"the query {query.id} consists of {len(query.views)} views in the data, so it cannot be cut into "
+            "other views: set query_views=1 to use its own views"
         )
     else:
         fov_deg = config.query_fov_deg
