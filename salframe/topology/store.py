@@ -14,6 +14,7 @@ from salframe.framework.files.reading import reading
 from salframe.framework.validation import Settings
 from salframe.localization.map_files import MapParts, read_map
 from salframe.panoramas.geometry import wrap_angle
+from salframe.topology.signs import nearest_to_signs
 from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap, TopologySettings
 
 TOPOLOGY, NODES, EDGES = "topology.json", "nodes", "edges"
@@ -64,7 +65,8 @@ def read_topology(parts: MapParts) -> TopologicalMap:
         nodes = tuple(_node(row) for row in parts.read_table(NODES, _NODE))
     edges = tuple(_edge(row) for row in parts.read_table(EDGES, _EDGE))
     _check_edges(parts.folder / EDGES, nodes, edges)
-    return TopologicalMap(nodes, edges, parts.read_floors(), saved.parameters, saved.notes)
+    signs = nearest_to_signs(parts, nodes)
+    return TopologicalMap(nodes, edges, parts.read_floors(), saved.parameters, saved.notes, signs)
 
 
 def _check_edges(path: Path, nodes: Sequence[MapNode], edges: Sequence[MapEdge]) -> None:

@@ -95,6 +95,7 @@ class TopologicalMap:
         parameters: The settings that the map was built with.
         notes: Notes for the user, one line each: regions out of reach, edges without line of sight, frames that were
             moved or left out.
+        signs: Id of the node nearest to each sign that the map has read, by the `text_key` of its text.
     """
 
     nodes: tuple[MapNode, ...]
@@ -102,6 +103,7 @@ class TopologicalMap:
     floors: tuple[FloorMasks, ...] = field(default=(), compare=False)
     parameters: TopologySettings = field(default_factory=TopologySettings)
     notes: tuple[str, ...] = ()
+    signs: Mapping[str, str] = field(default_factory=dict, compare=False)
 
     def _repr_html_(self) -> str:
         """Return the map for notebooks: its numbers of nodes and edges, a plan of each floor, and its notes."""
