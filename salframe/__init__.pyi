@@ -75,7 +75,6 @@ from .localization.localizer import Localizer as Localizer
 from .localization.map import LocalizationMap as LocalizationMap
 from .localization.map import open_map as open_map
 from .localization.next_view import NextView as NextView
-from .localization.next_view import PlacePoses as PlacePoses
 from .localization.positioner import PoseEstimate as PoseEstimate
 from .localization.positioner import PoseStatus as PoseStatus
 from .localization.positioner import Positioner as Positioner

@@ -38,7 +38,7 @@ DOOR = [
     "merge_maps", "remove_from_map", "Track", "TrackedCamera", "TrackedPose", "Tracker", "TrackStatus", "TrackStep",
     "draw_trail", "open_tracker", "track", "EvidenceColumn", "EvidenceModel", "PlaceFrames", "PlaceHypotheses",
     "list_labels", "LabelList", "ListedLabel",
-    "NextView", "PlacePoses", "Question", "TextAnswer", "ask",
+    "NextView", "Question", "TextAnswer", "ask",
     "ImageFiles", "ImportPreview", "ImportResult", "Importer", "PanoramaRecord", "PlaceSource", "Recording",
     "import_data", "preview_import",
 ]

@@ -28,6 +28,9 @@ Style = Literal["home", "office", "hotel"]
 Changes = Literal["uniform", "by-class"]
 ChangeKind = Literal["removed", "moved", "added"]
 CHANGE_KINDS: tuple[ChangeKind, ...] = get_args(ChangeKind)
+ROUNDING_M = 1e-6
+"""Length by which thresholds overlap the rooms in the floor masks. Without it, a row of pixels whose centres lie on the
+edge of both would belong to neither, because their edges are rounded differently, and the doorway would be closed."""
 MIN_ROOMS = 4
 
 # Fittings of the building: a uniform draw changes them only after all other objects.
@@ -133,7 +136,8 @@ class Building:
             free[at], region[at] = True, index[room.id]
         for door in self.doors:
             for room_id, side in zip(door.rooms, (-1, 1), strict=True):
-                at = inside(*_door_corners(door, (0.0, side * WALL_M / 2), (-door.width_m / 2, door.width_m / 2)))
+                end_m = side * (WALL_M / 2 + ROUNDING_M)
+                at = inside(*_door_corners(door, (0.0, end_m), (-door.width_m / 2, door.width_m / 2)))
                 free[at], region[at] = True, index[room_id]
             if door.leaf_room is not None:
                 free[inside(*_door_corners(door, *door.leaf_m))] = False

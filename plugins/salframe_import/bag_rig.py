@@ -168,15 +168,17 @@ class BagRig:
         return PanoramaRecord(id, load, parts, pose, t_s=shot.stamp_ns / 1e9, sources=tuple(sources))
 
     def with_upright_axes(self, T_world_frames: Sequence[np.ndarray], axes: CameraAxes | Literal["auto"]) -> BagRig:
-        """Return the rig with the axes of its frame. Images that are not equirectangular have optical axes.
+        """Return the rig with the axis convention of its frame.
+
+        Images that are not equirectangular always have the optical convention (x right, y down, z forward).
 
         Args:
             T_world_frames: (4, 4) poses of the frame of the first camera, at least one.
             axes: Axes of the frame of equirectangular images; "auto": those under which the images are upright.
 
         Raises:
-            DataError: Equirectangular images are not upright under these axes. Axes that are set are accepted if the
-                images are upright under no axes.
+            DataError: Equirectangular images are not upright under `axes`. If they are upright under neither
+                convention, explicit `axes` are accepted, and "auto" is an error.
         """
         if not self.is_equirectangular:
             return self

@@ -31,7 +31,7 @@ class ViewpointChart(Chart):
     aside_m = 2.0
 
     def __init__(self, map: TopologicalMap, camera_m: np.ndarray) -> None:
-        """Create the chart of a viewpoint graph; camera_m (N, 3): camera positions of its nodes in metres."""
+        """Create the navigation map of a viewpoint graph. camera_m (N, 3): camera positions of its nodes in metres."""
         self.map = map
         self._camera_m = camera_m
         self._node_m = np.array([node.xyz_m for node in map.nodes])

@@ -19,9 +19,7 @@ def build(
     method: Annotated[str, typer.Option(help="Localization method; see `salframe methods`")] = MAP_METHOD,
     topology: Annotated[
         bool,
-        typer.Option(
-            "--topology/--no-topology", help="Include nodes and edges for routes, if the dataset has floor masks"
-        ),
+        typer.Option("--topology/--no-topology", help="Include nodes and edges for routes, from floor masks or range"),
     ] = True,
     central_nodes: Annotated[
         bool,
@@ -32,6 +30,10 @@ def build(
     calibrate: Annotated[
         bool, typer.Option("--calibrate/--no-calibrate", help="Calibrate the probabilities with the reference frames")
     ] = True,
+    floor_map: Annotated[
+        Path | None,
+        typer.Option(metavar="MAP.yaml", help="Occupancy map of a robot (ROS map_server), if there are no floor masks"),
+    ] = None,
     data_dir: DataDir = None,
     overrides: Set = None,
     engine: EngineName = ENGINE,
@@ -39,7 +41,8 @@ def build(
 ) -> None:
     """Build a map from the reference frames of a dataset.
 
-    The map includes a topology (nodes and edges for routes) if the dataset has floor masks.
+    The map includes a topology (nodes and edges for routes) if the dataset has floor masks, or range images from which
+    floors are derived.
     """
     from salframe.cli.calibration import describe_calibration
     from salframe.cli.output import Bars, tell
@@ -55,6 +58,7 @@ def build(
             topology=topology,
             central_nodes=central_nodes,
             calibrate=calibrate,
+            floor_map=floor_map,
             data_dir=data_dir,
             overrides=with_workers(overrides, workers),
             engine=engine,

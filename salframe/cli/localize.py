@@ -63,7 +63,7 @@ def localize(
         typer.Option(
             parser=number_parser("--max-false-accept", float, 0.001, 0.999),
             metavar="SHARE",
-            help="Maximum share of accepted out-of-map queries (conformal test)",
+            help="Maximum share of out-of-map queries to accept (conformal test)",
         ),
     ] = None,
     trajectory: Annotated[
@@ -75,11 +75,12 @@ def localize(
 ) -> None:
     """Localize a panorama in a saved map.
 
-    Prints the places, best first, and the pose. If the answer is not accepted, also prints the turn of the camera that
-    would help most. Images are panoramas, or photographs with --fov or --camera. With --views, several images form one
-    query. They must be in the order in which they were taken, and the pose is that of the last image. If the file of
-    --camera has T_base_camera, the pose of the camera on the robot, the answer has the pose of the robot's base. With
-    --trajectory, the pose has the timestamp 0. If the answer has no pose, the file has no poses.
+    Prints the places, best first, and the pose. If the answer is not accepted, also prints a turn of the camera to
+    directions that the query does not show. Images are panoramas, or photographs with --fov or --camera. With --views,
+    several images form one query. They must be in the order in which they were taken, and the pose is that of the last
+    image. The file of --camera can contain T_base_camera, the pose of the camera on the robot. Then the answer has the
+    pose of the robot's base. With --trajectory, the pose has the timestamp 0. If the answer has no pose, the file has
+    no poses.
     """
     from salframe.cli.output import warn
     from salframe.cli.queries import QueryOptions

@@ -1,4 +1,4 @@
-"""The commands `map build`, `add`, `remove`, `merge`, `calibrate`, `show`, `route`, `query` and `export`."""
+"""The commands `map build`, `add`, `remove`, `merge`, `calibrate`, `connect`, `show`, `route`, `query` and `export`."""
 
 from __future__ import annotations
 
@@ -121,6 +121,40 @@ def calibrate(map: AnyMap, as_json: Json = False) -> None:
 
 
 @app.command()
+def connect(
+    map: TopologyMap,
+    start: Annotated[str | None, typer.Argument(metavar="FROM", help="Node or place on one floor")] = None,
+    end: Annotated[str | None, typer.Argument(metavar="TO", help="Node or place on another floor")] = None,
+    kind: Annotated[str, typer.Option(metavar="KIND", help="How to change floors: stairs or lift")] = "stairs",
+    length: Annotated[float | None, typer.Option(metavar="M", help="Length that routes count for it (m)")] = None,
+    file: Annotated[
+        Path | None, typer.Option(metavar="FILE.csv", help="CSV table of connections: start, end, kind, length_m")
+    ] = None,
+) -> None:
+    """Connect floors of a map by stairs or a lift, so that routes can cross them.
+
+    The connections are FROM and TO with --length, or the rows of --file.
+    """
+    from salframe.framework.errors import ConfigError
+    from salframe.framework.validation import validate
+    from salframe.topology.connections import read_connections
+    from salframe.topology.store import connect_map
+    from salframe.topology.topological_map import Connection
+
+    if file is not None and start is None:
+        connections = read_connections(file)
+    elif file is None and start is not None and end is not None and length is not None:
+        values = {"start": start, "end": end, "kind": kind, "length_m": length}
+        connections = [validate(Connection, values, "map connect:")]
+    else:
+        raise ConfigError("expected either FROM, TO and --length, or --file: name the two ends, or a CSV table")
+    topology = connect_map(map, connections)
+    print(f"{map}: {len(topology.connections)} connections between {len(topology.floors)} floors")
+    for note in topology.notes:
+        print(f"  {note}")
+
+
+@app.command()
 def show(
     map: TopologyMap,
     output: Annotated[
@@ -202,18 +236,19 @@ def query(
         query_frame = open_frame(frame, data, data_dir, overrides or (), bars.update)
     answer = ask_map(map, query_frame, goal, planner, warn=warn)
     tell_choices(map)
+    next_view = answer.localization.next_view if answer.localization.accepted is False else None
     if as_json:
         heading_deg = None if answer.heading_rad is None else float(np.degrees(answer.heading_rad))
         node = {"node": answer.node, "distance_m": answer.distance_m, "heading_deg": heading_deg}
         route = None if answer.route is None else route_json(answer.route, answer.heading_rad)
-        plan = {"route": route, "no_route": answer.no_route, "next_view": next_view_json(answer.next_view)}
+        plan = {"route": route, "no_route": answer.no_route, "next_view": next_view_json(next_view)}
         print_json({**answer_json(answer.localization), **node, **plan})
     else:
         print_answer(answer.localization)
         distance = "" if answer.distance_m is None else f", {answer.distance_m:.2f} m away"
         print(f"nearest node: {answer.node or 'unknown'}{distance}")
-        if answer.next_view is not None:
-            print(f"next view: {answer.next_view}")
+        if next_view is not None:
+            print(f"next view: {next_view}")
         if answer.route is not None:
             _print_route(answer.route, answer.heading_rad)
         elif answer.no_route is not None:
@@ -231,8 +266,7 @@ def export(
     anchor: Annotated[
         str | None,
         typer.Option(
-            metavar="LAT,LON,BEARING",
-            help="Latitude, longitude and bearing of +y at the origin, in degrees, for GeoJSON",
+            metavar="LAT,LON,BEARING", help="Latitude and longitude of the origin and bearing of the +y axis (degrees)"
         ),
     ] = None,
 ) -> None:

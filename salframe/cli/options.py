@@ -89,7 +89,7 @@ Workers = Annotated[
         "--workers",
         parser=number_parser("--workers", int, 1, MAX_WORKERS),
         metavar="N",
-        help="Number of worker processes (default: one per core; 1 for the task latency)",
+        help="Number of worker processes (default: one per core, but 1 to measure latency)",
     ),
 ]
 parse_seed = number_parser("--seed", int, 0, MAX_SEED)

@@ -68,7 +68,7 @@ class _Panel:
 
         nodes = [node for node in topology.nodes if find_floor(topology.floors, np.array(node.xyz_m)) == number]
         place = {node.id: self._pixel(node.xyz_m[:2]) for node in nodes}
-        edges = [edge for edge in topology.edges if edge.start in place]
+        edges = [edge for edge in topology.edges if edge.start in place and edge.end in place]
         self._draw_floor(floor, low, high)
         for edge in sorted(edges, key=lambda edge: -edge.length_m):
             line = [tuple(self._pixel(point)) for point in edge.path_m] or [

@@ -43,8 +43,7 @@ def answer_json(answer: Localization) -> dict[str, Any]:
 
 
 def next_view_json(view: NextView | None) -> dict[str, Any] | None:
-    """Return a proposed view as JSON: the turn in degrees, the node and the length of the walk in metres, and entropies
-    in nats."""
+    """Return a suggested view as JSON: the turn in degrees."""
     return None if view is None else asdict(view)
 
 

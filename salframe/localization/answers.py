@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import partial
@@ -13,7 +13,7 @@ import numpy as np
 
 from salframe.framework.arrays import check_array
 from salframe.framework.errors import InvalidAnswer
-from salframe.localization.next_view import NextView, ViewPredictor
+from salframe.localization.next_view import NextView
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.geometry import is_rigid, moved_covariance, pose_yaw, translation
 
@@ -99,8 +99,9 @@ class Localization:
             places sum to 1. None from a localizer without probabilities.
         max_accepted_probability: Maximum out-of-map probability of an accepted answer.
         notes: Remarks for the user, such as labels of the query that the map does not know.
-        predict_views: Returns the predictor of the views around the query; None without a map, or for a method that
-            does not return a pose in each place. `LocalizationMap` sets it.
+        next_view: The turn on the spot to the middle of the largest sector that the query does not show. None if the
+            query shows all directions, if views were fused, or for a method that does not know the shown directions.
+            `LocalizationMap` sets it.
         floors: Floors of the map, for the plan that notebooks show.
 
     Raises:
@@ -117,9 +118,7 @@ class Localization:
     out_of_map_probability: float | None = None
     notes: tuple[str, ...] = ()
     max_accepted_probability: float = MAX_OUT_OF_MAP_PROBABILITY
-    predict_views: Callable[[Localization], ViewPredictor | None] | None = field(
-        default=None, compare=False, repr=False
-    )
+    next_view: NextView | None = field(default=None, compare=False, repr=False)
     floors: tuple[FloorMasks, ...] = field(default=(), repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -160,21 +159,6 @@ class Localization:
         if self.out_of_map_probability is None:
             return None
         return self.out_of_map_probability <= self.max_accepted_probability
-
-    @property
-    def view_predictor(self) -> ViewPredictor | None:
-        """The predictor of the views around the query; None as for `next_view`."""
-        return None if self.predict_views is None else self.predict_views(self)
-
-    @property
-    def next_view(self) -> NextView | None:
-        """The turn on the spot whose view is expected to tell the likely places apart best.
-
-        It is computed on each access. None if the query shows all directions, if views were fused, or for a method that
-        does not return a pose in each place.
-        """
-        predictor = self.view_predictor
-        return None if predictor is None else predictor.turn()
 
     @property
     def summary(self) -> str:

@@ -53,7 +53,7 @@ def fuse_answers(answers: Sequence[Localization], T_last_view: np.ndarray | None
     """
     placed = [number for number, answer in enumerate(answers) if answer.places]
     if not placed:
-        return replace(answers[-1], notes=(), predict_views=None)
+        return replace(answers[-1], notes=(), next_view=None)
     has_probabilities = all(answers[number].out_of_map_probability is not None for number in placed)
     places, out_of_map = (
         _multiply([answers[number] for number in placed])
@@ -86,17 +86,17 @@ def choose_surest(answers: Sequence[Localization], T_last_view: np.ndarray | Non
     """
     placed = [number for number, answer in enumerate(answers) if answer.places]
     if not placed:
-        return replace(answers[-1], notes=(), predict_views=None)
+        return replace(answers[-1], notes=(), next_view=None)
     number = max(placed, key=lambda number: _certainty(answers[number]))
-    surest = replace(answers[number], notes=(), predict_views=None)
+    surest = replace(answers[number], notes=(), next_view=None)
     if surest.T_world_query is None or number == len(answers) - 1:
         return surest
     if T_last_view is None:
         return replace(
-            surest, T_world_query=None, covariance=None, status=LocalizationStatus.NO_POSE, notes=(), predict_views=None
+            surest, T_world_query=None, covariance=None, status=LocalizationStatus.NO_POSE, notes=(), next_view=None
         )
     moved = surest.T_world_query @ invert_pose(T_last_view[number])
-    return replace(surest, T_world_query=moved, notes=(), predict_views=None)
+    return replace(surest, T_world_query=moved, notes=(), next_view=None)
 
 
 def _certainty(answer: Localization) -> float:

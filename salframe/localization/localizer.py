@@ -18,7 +18,6 @@ from salframe.framework.components.slots import slot
 from salframe.framework.files.columns import Columns
 from salframe.localization.answers import Localization, NodeMatches, PointMatches
 from salframe.localization.evidence import Evidence
-from salframe.localization.next_view import PlacePoses
 from salframe.localization.posterior import Posterior, read_fitted
 from salframe.localization.saved_frames import SavedFrames
 from salframe.panoramas.floors import FloorMasks
@@ -208,11 +207,10 @@ class Localizer(Role):
         None for methods without weights, and for queries without these values."""
         return None
 
-    def place_poses(self, description: Description) -> PlacePoses | None:
-        """Return the most probable pose of a query in each place, in the axes of its levelled panorama, for
-        `Localization.next_view`.
+    def shown_directions(self, description: Description) -> np.ndarray | None:
+        """Return the directions that each view of a query shows, (V, B) bool, for `Localization.next_view`.
 
-        Optional, for methods whose descriptions are graphs (`graph_to_arrays`). None (the default): the method does not
-        compute these poses.
+        The last row is the latest view. The B azimuth bins have equal widths and start at the x axis of the levelled
+        query, counter-clockwise. None (the default): unknown.
         """
         return None

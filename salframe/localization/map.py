@@ -23,7 +23,7 @@ from salframe.framework.validation import validate
 from salframe.graphs.detections import Detections
 from salframe.graphs.scene_index import scene_index_notes
 from salframe.graphs.vocabulary import unknown_labels_note
-from salframe.localization.answers import Localization, RankedPlace
+from salframe.localization.answers import Localization
 from salframe.localization.calibration import (
     MapCalibration,
     acceptance_limit,
@@ -40,7 +40,7 @@ from salframe.localization.left_out import check_left_out, left_out_note
 from salframe.localization.level_frames import as_it_stood, better_answer, level_motions, split_level, upright_frame
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map_files import METHOD, MapParts, find_not_finite, read_map, write_map
-from salframe.localization.next_view import MAX_PLACES, ViewPredictor
+from salframe.localization.next_view import next_view_of
 from salframe.localization.posterior import Posterior
 from salframe.localization.preparing import Tell, python_warning, silent
 from salframe.localization.query_input import query_frame
@@ -442,26 +442,12 @@ class LocalizationMap:
             raise InvalidAnswer(f"match returned {type(answer).__name__}, expected a Localization")
         if labels := self.localizer.unknown_labels(description):
             answer = replace(answer, notes=(*answer.notes, unknown_labels_note(labels)))
-        answer = replace(as_it_stood(answer, rotation), predict_views=partial(self._predict_views, description))
+        shown = self.localizer.shown_directions(description)
+        answer = replace(as_it_stood(answer, rotation), next_view=None if shown is None else next_view_of(shown))
         posterior = self.localizer.posterior
         if posterior is None or answer.out_of_map_probability is not None:
             return answer
         return add_probabilities(answer, posterior, self.calibration, self.localizer.count_objects(description))
-
-    def _predict_views(self, description: Description, answer: Localization) -> ViewPredictor | None:
-        """Return the predictor of the views around a described query, from the answer to it.
-
-        Without a place, the first places of the map are compared. Their poses are unknown, so that a new direction is
-        best.
-        """
-        poses = self.localizer.place_poses(description)
-        if poses is None:
-            return None
-        places = answer.places or [RankedPlace(frame.id, frame.place, 0.0) for frame in self.frames[:MAX_PLACES]]
-        probabilities = {place.place: place.probability for place in places}
-        frame_ids = {place.place: place.frame for place in places}
-        outside = answer.out_of_map_probability
-        return ViewPredictor(probabilities, frame_ids, outside, poses, self.frames, self.reference)
 
     def reference(self, frame_id: str) -> tuple[ReferenceFrame, Description]:
         """Return a reference frame and its description, unpacked.
@@ -517,15 +503,26 @@ def build_localization(
     dataset: Dataset,
     progress: Callable[[int, int], None] | None,
     tell: Tell,
+    frames: Sequence[ReferenceFrame] | None = None,
+    floors: Sequence[FloorMasks] | None = None,
     *,
     calibrate: bool = True,
 ) -> LocalizationMap:
     """Build the map of a prepared dataset. Raises as `LocalizationMap.build`.
 
     If the engine has a number of workers, the workers describe the frames first.
+
+    Args:
+        localizer: The localizer.
+        dataset: The dataset.
+        progress: As in `LocalizationMap.build`.
+        tell: As in `LocalizationMap.build`.
+        frames: The reference frames of the dataset with other places; None: those of the dataset.
+        floors: Other floors; None: those of the dataset.
     """
     describe_ahead(localizer.config, dataset, progress)
-    frames, floors = reference_frames(dataset), dataset.floors()
+    frames = reference_frames(dataset) if frames is None else frames
+    floors = dataset.floors() if floors is None else floors
     return LocalizationMap.build(
         localizer,
         frames,

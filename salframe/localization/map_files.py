@@ -70,6 +70,12 @@ class MapParts:
         """Return whether map.json lists a part of this name."""
         return name in self._names
 
+    def copy_to(self, folder: Path) -> None:
+        """Copy the parts that map.json lists to another folder."""
+        for name in sorted(self._names):
+            source, target = self.folder / name, folder / name
+            (shutil.copytree if source.is_dir() else shutil.copy2)(source, target)
+
     def write_json(self, name: str, content: Mapping[str, Any]) -> None:
         """Write a part that is a JSON file."""
         write_json(self.folder / name, content)

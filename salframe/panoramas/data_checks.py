@@ -77,7 +77,8 @@ def query_notes(panorama: Panorama, camera_z_m: Sequence[float] | np.ndarray = (
 
     Args:
         panorama: The query.
-        camera_z_m: (S,) world z of the cameras of the map. They confirm unusual heights.
+        camera_z_m: (S,) world z of the cameras of the map. A query as high as
+            one of them causes no warning.
     """
     notes = [unlabelled_note(panorama)]
     if panorama.range_m is not None and panorama.range_by is None:

@@ -122,7 +122,8 @@ def _regions_near(floor: FloorMasks, frame: ReferenceFrame) -> tuple[str | None,
 
 
 def _likely_cause(frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks], strangers: Sequence[Stranger]) -> str:
-    """Return the likely cause: the first change of the masks under which frames and regions agree."""
+    """Try changes of the masks, such as a flip. Return the first after which frames and regions agree: the likely
+    cause."""
     sample = frames[:: 1 + len(frames) // MAX_FRAMES]
     for cause, changed in _changes(frames, floors, strangers):
         comparison = compare_regions(sample, changed)
@@ -175,7 +176,7 @@ def _renaming(strangers: Sequence[Stranger]) -> dict[str, str]:
 
 
 def _heights(frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks]) -> list[float]:
-    """Return a height for each floor that suits the cameras of its places."""
+    """Return for each floor a height that is plausible for the cameras of its places."""
     heights_m = []
     for floor in floors:
         places = set(floor.regions.values())

@@ -11,14 +11,25 @@ import numpy as np
 from salframe.framework.errors import DataError
 from salframe.panoramas.floors import FloorMasks, check_heights, find_floor
 from salframe.panoramas.frames import FrameKind, ReferenceFrame
+from salframe.topology.connections import apart_note
 from salframe.topology.edges import components, joining_paths, make_edge, sight_pairs
 from salframe.topology.grid import FloorGrid, cell, nearest_pixel
-from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap, TopologySettings
+from salframe.topology.topological_map import (
+    MapEdge,
+    MapNode,
+    NodeKind,
+    TopologicalMap,
+    TopologySettings,
+    TopologySources,
+)
 from salframe.topology.transitions import Doorway, close_doorways
 
 
 def build_topology(
-    floors: Sequence[FloorMasks], frames: Iterable[ReferenceFrame] = (), settings: TopologySettings | None = None
+    floors: Sequence[FloorMasks],
+    frames: Iterable[ReferenceFrame] = (),
+    settings: TopologySettings | None = None,
+    sources: TopologySources | None = None,
 ) -> TopologicalMap:
     """Build the topological map of floors: transition nodes from the masks, scene nodes from reference frames, and
     edges between nodes with a line of sight over clear floor.
@@ -32,6 +43,7 @@ def build_topology(
         floors: The masks of the floors.
         frames: The reference frames.
         settings: Settings of the map, by default `TopologySettings()`.
+        sources: Where the floors come from, by default from floor masks.
 
     Returns:
         The map. Its `notes` list the edges that were added, the frames that were moved or left out, and the regions and
@@ -61,12 +73,10 @@ def build_topology(
             f"two nodes of the map would have the name {duplicates[0]!r}, "
             "expected places with different names on different floors"
         )
-    if len(floors) > 1:
-        heights = ", ".join(f"{floor.z_m:.2f}" for floor in floors)
-        notes.append(
-            f"the {len(floors)} floors at z = {heights} m are not connected: no edge leads from one to another"
-        )
-    return TopologicalMap(tuple(nodes), tuple(edges), tuple(floors), settings, tuple(notes))
+    if note := apart_note(floors, edges):
+        notes.append(note)
+    sources = sources or TopologySources()
+    return TopologicalMap(tuple(nodes), tuple(edges), tuple(floors), settings, tuple(notes), sources)
 
 
 def _split_by_floor(
@@ -103,7 +113,8 @@ class _FloorMap:
         self._names = self._grid.names
         if not self._names:
             raise DataError(
-                f"the floor at z = {floor.z_m:g} m has no free floor in any region, expected labelled free floor"
+                f"the storey at z = {floor.z_m:g} m has no free floor in any region, expected at least "
+                "one region with free floor"
             )
         self.nodes: list[MapNode] = []
         self._positions: list[np.ndarray] = []

@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from salframe.framework.errors import ConfigError, DataError, NoRoute, UnknownName
+from salframe.framework.errors import FRAME_ERRORS, ConfigError, DataError, NoRoute, RequirementMissing, UnknownName
+from salframe.framework.files.cache import Cache
 from salframe.localization.answers import Localization
+from salframe.localization.describing import describe_ahead, describe_frame
+from salframe.localization.localizer import Localizer
 from salframe.localization.map import LocalizationMap, build_localization
 from salframe.localization.map_files import MapParts, check_output, read_map, write_map
-from salframe.localization.next_view import NextView
 from salframe.localization.preparing import Tell, prepare, python_warning, silent
+from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 from salframe.panoramas.geometry import pose_yaw
 from salframe.panoramas.opening import Progress, reference_frames
 from salframe.panoramas.panorama import Panorama
 from salframe.topology.build import build_topology
-from salframe.topology.next_node import next_view_in
+from salframe.topology.connections import connect_by_walks
+from salframe.topology.derived_floors import FloorPlan, derive_floors, has_places
+from salframe.topology.free_space import FreeSpace
+from salframe.topology.map_server import read_map_server
 from salframe.topology.planner import Route
 from salframe.topology.routes import HERE, find_route, with_position
 from salframe.topology.store import TOPOLOGY, read_topology, write_topology
@@ -59,6 +66,7 @@ def build_map(
     topology: bool = True,
     central_nodes: bool = False,
     calibrate: bool = True,
+    floor_map: str | Path | None = None,
     data_dir: str | Path | None = None,
     overrides: Sequence[str] = (),
     engine: str | None = None,
@@ -67,8 +75,9 @@ def build_map(
 ) -> BuildingMap:
     """Build the map of a dataset and save it to the folder `output`, in one step.
 
-    The map has a topology if the dataset has floor masks. If no topology can be computed from them, `tell` is called
-    with the reason. A map without reference frames has only the topology. The new map replaces the map in `output`.
+    The topology is computed from the floor masks of the dataset. Without masks, floors are derived from the range of
+    the reference frames (`derive_floors`). If no topology can be computed, `tell` is called with the reason. A map
+    without reference frames has only the topology. The new map replaces the map in `output`.
 
     Args:
         data: name of a dataset or preset, a YAML file, or a folder with a manifest.json.
@@ -77,6 +86,8 @@ def build_map(
         topology: whether to build the topology of the floors.
         central_nodes: place one scene node in the widest part of each region, instead of one at each reference frame.
         calibrate: whether to calibrate the probabilities of the method with the reference frames.
+        floor_map: YAML file of a robot's occupancy map (`read_map_server`), whose free space is used where the dataset
+            has no floor masks.
         data_dir: folder with the files of the dataset.
         overrides: settings, "key.path=value" each; settings of data and engine start with "data." and "engine.".
         engine: name of the component that renders and describes.
@@ -84,8 +95,11 @@ def build_map(
         tell: called with messages for the user, one line each.
 
     Raises:
-        ConfigError: `output` holds something other than a map, or `central_nodes` was combined with `topology=False`.
-        DataError: The data have neither reference frames nor usable floors, or no usable floors with `central_nodes`.
+        ConfigError: `output` holds something other than a map, or `central_nodes` or `floor_map` was combined with
+            `topology=False`.
+        DataError: `floor_map` cannot be read, the data have neither reference frames nor usable floors, or no usable
+            floors with `central_nodes` or `floor_map`.
+        RequirementMissing: A package that derives floors is not installed, with `central_nodes` or `floor_map`.
         InputMissing: None of the components that `auto` may select can run.
     """
     output = Path(output)
@@ -94,30 +108,75 @@ def build_map(
             "received --central-nodes and --no-topology: --no-topology leaves out the nodes, so remove one of the "
             "options"
         )
-    check_output(output)
-    name, dataset, localizer = prepare(data, method, data_dir, overrides, engine, progress, tell)
-    floors, frames = dataset.floors() if topology else (), reference_frames(dataset)
-    if central_nodes and not floors:
-        raise DataError(
-            f"the dataset {dataset.name} has no floor masks, expected a dataset with floor masks to build the topology"
+    if floor_map is not None and not topology:
+        raise ConfigError(
+            "received --floor-map and --no-topology: the file is read for the topology, so remove one of the options"
         )
-    topological_map = None
-    if floors:
+    check_output(output)
+    space = None if floor_map is None else read_map_server(Path(floor_map))
+    name, dataset, localizer = prepare(data, method, data_dir, overrides, engine, progress, tell)
+    method_progress = progress and partial(progress, name)
+    frames = reference_frames(dataset)
+    plan, topological_map = FloorPlan(tuple(dataset.floors()), tuple(frames)), None
+    if topology:
         try:
-            topological_map = build_topology(floors, by_place(frames), TopologySettings(choose=central_nodes))
-        except DataError as error:
-            if central_nodes or not frames:
+            if not plan.floors:
+                plan = plan_floors(dataset, frames, localizer, progress, space)
+            elif space is not None:
+                tell(f"warning: {floor_map} is not used: the data have floor masks")
+            topological_map = _build_topology(plan, TopologySettings(choose=central_nodes))
+        except (DataError, RequirementMissing) as error:
+            if central_nodes or space is not None or not frames:
                 raise
             tell(f"warning: the map has no topology: {error}")
     localization = None
     if frames or topological_map is None:
         localization = build_localization(
-            localizer, dataset, progress and partial(progress, name), tell, calibrate=calibrate
+            localizer, dataset, method_progress, tell, plan.frames, plan.floors, calibrate=calibrate
         )
     building_map = BuildingMap(localization, topological_map)
     with write_map(output) as parts:
         building_map.write(parts)
     return building_map
+
+
+def plan_floors(
+    dataset: Dataset,
+    frames: Sequence[ReferenceFrame],
+    localizer: Localizer,
+    progress: Progress | None = None,
+    space: FreeSpace | None = None,
+) -> FloorPlan:
+    """Derive the floors of a dataset without floor masks from its reference frames.
+
+    Args:
+        dataset: The prepared dataset.
+        frames: Its reference frames.
+        localizer: The localizer of the map. The objects that it finds name regions where the frames have no places.
+        progress: As in `build_map`.
+        space: The free space of the only storey, such as that of a robot's map; None: from the range images.
+
+    Raises:
+        DataError: No floors can be derived from the frames.
+        RequirementMissing: A package that derives floors is not installed.
+    """
+    if not has_places(frames):
+        describe_ahead(localizer.config, dataset, progress and partial(progress, localizer.name))
+    cache = Cache()
+
+    def labels(frame: ReferenceFrame) -> Sequence[str]:
+        with suppress(*FRAME_ERRORS):
+            description, _ = describe_frame(localizer, frame, cache, dataset.content_key)
+            return [str(label) for label in description.get("labels", ())]
+        return ()
+
+    return derive_floors(frames, labels, progress and partial(progress, "floors"), space)
+
+
+def _build_topology(plan: FloorPlan, settings: TopologySettings) -> TopologicalMap:
+    topology = build_topology(plan.floors, by_place(plan.frames), settings, plan.sources)
+    topology = connect_by_walks(topology, plan.frames)
+    return replace(topology, notes=(*filter(None, [plan.sources.note]), *plan.notes, *topology.notes))
 
 
 @dataclass(frozen=True)
@@ -132,8 +191,6 @@ class Whereabouts:
         heading_rad: Azimuth of the panorama's x axis in the world frame, None without a pose.
         route: The route to the goal, where a goal was passed and can be reached.
         no_route: Why there is no route, where a goal was passed.
-        next_view: The turn or, in a map with a topology, the walk that would help most to localize the camera; None if
-            the answer is accepted, or as for `next_view_in`.
     """
 
     localization: Localization
@@ -142,7 +199,6 @@ class Whereabouts:
     heading_rad: float | None = None
     route: Route | None = None
     no_route: str | None = None
-    next_view: NextView | None = None
 
 
 def ask_map(
@@ -176,12 +232,10 @@ def ask_map(
         answer, heading_rad=None if answer.T_world_query is None else pose_yaw(answer.T_world_query)
     )
     if answer.accepted is False:
-        next_view = answer.next_view if topology is None else next_view_in(topology, answer)
-        whereabouts = replace(whereabouts, next_view=next_view)
         reason = f"{frame.id} was not localized ({answer.summary})"
         return whereabouts if goal is None else replace(whereabouts, no_route=f"no route to {goal}: {reason}")
     if topology is None:
-        reason = "the map has no topology: build it from data with floor masks"
+        reason = "the map has no topology: build it from data with floor masks or range"
         return whereabouts if goal is None else replace(whereabouts, no_route=f"no route to {goal}: {reason}")
     start = next((node.id for node in topology.nodes if answer.places[0].frame in node.frames), None)
     whereabouts = replace(whereabouts, node=start)

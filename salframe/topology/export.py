@@ -80,7 +80,9 @@ def _write_map_server(directory: Path, path: Path) -> tuple[Path, ...]:
 def _write_svg(directory: Path, path: Path) -> tuple[Path, ...]:
     localization, topology = read_map(directory, _read_both)
     if topology is None:
-        raise DataError(f"{directory} has no topology, expected a map that was built from data with floor masks")
+        raise DataError(
+            f"{directory} has no topology, expected a map that was built from data with floor masks or range"
+        )
     write_plan(directory.name, localization, topology, path)
     return (path,)
 
@@ -91,8 +93,8 @@ def _write_parquet(directory: Path, path: Path) -> tuple[Path, ...]:
 
 
 def _write_graphml(directory: Path, path: Path) -> tuple[Path, ...]:
-    """Write nodes with kind, x_m, y_m, z_m, regions and frames, and edges with length_m, azimuth_deg and path_m; lists
-    are joined by ';'."""
+    """Write nodes with kind, x_m, y_m, z_m, regions and frames, and edges with kind, length_m, azimuth_deg and path_m;
+    lists are joined by ';'."""
     import networkx as nx
 
     topology = open_topology(directory)
@@ -106,6 +108,7 @@ def _write_graphml(directory: Path, path: Path) -> tuple[Path, ...]:
         graph.add_edge(
             edge.start,
             edge.end,
+            kind=str(edge.kind),
             length_m=edge.length_m,
             azimuth_deg=float(np.degrees(edge.azimuth_rad)),
             path_m=corners,

@@ -142,9 +142,10 @@ def _topology_features(topology: TopologicalMap) -> Iterator[dict[str, Any]]:
     for edge in topology.edges:
         corners = edge.path_m or (place[edge.start], place[edge.end])
         line = [[float(x), float(y), float(height[edge.start])] for x, y in corners]
+        line[-1][2] = float(height[edge.end])
         azimuth_deg = float(np.degrees(edge.azimuth_rad))
-        ends = {"start": edge.start, "end": edge.end}
-        yield geojson_feature("LineString", line, layer="edge", **ends, length_m=edge.length_m, azimuth_deg=azimuth_deg)
+        names = {"layer": "edge", "start": edge.start, "end": edge.end, "kind": edge.kind}
+        yield geojson_feature("LineString", line, **names, length_m=edge.length_m, azimuth_deg=azimuth_deg)
 
 
 def geojson_feature(geometry: str, coordinates: Any, **properties: Any) -> dict[str, Any]:

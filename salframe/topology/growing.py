@@ -22,11 +22,14 @@ from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.opening import Progress, find_dataset, reference_frames
 from salframe.topology.build import build_topology
 from salframe.topology.building_map import BuildingMap, by_place
+from salframe.topology.connections import restore_connections
 from salframe.topology.store import TOPOLOGY, read_topology
-from salframe.topology.topological_map import TopologicalMap
+from salframe.topology.topological_map import TopologicalMap, TopologySources
 
-_Change = Callable[[LocalizationMap, Sequence[FloorMasks]], Sequence[FloorMasks]]
-"""A function that takes a map and its floors, changes the map, and returns the floors of the changed map."""
+_Plan = tuple[Sequence[FloorMasks], TopologySources]
+"""Floors, and where they come from."""
+_Change = Callable[[LocalizationMap, Sequence[FloorMasks], TopologySources], _Plan]
+"""A function that takes a map, its floors and their sources, changes the map, and returns those of the changed map."""
 _Source = tuple[Path, Sequence[ReferenceFrame]]
 """A map or dataset, and its frames."""
 
@@ -89,17 +92,18 @@ def add_to_map(
     for note in data_notes(dataset):
         tell(f"warning: {note}")
 
-    def add(localization: LocalizationMap, floors: Sequence[FloorMasks]) -> Sequence[FloorMasks]:
+    def add(localization: LocalizationMap, floors: Sequence[FloorMasks], sources: TopologySources) -> _Plan:
         places = {frame.place for frame in frames}
         remaining = [frame for frame in localization.frames if frame.place not in places]
         _check_ids([(directory, remaining), (Path(data), frames)])
-        new_floors = join_floors(floors, dataset.floors())
+        more = dataset.floors()
+        new_floors = join_floors(floors, more)
         method_progress = progress and partial(progress, localization.localizer.name)
         describe_ahead(localization.localizer.config, dataset, method_progress)
         localization.extend(
             frames, Cache(), dataset.content_key, floors=new_floors, progress=method_progress, tell=tell
         )
-        return new_floors
+        return new_floors, sources.joined(TopologySources()) if more else sources
 
     return _change(directory, add)
 
@@ -114,9 +118,9 @@ def calibrate_map(directory: str | Path) -> MapCalibration:
     """
     made: list[MapCalibration] = []
 
-    def calibrate(localization: LocalizationMap, floors: Sequence[FloorMasks]) -> Sequence[FloorMasks]:
+    def calibrate(localization: LocalizationMap, floors: Sequence[FloorMasks], sources: TopologySources) -> _Plan:
         made.append(localization.calibrate())
-        return floors
+        return floors, sources
 
     _change(Path(directory), calibrate)
     return made[0]
@@ -136,7 +140,7 @@ def remove_from_map(directory: str | Path, places: Iterable[str]) -> MapChange:
     """
     removed = list(dict.fromkeys(places))
 
-    def remove(localization: LocalizationMap, floors: Sequence[FloorMasks]) -> Sequence[FloorMasks]:
+    def remove(localization: LocalizationMap, floors: Sequence[FloorMasks], sources: TopologySources) -> _Plan:
         names = _places(localization.frames, floors)
         for place in removed:
             if place not in names:
@@ -145,7 +149,7 @@ def remove_from_map(directory: str | Path, places: Iterable[str]) -> MapChange:
             raise ConfigError(f"received all places of {directory} to remove, expected at least one to remain")
         remaining = without_places(floors, removed)
         localization.remove(removed, remaining)
-        return remaining
+        return remaining, sources
 
     return _change(Path(directory), remove)
 
@@ -164,18 +168,20 @@ def merge_maps(directory: str | Path, others: Iterable[str | Path]) -> MapChange
     """
     directory = Path(directory)
 
-    def merge(localization: LocalizationMap, floors: Sequence[FloorMasks]) -> Sequence[FloorMasks]:
-        sources, added = [(directory, localization.frames)], []
+    def merge(localization: LocalizationMap, floors: Sequence[FloorMasks], sources: TopologySources) -> _Plan:
+        maps, added = [(directory, localization.frames)], []
         for folder in map(Path, others):
             other, topology = read_map(folder, _read)
             _check_alike(localization.localizer, directory, other.localizer, folder)
-            _check_places(sources, other.frames, folder)
-            sources.append((folder, other.frames))
+            _check_places(maps, other.frames, folder)
+            maps.append((folder, other.frames))
+            if topology is not None:
+                sources = sources.joined(topology.sources)
             floors = join_floors(floors, _floors(other, topology))
             added.append(other)
-        _check_ids(sources)
+        _check_ids(maps)
         localization.merge(added, floors)
-        return floors
+        return floors, sources
 
     return _change(directory, merge)
 
@@ -193,6 +199,10 @@ def _floors(localization: LocalizationMap, topology: TopologicalMap | None) -> t
     return localization.floors if topology is None else topology.floors
 
 
+def _sources(topology: TopologicalMap | None) -> TopologySources:
+    return TopologySources() if topology is None else topology.sources
+
+
 def _change(directory: Path, change: _Change) -> MapChange:
     """Read a map, change it and write it, while other processes cannot write to it."""
     read_map(
@@ -201,10 +211,12 @@ def _change(directory: Path, change: _Change) -> MapChange:
     with write_map(directory) as parts:
         localization, topology = read_map(directory, _read)
         old, old_floors = localization.frames, _floors(localization, topology)
-        floors = change(localization, old_floors)
+        floors, sources = change(localization, old_floors, _sources(topology))
         notes: tuple[str, ...] = ()
         if topology is not None and floors:
-            topology = build_topology(floors, by_place(localization.frames), topology.parameters)
+            connections = topology.connections
+            topology = build_topology(floors, by_place(localization.frames), topology.parameters, sources)
+            topology = restore_connections(topology, connections)
             notes = topology.notes
         elif topology is not None:
             topology, notes = None, ("the topology was dropped: none of the remaining places has a floor",)

@@ -18,7 +18,7 @@ from salframe.panoramas.geometry import wrap_angle
 from salframe.topology.edges import joining_paths, make_edge
 from salframe.topology.grid import FloorGrid, cell, nearest_pixel, sees
 from salframe.topology.planner import Planner, Route
-from salframe.topology.topological_map import MapNode, NodeKind, TopologicalMap
+from salframe.topology.topological_map import EdgeKind, MapEdge, MapNode, NodeKind, TopologicalMap
 from salframe.topology.transitions import close_doorways
 
 HERE = "here"
@@ -34,14 +34,20 @@ class Step:
         length_m: Length of the walk.
         azimuth_rad: Azimuth of the walk in the world frame.
         turn_rad: Turn before the walk, positive to the left; None if the heading is unknown.
+        kind: How the step is travelled. Stairs and lifts have no turn, and the heading after them is unknown.
+        floor: Number of the floor where stairs or a lift end, from 1 for the lowest one; None for a walk.
     """
 
     to: str | None
     length_m: float
     azimuth_rad: float
     turn_rad: float | None
+    kind: EdgeKind = EdgeKind.WALK
+    floor: int | None = None
 
     def __str__(self) -> str:
+        if self.floor is not None:
+            return f"take the {self.kind} to floor {self.floor}, to {self.to}"
         towards = f"walk {self.length_m:.1f} m to {self.to or 'the corner'}"
         if self.turn_rad is None:
             return f"face {np.degrees(self.azimuth_rad):.0f} deg, {towards}"
@@ -56,26 +62,30 @@ def directions(route: Route, heading_rad: float | None = None) -> list[Step]:
     Args:
         route: The route.
         heading_rad: Azimuth in the world frame before the first step, None if unknown. Each further step turns from
-            the azimuth of the step before.
+            the azimuth of the step before. The heading after stairs or a lift is unknown.
     """
-    stretches: list[tuple[str | None, float, float]] = []
-    for leg in route.legs:
-        if not leg.path_m:
-            stretches.append((leg.end, leg.length_m, leg.azimuth_rad))
-            continue
-        along = np.diff(leg.path_m, axis=0)
-        ends = [*[None] * (len(along) - 1), leg.end]
-        stretches += [
-            (to, float(np.hypot(x, y)), float(np.arctan2(y, x))) for to, (x, y) in zip(ends, along, strict=True)
-        ]
     steps = []
-    for to, length_m, azimuth_rad in stretches:
-        turn_rad = (
-            None if heading_rad is None else -float(wrap_angle(heading_rad - azimuth_rad))
-        )  # in (-pi, pi]: a half turn is to the left
-        steps.append(Step(to, length_m, azimuth_rad, turn_rad))
-        heading_rad = azimuth_rad
+    for leg in route.legs:
+        if leg.storeys:
+            steps.append(Step(leg.end, leg.length_m, leg.azimuth_rad, None, leg.kind, leg.storeys[1]))
+            heading_rad = None
+            continue
+        for to, length_m, azimuth_rad in _stretches(leg):
+            turn_rad = (
+                None if heading_rad is None else -float(wrap_angle(heading_rad - azimuth_rad))
+            )  # in (-pi, pi]: a half turn is to the left
+            steps.append(Step(to, length_m, azimuth_rad, turn_rad))
+            heading_rad = azimuth_rad
     return steps
+
+
+def _stretches(leg: MapEdge) -> list[tuple[str | None, float, float]]:
+    """Return the straight parts of an edge: the node where each ends, None for a corner; its length and azimuth."""
+    if not leg.path_m:
+        return [(leg.end, leg.length_m, leg.azimuth_rad)]
+    along = np.diff(leg.path_m, axis=0)
+    ends = [*[None] * (len(along) - 1), leg.end]
+    return [(to, float(np.hypot(x, y)), float(np.arctan2(y, x))) for to, (x, y) in zip(ends, along, strict=True)]
 
 
 def route_json(route: Route, heading_rad: float | None = None) -> dict[str, Any]:
@@ -91,6 +101,8 @@ def route_json(route: Route, heading_rad: float | None = None) -> dict[str, Any]
             "length_m": step.length_m,
             "azimuth_deg": float(np.degrees(step.azimuth_rad)),
             "turn_deg": None if step.turn_rad is None else float(np.degrees(step.turn_rad)),
+            "kind": str(step.kind),
+            "floor": step.floor,
             "say": str(step),
         }
         for step in directions(route, heading_rad)

@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from salframe.framework.errors import DataError
+from salframe.framework.errors import DataError, UnknownName
 from salframe.framework.files.array_files import ArrayKind
 from salframe.framework.files.columns import Row
 from salframe.framework.files.reading import reading
 from salframe.framework.validation import Settings
-from salframe.localization.map_files import MapParts, read_map
+from salframe.localization.map_files import MapParts, read_map, write_map
 from salframe.panoramas.geometry import wrap_angle
+from salframe.topology.connections import connect_storeys
 from salframe.topology.signs import nearest_to_signs
-from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap, TopologySettings
+from salframe.topology.topological_map import (
+    Connection,
+    EdgeKind,
+    MapEdge,
+    MapNode,
+    NodeKind,
+    TopologicalMap,
+    TopologySettings,
+    TopologySources,
+)
 
 TOPOLOGY, NODES, EDGES = "topology.json", "nodes", "edges"
 _NAME, _NAMES, _NUMBER = ArrayKind("U", ()), ArrayKind("U", (None,)), ArrayKind("f", ())
@@ -30,6 +40,8 @@ class _Saved(Settings):
 
     parameters: TopologySettings
     notes: tuple[str, ...]
+    sources: TopologySources = TopologySources()
+    connections: tuple[Connection, ...] = ()
 
 
 def open_topology(directory: str | Path) -> TopologicalMap:
@@ -42,11 +54,41 @@ def open_topology(directory: str | Path) -> TopologicalMap:
 
 
 def write_topology(parts: MapParts, topology: TopologicalMap) -> None:
-    """Write a topological map as parts of a map: topology.json (parameters, notes), nodes, edges, and the floors."""
-    parts.write_json(TOPOLOGY, {"parameters": topology.parameters.model_dump(), "notes": list(topology.notes)})
+    """Write a topological map as parts of a map: topology.json (parameters, notes, sources and connections),
+    nodes, edges on foot, and the floors."""
+    _write_settings(parts, topology)
     parts.write_table(NODES, map(_node_row, topology.nodes))
-    parts.write_table(EDGES, map(_edge_row, topology.edges))
+    parts.write_table(EDGES, (_edge_row(edge) for edge in topology.edges if edge.kind is EdgeKind.WALK))
     parts.write_floors(topology.floors)
+
+
+def _write_settings(parts: MapParts, topology: TopologicalMap) -> None:
+    parts.write_json(
+        TOPOLOGY,
+        {
+            "parameters": topology.parameters.model_dump(),
+            "notes": list(topology.notes),
+            "sources": topology.sources.model_dump(mode="json"),
+            "connections": [connection.model_dump(mode="json") for connection in topology.connections],
+        },
+    )
+
+
+def connect_map(directory: str | Path, connections: Iterable[Connection]) -> TopologicalMap:
+    """Add stairs and lifts to the map in the folder `directory`, and return its topology. The map changes completely or
+    not at all.
+
+    Raises:
+        DataError: The folder holds no topological map, or both ends of a connection are on the same storey.
+        UnknownName: The map has no node or place of this name.
+    """
+    directory, connections = Path(directory), list(connections)
+    open_topology(directory)  # report a missing map before write_map creates its folder
+    with write_map(directory) as parts:
+        topology = connect_storeys(read_map(directory, read_topology), connections)
+        read_map(directory, lambda old: old.copy_to(parts.folder))
+        _write_settings(parts, topology)
+    return topology
 
 
 def read_topology(parts: MapParts) -> TopologicalMap:
@@ -57,8 +99,8 @@ def read_topology(parts: MapParts) -> TopologicalMap:
     """
     if not parts.has(TOPOLOGY):
         raise DataError(
-            f"{parts.folder.parent} contains no topology: build the map again, from data with floor masks and without "
-            "--no-topology"
+            f"{parts.folder.parent} contains no topology: build the map again, from data with floor masks or range, "
+            "and without --no-topology"
         )
     saved = parts.read_json(TOPOLOGY, _Saved)
     with reading(parts.folder / NODES, "nodes of a map"):
@@ -66,7 +108,15 @@ def read_topology(parts: MapParts) -> TopologicalMap:
     edges = tuple(_edge(row) for row in parts.read_table(EDGES, _EDGE))
     _check_edges(parts.folder / EDGES, nodes, edges)
     signs = nearest_to_signs(parts, nodes)
-    return TopologicalMap(nodes, edges, parts.read_floors(), saved.parameters, saved.notes, signs)
+    topology = TopologicalMap(
+        nodes, edges, parts.read_floors(), saved.parameters, saved.notes, saved.sources, signs=signs
+    )
+    if not saved.connections:
+        return topology
+    try:
+        return connect_storeys(topology, saved.connections)
+    except UnknownName as error:
+        raise DataError(f"{parts.folder / TOPOLOGY}: {error} Build the map again.") from None
 
 
 def _check_edges(path: Path, nodes: Sequence[MapNode], edges: Sequence[MapEdge]) -> None:

@@ -13,7 +13,7 @@ from salframe.framework.files.writing import write_text
 from salframe.localization.map import LocalizationMap
 from salframe.panoramas.floors import find_floor
 from salframe.topology.geojson import map_geojson
-from salframe.topology.topological_map import TopologicalMap
+from salframe.topology.topological_map import EdgeKind, TopologicalMap
 
 MARGIN_M = 1.0
 """Margin around a storey in metres."""
@@ -54,7 +54,7 @@ def write_plan(name: str, localization: LocalizationMap | None, topology: Topolo
             f'<text class="title" x="{left:.3f}" y="{-top - 0.3:.3f}">{escape(name)}, z = {floor.z_m:g} m</text>'
         )
         for feature in features:
-            if find_floor(topology.floors, _first_point(feature)) == number:
+            if find_floor(topology.floors, _first_point(feature)) == number and not _changes_floor(feature):
                 groups += _shapes(feature)
         groups.append(f'<path class="edge" d="M{left:.3f} {rows - top + 0.5:.3f}h1"/>')
         groups.append(f'<text x="{left + 0.5:.3f}" y="{rows - top + 0.4:.3f}">1 m</text>')
@@ -70,6 +70,11 @@ def write_plan(name: str, localization: LocalizationMap | None, topology: Topolo
         "</svg>",
     ]
     write_text(path, "\n".join(lines) + "\n")
+
+
+def _changes_floor(feature: dict[str, Any]) -> bool:
+    """Return whether a feature is an edge by stairs or a lift, which a plan of one floor does not show."""
+    return feature["properties"].get("kind") in (EdgeKind.STAIRS, EdgeKind.LIFT)
 
 
 def _first_point(feature: dict[str, Any]) -> np.ndarray:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from typing import Literal
 from xml.etree.ElementTree import Element
 
 import numpy as np
+from pydantic import Field
 
 from salframe.framework.validation import Settings
 from salframe.panoramas.floors import FloorMasks, find_floor
@@ -20,6 +22,30 @@ class NodeKind(StrEnum):
     SCENE = "scene"
     TRANSITION = "transition"
     CORNER = "corner"
+
+
+class EdgeKind(StrEnum):
+    """How an edge is travelled: on foot over clear floor, or by stairs or a lift between two storeys."""
+
+    WALK = "walk"
+    STAIRS = "stairs"
+    LIFT = "lift"
+
+
+class Connection(Settings):
+    """Stairs or a lift between two storeys.
+
+    Attributes:
+        start: Id of a node, or name of a place.
+        end: Id of a node, or name of a place on another storey.
+        kind: "stairs" or "lift".
+        length_m: Length that routes count for it.
+    """
+
+    start: str
+    end: str
+    kind: Literal[EdgeKind.STAIRS, EdgeKind.LIFT]
+    length_m: float = Field(gt=0, allow_inf_nan=False)
 
 
 @dataclass(frozen=True)
@@ -51,6 +77,8 @@ class MapEdge:
         length_m: Length of the edge.
         azimuth_rad: Azimuth of the straight line from `start` to `end` in the world frame.
         path_m: Corners (x, y) from `start` to `end`, both included; empty for a straight edge.
+        kind: How the edge is travelled.
+        storeys: Numbers of the storeys of `start` and `end`, from 1 for the lowest one; empty for a walk.
     """
 
     start: str
@@ -58,11 +86,60 @@ class MapEdge:
     length_m: float
     azimuth_rad: float
     path_m: tuple[tuple[float, float], ...] = ()
+    kind: EdgeKind = EdgeKind.WALK
+    storeys: tuple[int, ...] = ()
 
     def reversed(self) -> MapEdge:
         """Return the edge from `end` to `start`."""
         azimuth_rad = float(wrap_angle(self.azimuth_rad + np.pi))
-        return MapEdge(self.end, self.start, self.length_m, azimuth_rad, self.path_m[::-1])
+        back = replace(self, start=self.end, end=self.start, azimuth_rad=azimuth_rad)
+        return replace(back, path_m=self.path_m[::-1], storeys=self.storeys[::-1])
+
+
+class PartSource(StrEnum):
+    """Where a part of a topological map comes from.
+
+    GIVEN: floor masks of the data. RANGE: range images of the reference frames. MAP_FILE: an occupancy map of a robot.
+    PLACES: the places of the reference frames. FREE_SPACE: the narrow passages of the free space. MIXED: several, in a
+    map that was extended.
+    """
+
+    GIVEN = "given"
+    RANGE = "derived from range"
+    MAP_FILE = "map file"
+    PLACES = "derived from places"
+    FREE_SPACE = "derived from free space"
+    MIXED = "mixed"
+
+
+class TopologySources(Settings):
+    """Where the parts of a topological map come from. Doorways, nodes and edges are always computed from them.
+
+    Attributes:
+        free_space: Source of the free floor and the obstacles.
+        regions: Source of the regions and their names.
+    """
+
+    free_space: PartSource = PartSource.GIVEN
+    regions: PartSource = PartSource.GIVEN
+
+    def joined(self, other: TopologySources) -> TopologySources:
+        """Return the sources of a map that is joined with another one."""
+        pairs = ((self.free_space, other.free_space), (self.regions, other.regions))
+        free_space, regions = (first if first is second else PartSource.MIXED for first, second in pairs)
+        return TopologySources(free_space=free_space, regions=regions)
+
+    @property
+    def note(self) -> str | None:
+        """A line for the user; None if both parts are given."""
+        if self == TopologySources():
+            return None
+        free_space, regions = _words(self.free_space), _words(self.regions)
+        return f"floors without masks: the free space is {free_space}, the regions are {regions}"
+
+
+def _words(source: PartSource) -> str:
+    return f"from a {source}" if source is PartSource.MAP_FILE else str(source)
 
 
 class TopologySettings(Settings):
@@ -95,7 +172,10 @@ class TopologicalMap:
         parameters: The settings that the map was built with.
         notes: Notes for the user, one line each: regions out of reach, edges without line of sight, frames that were
             moved or left out.
-        signs: Id of the node nearest to each sign that the map has read, by the `text_key` of its text.
+        sources: Where the floors come from.
+        connections: Stairs and lifts between the floors, which are also in `edges`.
+        signs: Id of the node nearest to each sign that the map has read, by the `text_key` of its text. Known for a
+            saved map (`open_topology`).
     """
 
     nodes: tuple[MapNode, ...]
@@ -103,6 +183,8 @@ class TopologicalMap:
     floors: tuple[FloorMasks, ...] = field(default=(), compare=False)
     parameters: TopologySettings = field(default_factory=TopologySettings)
     notes: tuple[str, ...] = ()
+    sources: TopologySources = field(default_factory=TopologySources)
+    connections: tuple[Connection, ...] = ()
     signs: Mapping[str, str] = field(default_factory=dict, compare=False)
 
     def _repr_html_(self) -> str:

@@ -19,6 +19,7 @@ from salframe.evaluation.tables.text import format_bytes
 from salframe.framework.components.installation import folder_bytes
 from salframe.framework.components.registry import registry
 from salframe.topology.store import open_topology
+from salframe.topology.topological_map import PartSource
 
 TOPOLOGY = Path(__file__).parent.parent / "topology"
 
@@ -188,14 +189,15 @@ def test_build_and_map_build_are_one_command(built, tmp_path):
     done = run("map", "route", "other", "room-0", "room-1")
     assert (done.code, done.err) == (
         2,
-        "error: other contains no topology: build the map again, from data with floor masks and without "
-        "--no-topology\n",
+        "error: other contains no topology: build the map again, from data with floor masks or range, and "
+        "without --no-topology\n",
     )
 
 
 def test_data_without_floors_give_a_map_without_topology(rooms):
     done = run("map", "build", "maskless", "-o", "map", "--method", "reader")
-    assert (done.code, done.err) == (0, "")
+    reason = "the data have no floor masks and no range images to derive floors from, expected one of them"
+    assert (done.code, done.err) == (0, f"warning: the map has no topology: {reason}\n")
     assert done.out.endswith(", no topology\n")
     assert run("localize", "map", "query-1-0", "--data", "doored").code == 0
     done = run("map", "query", "map", "query-1-0", "--data", "doored", "--json").json
@@ -203,7 +205,8 @@ def test_data_without_floors_give_a_map_without_topology(rooms):
     done = run("map", "query", "map", "query-1-0", "--data", "doored", "--to", "room-3")
     assert (done.code, done.err) == (1, "")
     assert "pose: x 4.00 m, y 0.00 m, yaw 0.0 deg" in done.out
-    assert done.out.endswith("no route to room-3: the map has no topology: build it from data with floor masks\n")
+    reason = "the map has no topology: build it from data with floor masks or range"
+    assert done.out.endswith(f"no route to room-3: {reason}\n")
 
 
 @pytest.mark.parametrize("options", [(), ("--central-nodes",), ("--no-topology",)])
@@ -247,12 +250,17 @@ def test_floors_above_each_other_are_said_to_be_apart(rooms):
     [
         (
             ["build", "maskless", "-o", "new", "--method", "reader", "--central-nodes"],
-            "maskless has no floor masks, expected a dataset with floor masks",
+            "the data have no floor masks and no range images to derive floors from",
         ),
         (
             ["build", "doored", "-o", "new", "--method", "reader", "--central-nodes", "--no-topology"],
             "received --central-nodes and --no-topology",
         ),
+        (
+            ["build", "doored", "-o", "new", "--method", "reader", "--floor-map", "robot.yaml", "--no-topology"],
+            "received --floor-map and --no-topology",
+        ),
+        (["build", "maskless", "-o", "new", "--method", "reader", "--floor-map", "robot.yaml"], "robot.yaml"),
         (
             ["build", "crooked", "-o", "new", "--method", "reader"],
             "the region mask of a floor is 4 x 3 pixels, expected 100 x 16",
@@ -298,6 +306,22 @@ def test_what_a_user_gets_wrong_is_one_line(built, tmp_path, arguments, message)
     assert not (tmp_path / "new").exists()
 
 
+def test_floor_masks_have_priority_over_a_map_file(built, tmp_path):
+    assert run("map", "export", "map", "robot.yaml").code == 0
+    done = run("map", "build", "doored", "-o", "new", "--method", "reader", "--floor-map", "robot.yaml")
+    assert (done.code, done.err) == (0, "warning: robot.yaml is not used: the data have floor masks\n")
+    assert open_topology(tmp_path / "new") == open_topology(tmp_path / "map")
+
+
+def test_an_exported_map_file_gives_the_free_space_of_data_without_masks(built, tmp_path):
+    assert run("map", "export", "map", "robot.yaml").code == 0
+    done = run("map", "build", "maskless", "-o", "new", "--method", "reader", "--floor-map", "robot.yaml")
+    assert (done.code, done.err) == (0, "")
+    topology = open_topology(tmp_path / "new")
+    assert topology.sources.free_space is PartSource.MAP_FILE
+    assert run("map", "route", "new", "room-0", "room-4").code == 0
+
+
 def test_a_failed_build_leaves_the_old_map(built, tmp_path):
     def files():
         return {path: path.read_bytes() for path in (tmp_path / "map").rglob("*") if path.is_file()}
@@ -331,3 +355,27 @@ def test_a_picture_replaces_pictures_alone(built, tmp_path):
     assert (tmp_path / "thesis.png").read_text() == "years"
     for _ in range(2):
         assert run("map", "show", "map", "-o", "new.png").code == 0
+
+
+def test_stairs_connect_floors_and_routes_take_them(rooms, tmp_path):
+    assert run("map", "build", "storeys", "-o", "map", "--method", "reader").code == 0
+    nodes = open_topology(tmp_path / "map").nodes
+    lower, upper = (choose(nodes, key=lambda node: node.xyz_m[2]).id for choose in (min, max))
+    assert run("map", "route", "map", lower, upper).code == 2
+    done = run("map", "connect", "map", lower, upper, "--kind", "lift", "--length", "15")
+    assert (done.code, done.out.splitlines()[0]) == (0, "map: 1 connections between 2 floors")
+    route = run("map", "route", "map", lower, upper, "--json").json
+    assert route["length_m"] == 15.0
+    assert [(step["kind"], step["floor"], step["say"]) for step in route["steps"]] == [
+        ("lift", 2, f"take the lift to floor 2, to {upper}")
+    ]
+    assert run("map", "show", "map").code == 0
+    assert run("map", "export", "map", "map.geojson").code == 0
+    done = run("map", "connect", "map", lower)
+    assert (done.code, done.err) == (
+        2,
+        "error: expected either FROM, TO and --length, or --file: name the two ends, or a CSV table\n",
+    )
+    done = run("map", "connect", "map", lower, upper, "--kind", "ladder", "--length", "2")
+    assert done.code == 2
+    assert "stairs" in done.err

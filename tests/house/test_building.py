@@ -96,6 +96,16 @@ def test_all_doorways_are_joined_by_free_floor_for_a_robot(style, rooms):
     assert (labels == main).sum() > 0.9 * walkable.sum()
 
 
+def test_pixels_on_the_edge_of_a_threshold_do_not_close_the_doorway():
+    house = building("office", 106, 202)  # its doorways at y = 33.45 m end at centres of pixels
+    masks = house.floor_masks()
+    for door in house.doors:
+        column, row = np.floor((np.array(door.centre_m) - masks.origin_m) / (0.05, -0.05)).astype(int)
+        around = masks.free[row - 3 : row + 4, column - 3 : column + 4]
+        assert around.any(0).all()
+        assert around.any(1).all()
+
+
 def test_labels_meet_in_the_middle_of_thresholds():
     house = building("office", 12)
     masks = house.floor_masks(0.02)

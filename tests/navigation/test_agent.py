@@ -106,13 +106,6 @@ def test_where_bumps_leave_no_way_they_are_forgotten(world):
     assert agent.decide() is not None
 
 
-class LeftIsBest:
-    """A predictor whose best view is 120 degrees to the left."""
-
-    def turn(self) -> NextView:
-        return NextView(120.0, 0.1, 0.7)
-
-
 def unsure(out_of_map_probability: float) -> Located:
     share = 1 - out_of_map_probability
     places = (RankedPlace("frame", "room", 1.0, share),)
@@ -121,7 +114,7 @@ def unsure(out_of_map_probability: float) -> Located:
         at(2.5, 2.8),
         LocalizationStatus.OK,
         out_of_map_probability=out_of_map_probability,
-        predict_views=lambda answer: LeftIsBest(),
+        next_view=NextView(120.0),
     )
     return Located(answer)
 

@@ -183,13 +183,6 @@ def test_odometry_has_the_stated_noise(site):
     assert turn_deg == pytest.approx(2.0, rel=0.25)
 
 
-class LeftIsBest:
-    """A predictor whose best view is 120 degrees to the left."""
-
-    def turn(self) -> NextView:
-        return NextView(120.0, 0.1, 0.7)
-
-
 def test_an_unsure_agent_turns_on_the_spot_and_passes_the_motion(site):
     turns = []
 
@@ -197,9 +190,7 @@ def test_an_unsure_agent_turns_on_the_spot_and_passes_the_motion(site):
         turns.append(turn)
         places = (RankedPlace("frame", "room", 1.0, 0.1),)
         return Located(
-            Localization(
-                places, T, LocalizationStatus.OK, out_of_map_probability=0.9, predict_views=lambda answer: LeftIsBest()
-            )
+            Localization(places, T, LocalizationStatus.OK, out_of_map_probability=0.9, next_view=NextView(120.0))
         )
 
     row = walk(site, unsure, episode(site, 1.5, 2.0), NavigationConfig(**STILL, arrival_m=0.01, max_turns=1), 0)

@@ -60,6 +60,7 @@ BASE: dict[str, dict[str, str]] = {
     "map calibrate": MAP,
     "map remove": MAP | {"places": "kitchen"},
     "map merge": MAP | {"others": "map"},
+    "map connect": WAYS | {"start": "a", "end": "c", "kind": "lift", "length": "4"},
     "map show": WAYS | {"output": "ways.png"},
     "map route": ROUTE,
     "map query": {"map": "building", "frame": "kitchen-query", "data": "./data", "goal": "bedroom"},

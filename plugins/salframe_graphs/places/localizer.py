@@ -23,7 +23,6 @@ from salframe.graphs.vocabulary import unknown_labels
 from salframe.localization.answers import Localization, LocalizationStatus, NodeMatches, RankedPlace, ranked_places
 from salframe.localization.evidence import Evidence
 from salframe.localization.localizer import Description
-from salframe.localization.next_view import PlacePoses
 from salframe.localization.saved_frames import SavedFrames
 from salframe.panoramas.floors import Regions
 from salframe.panoramas.frames import ReferenceFrame
@@ -51,7 +50,7 @@ from salframe_graphs.places.poses import Poses
 from salframe_graphs.places.query_objects import QueryObjects
 from salframe_graphs.places.search import Ranking, SearchResult, search, settle
 from salframe_graphs.places.settings import PlacesConfig
-from salframe_graphs.sectors import BINS, Sectors, shown_bins
+from salframe_graphs.sectors import Sectors, shown_bins
 from salframe_graphs.views import sectors_from_arrays, sectors_to_arrays
 
 _SCENES = "scenes"
@@ -271,26 +270,9 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         hypotheses = self._hypotheses(query, description)
         return None if hypotheses is None else hypotheses.evidence
 
-    def place_poses(self, description: Description) -> PlacePoses | None:
-        if not self.config.pose:
-            return None
-        query = graph_from_arrays(description)
-        ranking = self._rank(query, description) if len(query) else None
+    def shown_directions(self, description: Description) -> np.ndarray | None:
         sectors = sectors_from_arrays(description)
-        is_shown: np.ndarray = np.ones((1, BINS), bool) if sectors is None else sectors.reach_m > 0
-        poses = {} if ranking is None else self._poses_of(ranking)
-        return PlacePoses(poses, is_shown[-1], np.logical_or.reduce(is_shown))
-
-    def _poses_of(self, ranking: Ranking) -> dict[str, np.ndarray]:
-        """Return the pose (4, 4) of each ranked place that has one, by name."""
-        poses = {}
-        frames = self._map.nearest_frames(ranking.names, ranking.poses, ranking.pose_row)
-        for name, row, number in zip(ranking.names.tolist(), ranking.pose_row.tolist(), frames, strict=True):
-            if row >= 0:
-                z_m = self._matching.frames[number].T_world_pano[2, 3]
-                x_m, y_m = ranking.poses.shift_m[row]
-                poses[self._map.names[name]] = pose_2d(x_m, y_m, ranking.poses.yaw_rad[row], z_m)
-        return poses
+        return None if sectors is None else sectors.reach_m > 0
 
     def unknown_labels(self, description: Description) -> tuple[str, ...]:
         return unknown_labels(description, self._matching.labels)

@@ -187,9 +187,10 @@ class _Method:
         return self._descriptions[frame.id]
 
     def _references(self, row: AnswerRow | None, truth: Truth, correct: bool) -> Iterator[tuple[str, ReferenceFrame]]:
-        """Yield the reference frame of the answer and, where the answer is wrong, a frame of the true place.
+        """Yield the frame that the answer ranks first and, where the answer is wrong, a frame of the true place.
 
-        The reference frame is the frame that is ranked first, otherwise the nearest frame.
+        The latter is the frame of the true place that the answer ranks best. If it ranks none, it is the frame nearest
+        to the true pose.
         """
         places = row.places if row is not None else ()
         if places and places[0].frame in self._frames:

@@ -98,7 +98,7 @@ def judge(
         answers: The answer to each query; None if there is none.
         truths: The ground truth of each query.
         present: Whether the map contains the place of each query; None: all of them.
-        doorways: Places of the map that are not scenes.
+        doorways: Places of the map that are doorways.
         room_types: Room types of places, if they are known.
     """
     present = np.ones(len(truths), bool) if present is None else np.asarray(present, bool)

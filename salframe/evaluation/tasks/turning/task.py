@@ -25,13 +25,15 @@ from salframe.localization.answers import Localization
 from salframe.localization.described_query import DescribedView, describe_view
 from salframe.localization.localizer import Localizer
 from salframe.localization.map import LocalizationMap
-from salframe.localization.next_view import TURNS_DEG
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.opening import reference_frames
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.query_motion import OdometryErrors
+
+TURNS_DEG = (30.0, -30.0, 60.0, -60.0, 90.0, -90.0, 120.0, -120.0, 150.0, -150.0, 180.0)
+"""Turns of the control, one of which is drawn at random, in degrees, positive to the left."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,9 +13,9 @@ from salframe.evaluation.runs.run_folder import MethodStatus, Outcome
 from salframe.evaluation.studies.study import Study, run_study
 from salframe.evaluation.tasks.turning.measures import summarize_turns
 from salframe.evaluation.tasks.turning.rows import TurnLine, TurnRow
+from salframe.evaluation.tasks.turning.task import TURNS_DEG
 from salframe.framework.errors import InputMissing
 from salframe.framework.validation import validate
-from salframe.localization.next_view import TURNS_DEG
 
 RIGHT, UNSURE = TurnLine(accepted=True, right=True), TurnLine(accepted=False, right=True)
 WRONG, LOST = TurnLine(accepted=True, right=False), TurnLine(accepted=False, right=False)

@@ -1,0 +1,141 @@
+"""Stairs and lifts, which connect the storeys of a map."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+from salframe.framework.errors import DataError, UnknownName
+from salframe.framework.files.reading import read_csv_texts
+from salframe.framework.validation import validate
+from salframe.panoramas.floors import FloorMasks, find_floor
+from salframe.panoramas.frames import ReferenceFrame
+from salframe.topology.edges import components
+from salframe.topology.routes import find_nodes
+from salframe.topology.storeys import find_walks
+from salframe.topology.topological_map import Connection, MapEdge, MapNode, NodeKind, TopologicalMap
+
+COLUMNS = ("start", "end", "kind", "length_m")
+"""Columns of a file with connections."""
+
+
+def read_connections(path: Path) -> list[Connection]:
+    """Read connections from a CSV file with the columns start, end, kind and length_m.
+
+    Raises:
+        DataError: The file cannot be read, or a column is missing.
+        ConfigError: A row has an invalid value.
+    """
+    columns = read_csv_texts(path, COLUMNS)
+    rows = zip(*(columns[name] for name in COLUMNS), strict=True)
+    return [
+        validate(Connection, dict(zip(COLUMNS, row, strict=True)), f"{path}, row {number}:")
+        for number, row in enumerate(rows, 2)
+    ]
+
+
+def connect_storeys(topology: TopologicalMap, connections: Iterable[Connection]) -> TopologicalMap:
+    """Return a map with an edge for each connection, in addition to those that it has.
+
+    If an end is a place with several nodes, the edge joins the two nodes that are nearest to each other in top view.
+    Another connection of the same two nodes is replaced.
+
+    Args:
+        topology: The map.
+        connections: Stairs and lifts.
+
+    Raises:
+        UnknownName: The map has no node or place of this name.
+        DataError: Both ends are on the same storey.
+    """
+    every = {}
+    for connection in (*topology.connections, *connections):
+        edge = _edge(topology, connection)
+        every[frozenset((edge.start, edge.end))] = connection, edge
+    edges = [edge for edge in topology.edges if not edge.storeys] + [edge for _, edge in every.values()]
+    notes = [note for note in topology.notes if note != apart_note(topology.floors, topology.edges)]
+    return replace(
+        topology,
+        edges=tuple(edges),
+        connections=tuple(connection for connection, _ in every.values()),
+        notes=(*notes, *filter(None, [apart_note(topology.floors, edges)])),
+    )
+
+
+def connect_by_walks(topology: TopologicalMap, frames: Sequence[ReferenceFrame]) -> TopologicalMap:
+    """Return a map with a connection for each recorded walk between its storeys, and a note for each.
+
+    The shortest walk between two places counts. Walks whose ends have no node are left out.
+
+    Args:
+        topology: The map.
+        frames: The reference frames in the order of their recording.
+    """
+    scenes = [node for node in topology.nodes if node.kind is NodeKind.SCENE]
+    of_region = {region: node.id for node in scenes for region in node.regions}
+    of_frame = {frame: node.id for node in scenes for frame in node.frames}
+    nodes = {frame.id: of_frame.get(frame.id) or of_region.get(frame.place) for frame in frames}
+    ends = {frame: node for frame, node in nodes.items() if node is not None}
+    joined: set[frozenset[str]] = set()
+    for walk in sorted(find_walks(frames, ends), key=lambda walk: walk.length_m):
+        places = frozenset((walk.start.place, walk.end.place))
+        if places in joined:
+            continue
+        values = {"start": ends[walk.start.id], "end": ends[walk.end.id], "kind": walk.kind}
+        connection = validate(Connection, {**values, "length_m": walk.length_m}, "recorded walk:")
+        with suppress(UnknownName, DataError):
+            topology = connect_storeys(topology, [connection])
+            joined.add(places)
+            note = f"the frames {walk.start.id} to {walk.end.id} show {walk.kind} of {walk.length_m:.1f} m"
+            topology = replace(topology, notes=(*topology.notes, note))
+    return topology
+
+
+def restore_connections(topology: TopologicalMap, connections: Iterable[Connection]) -> TopologicalMap:
+    """Return a map that was computed again with its connections. Those whose ends were removed are dropped, with a
+    note."""
+    for connection in connections:
+        try:
+            topology = connect_storeys(topology, [connection])
+        except (UnknownName, DataError):
+            note = f"the {connection.kind} from {connection.start} to {connection.end} are dropped: an end was removed"
+            topology = replace(topology, notes=(*topology.notes, note))
+    return topology
+
+
+def apart_note(floors: Sequence[FloorMasks], edges: Sequence[MapEdge]) -> str | None:
+    """Return a line on floors that no edge connects, None if all are connected."""
+    pairs = np.array([edge.storeys for edge in edges if edge.storeys], int).reshape(-1, 2) - 1
+    count = len(set(components(len(floors), pairs).tolist()))
+    if count == 1:
+        return None
+    heights = ", ".join(f"{floor.z_m:.2f}" for floor in floors)
+    all_floors = f"the {len(floors)} floors at z = {heights} m are"
+    if count == len(floors):
+        return f"{all_floors} not connected: no edge leads from one to another"
+    return f"{all_floors} in {count} parts that neither stairs nor a lift connects"
+
+
+def _edge(topology: TopologicalMap, connection: Connection) -> MapEdge:
+    """Return the edge of a connection. Raises as `connect_storeys`."""
+    nodes = {node.id: node for node in topology.nodes}
+    starts, ends = ([nodes[id] for id in find_nodes(topology, name)] for name in (connection.start, connection.end))
+
+    def offset_m(pair: Sequence[MapNode]) -> np.ndarray:
+        return np.subtract(pair[1].xyz_m[:2], pair[0].xyz_m[:2])
+
+    start, end = min(product(starts, ends), key=lambda pair: float(np.hypot(*offset_m(pair))))
+    storeys = tuple((find_floor(topology.floors, np.array(node.xyz_m)) or 0) + 1 for node in (start, end))
+    if storeys[0] == storeys[1]:
+        raise DataError(
+            f"{connection.start} and {connection.end} are both on floor {storeys[0]}, expected the ends of "
+            f"{connection.kind} on two floors"
+        )
+    x_m, y_m = offset_m((start, end))
+    azimuth_rad = float(np.arctan2(y_m, x_m))
+    return MapEdge(start.id, end.id, connection.length_m, azimuth_rad, kind=connection.kind, storeys=storeys)

@@ -1,0 +1,1 @@
+"""Measures of derived floors against given floor masks."""

@@ -1,0 +1,177 @@
+"""Compare derived floors with floor masks: `python -m training.floors.measure house-42 --seeds 200,201,202`.
+
+The data is a preset of the dataset `house`. For each seed the command derives floors from the reference frames, and
+prints the doorways that they have in common with the floor masks, the errors of the lengths of routes, and the
+adjusted Rand index of the regions of frames without places. `--localize` adds the accuracy of localization, and
+`--episodes N` the success rate of navigation with N episodes per seed. The how-to page floors.md reports them.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Annotated
+
+import numpy as np
+import typer
+from salframe_house.rendering import buildings_of
+
+from salframe.evaluation.statistics import Estimate, estimate_proportion
+from salframe.framework.errors import SalframeError
+from salframe.framework.files.cache import Cache
+from salframe.localization.localizer import Localizer
+from salframe.localization.map import LocalizationMap
+from salframe.localization.preparing import prepare
+from salframe.navigation.episodes import Episode, Site, draw_episodes
+from salframe.navigation.guide import Guide
+from salframe.navigation.sight import Sight
+from salframe.navigation.walk import SUCCESS_M, EpisodeStatus, NavigationConfig, walk
+from salframe.navigation.world import FloorWorld, open_worlds
+from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.floors import FloorMasks, Regions, floor_pixels
+from salframe.panoramas.frames import FrameKind, ReferenceFrame
+from salframe.panoramas.opening import reference_frames
+from salframe.topology.build import build_topology
+from salframe.topology.building_map import by_place
+from salframe.topology.derived_floors import FloorPlan, derive_floors
+from training.floors.measures import adjusted_rand_index, compare_topologies
+
+SCORES = "given", "derived", "regions"
+"""Maps with floor masks, with derived floors and given places, and with derived regions as places."""
+
+
+def on_grid(floor: FloorMasks, like: FloorMasks) -> FloorMasks:
+    """Return a floor on the pixels of another floor of the same resolution. Pixels outside are cut off."""
+    row, column = floor_pixels(like, np.array([floor.origin_m]) + np.array([1e-6, -1e-6]))[0].tolist()
+    masks = []
+    for mask in (floor.free, floor.region, floor.obstacle):
+        whole = np.zeros(like.free.shape, mask.dtype)
+        rows, columns = (
+            range(max(0, -at), min(size, total - at))
+            for at, size, total in zip((row, column), mask.shape, whole.shape, strict=True)
+        )
+        part = mask[rows.start : rows.stop, columns.start : columns.stop]
+        whole[row + rows.start : row + rows.stop, column + columns.start : column + columns.stop] = part
+        masks.append(whole)
+    free, region, obstacle = masks
+    return FloorMasks(free, region, obstacle, like.resolution_m, like.origin_m, floor.regions, floor.z_m)
+
+
+def region_agreement(given: FloorMasks, derived: FloorMasks) -> float:
+    """Return the adjusted Rand index of the regions on the pixels that have a region in both floors."""
+    derived = on_grid(derived, given)
+    both = (given.region > 0) & (derived.region > 0)
+    return adjusted_rand_index(given.region[both], derived.region[both])
+
+
+def localize_all(
+    dataset: Dataset, localizer: Localizer, frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks]
+) -> Iterator[bool]:
+    """Yield for each query whether the first place of the answer is the place of the true position."""
+    built = LocalizationMap.build(localizer, frames, Cache(), dataset.content_key, floors=floors)
+    regions = Regions(floors)
+    for query in dataset.folds()[0].queries:
+        truth = dataset.truth(query.id).T_world_pano
+        if truth is None:
+            continue
+        answer = built.localize(query, warn=lambda line: None)
+        number = int(regions.at(truth[None, :2, 3], truth[None, 2, 3])[0])
+        yield bool(answer.places) and answer.places[0].place == regions.places[number]
+
+
+def walk_all(
+    dataset: Dataset, localizer: Localizer, given: FloorWorld, derived: FloorWorld, count: int, seed: int
+) -> dict[str, list[bool]]:
+    """Return the success of the same episodes in both worlds, by the distance to the goal along the floor masks."""
+    config = NavigationConfig()
+    site, derived_site = (Site(world, Guide(world.chart, config.planner)) for world in (given, derived))
+    episodes, _ = draw_episodes({given.id: site}, count, seed)
+    success = {}
+    for name, agent_site in (("given", site), ("derived", derived_site)):
+        sight = Sight(localizer, dataset.content_key, positioning=True)
+        success[name] = [_walk(agent_site, site.guide, sight, episode, config, seed) for episode in episodes]
+    return success
+
+
+def _walk(site: Site, guide: Guide, sight: Sight, episode: Episode, config: NavigationConfig, seed: int) -> bool:
+    """Return whether an agent reaches the goal of an episode. It fails where its map does not have the goal."""
+    try:
+        row = walk(site, partial(sight.look, site.world), episode, config, seed)
+        end_m = np.array(row["path"][-1][:3])
+        return row["status"] is EpisodeStatus.ARRIVED and guide.way(end_m, episode.goal).length_m <= SUCCESS_M
+    except SalframeError as error:
+        print(f"  episode {episode.number} fails: {error}")
+        return False
+
+
+def main(
+    data: Annotated[str, typer.Argument(help="Preset of the dataset house")],
+    seeds: Annotated[str, typer.Option(help="Seeds of the buildings, separated by commas")] = "200,201,202",
+    scenes_only: Annotated[bool, typer.Option(help="Leave out the frames in doorways")] = False,
+    localize: Annotated[bool, typer.Option(help="Measure the accuracy of localization")] = False,
+    episodes: Annotated[int, typer.Option(help="Number of episodes of navigation per seed")] = 0,
+) -> None:
+    """Compare floors that are derived from panoramas with the floor masks of generated buildings."""
+    doors = np.zeros(3, int)
+    errors, lost, agreements = [], 0, []
+    scores: dict[str, dict[str, list[bool]]] = {kind: defaultdict(list) for kind in ("localization", "navigation")}
+    clusters: dict[str, list[str]] = defaultdict(list)
+    for seed in seeds.split(","):
+        _, dataset, localizer = prepare(
+            data, "proposed", None, ["data.rgb=false", f"data.seed={seed}"], None, None, print
+        )
+        frames = reference_frames(dataset)
+        used = [frame for frame in frames if frame.kind is FrameKind.SCENE or not scenes_only]
+        (masks,) = dataset.floors()
+        plan = derive_floors(used)
+        split = derive_floors([replace(frame, place=frame.id) for frame in used])
+        given = build_topology([masks], by_place(frames))
+        compared = compare_topologies(given, build_topology(plan.floors, by_place(used)))
+        doors += (compared.given, compared.derived, compared.common)
+        errors.append(compared.route_errors)
+        lost += compared.lost_routes + compared.false_routes
+        agreements.append(region_agreement(masks, split.floors[0]))
+        print(
+            f"{data} seed {seed}: {compared.given} doorways, derived {compared.derived}, common {compared.common}; "
+            f"median route error {np.median(compared.route_errors):.2%} of {len(compared.route_errors)}, "
+            f"{compared.lost_routes} lost, {compared.false_routes} false; {len(masks.regions)} rooms, "
+            f"{len(split.floors[0].regions)} regions, adjusted Rand index {agreements[-1]:.3f}",
+            flush=True,
+        )
+        if localize:
+            plans = (FloorPlan((masks,), tuple(frames)), plan, split)
+            for name, one in zip(SCORES, plans, strict=True):
+                right = list(localize_all(dataset, localizer, one.frames, one.floors))
+                scores["localization"][name] += right
+            clusters["localization"] += [seed] * len(right)
+            print(
+                "  localization", {name: np.mean(values) for name, values in scores["localization"].items()}, flush=True
+            )
+        if episodes:
+            (world,) = open_worlds(dataset)
+            assert isinstance(world, FloorWorld)
+            actual = buildings_of(dataset.config)[1].floor_masks()
+            derived = FloorWorld(world.id, dataset, on_grid(plan.floors[0], masks), frames, actual)
+            for name, success in walk_all(dataset, localizer, world, derived, episodes, 0).items():
+                scores["navigation"][name] += success
+            clusters["navigation"] += [seed] * len(success)
+            print("  navigation", {name: np.mean(values) for name, values in scores["navigation"].items()}, flush=True)
+    num_given, num_derived, common = doors.tolist()
+    print(f"{data}: {common} of {num_given} doorways found, {num_derived - common} of {num_derived} invented")
+    every = np.concatenate(errors)
+    print(f"{data}: median route error {np.median(every):.2%} of {len(every)} routes, {lost} lost or false")
+    print(f"{data}: adjusted Rand index {np.mean(agreements):.3f} (mean of {len(agreements)} buildings)")
+    for kind, by_name in scores.items():
+        for name, values in by_name.items():
+            share = estimate_proportion(np.array(values), clusters[kind])
+            print(f"{data}: {kind}, {name}: {_percent(share)}, n = {len(values)}")
+
+
+def _percent(estimate: Estimate) -> str:
+    return f"{estimate.value:.1%} ({estimate.low:.1%} to {estimate.high:.1%})"
+
+
+if __name__ == "__main__":
+    typer.run(main)
