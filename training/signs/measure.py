@@ -23,7 +23,7 @@ from salframe.panoramas.opening import reference_frames
 
 EVIDENCE = "likelihood", "outline", "panorama", "labels"
 """Evidence of `proposed` without texts."""
-REFERENCES = "without signs", "shuffled"
+REFERENCES = "without signs", "signs, texts not compared", "shuffled"
 """Conditions that all others are compared with by a paired test."""
 
 
@@ -88,13 +88,15 @@ def main(
     data: Annotated[str, typer.Argument(help="Preset of the dataset house")],
     seeds: Annotated[str, typer.Option(help="Seeds of the buildings, separated by commas")] = "200,201",
     noise: Annotated[str, typer.Option(help="Noise of the detector annotations")] = "panoseg",
+    fov: Annotated[float, typer.Option(help="Horizontal field of view of the queries in degrees")] = 360.0,
 ) -> None:
     """Compare localization with and without signs."""
     right: dict[str, np.ndarray] = {}
     for name, condition in CONDITIONS.items():
         parts, clusters, twins = [], [], []
         for seed in seeds.split(","):
-            settings = ["data.rgb=false", f"data.seed={seed}", f"proposed.detector.noise={noise}", *condition.settings]
+            building = ["data.rgb=false", f"data.seed={seed}", f"data.query_fov_deg={fov}"]
+            settings = [*building, f"proposed.detector.noise={noise}", *condition.settings]
             correct, rooms, is_twin = localize_all(data, settings)
             parts.append(correct)
             clusters += [f"{seed}/{room}" for room in rooms]
