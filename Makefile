@@ -3,7 +3,7 @@ PYTHON ?= python3
 # Python compiles what it imports; pip would compile all of torch and transformers.
 unexport PYTHONDONTWRITEBYTECODE  # else each of the processes that tests start compiles anew
 INSTALL = .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-compile --constraint constraints.txt
-EXTRAS = test,keypoints,training,transformers,node2vec,fast,floors,clip,words,assets,tflite,colmap,ros,rerun,serve
+EXTRAS = test,keypoints,training,transformers,node2vec,fast,floors,clip,words,assets,tflite,colmap,ros,rerun,serve,text
 WEIGHTS = xfeat xfeat-nn aliked-nn aliked-lightglue disk-lightglue efficientnet-lite0
 # A module's tests run in one process, a process a core, of one thread each: threads that wait for each other cost more.
 PYTEST = OMP_NUM_THREADS=1 .venv/bin/python -m pytest --numprocesses auto --dist loadfile --benchmark-disable

@@ -142,7 +142,7 @@ def spoil(objects: list[Annotated], vocabulary: Sequence[str], noise: Noise, see
             continue
         label = another_label(annotated.label, vocabulary, rng) if mislabelled else annotated.label
         points_m = (annotated.points_m * factor).astype(np.float32)
-        noisy = replace(annotated, label=label, points_m=points_m)
+        noisy = replace(annotated, label=label, points_m=points_m, text="" if mislabelled else annotated.text)
         if merged and (nearest := _nearest_of_label(annotated, objects)) is not None:
             noisy = replace(
                 noisy,

@@ -81,6 +81,7 @@ class SensedNoise:
         return replace(
             annotated,
             label=label,
+            text=annotated.text if label == annotated.label else "",
             points_m=points.astype(np.float32),
             solid_angle_sr=annotated.solid_angle_sr * growth**2,
         )

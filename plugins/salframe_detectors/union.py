@@ -92,7 +92,8 @@ def _join(parts: Sequence[Detections]) -> Detections:
     labels = tuple(label for part in parts for label in part.labels)
     empty = np.zeros((0, 3), np.float32)
     masks = tuple(rays for part in parts for rays in part.rays or [empty] * len(part))
-    return Detections(labels, points_m=points, rays=masks, **arrays)  # type: ignore[arg-type]
+    texts = tuple(text for part in parts for text in part.texts)
+    return Detections(labels, points_m=points, rays=masks, texts=texts, **arrays)  # type: ignore[arg-type]
 
 
 def _corners(detections: Detections) -> list[np.ndarray]:

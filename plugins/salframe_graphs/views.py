@@ -37,7 +37,7 @@ def join_objects(
 ) -> Detections:
     """Return the objects of views in the frame of the last view. Sightings of one object are merged.
 
-    An object has the highest score of its sightings, and the yaw of the nearest sighting.
+    An object has the highest score of its sightings, and the yaw and the text of the nearest sighting.
 
     Args:
         graphs: The graphs of V views, with positions.
@@ -60,7 +60,13 @@ def join_objects(
     yaws = np.concatenate([graph.yaw_rad + pose_yaw(T) for graph, T in zip(graphs, T_last_view, strict=True)])
     far_to_near = np.argsort(-sightings.range_m, kind="stable")
     yaw_rad[merged.owner[far_to_near]] = yaws[far_to_near] % np.pi  # the last assignment wins: the nearest sighting
-    return Detections(merged.labels, scores, merged.centroid_m, np.exp(merged.log_size), yaw_rad)
+    texts = np.full(count, "", object)
+    of_sightings = np.array([text for graph in graphs for text in graph.texts], object)
+    readable = far_to_near[of_sightings[far_to_near] != ""]
+    texts[merged.owner[readable]] = of_sightings[readable]  # the text of the nearest sighting that has one
+    return Detections(
+        merged.labels, scores, merged.centroid_m, np.exp(merged.log_size), yaw_rad, texts=tuple(texts.tolist())
+    )
 
 
 def join_bearings(graphs: Sequence[SaliencyGraph], T_last_view: np.ndarray) -> SaliencyGraph:
@@ -73,10 +79,12 @@ def join_bearings(graphs: Sequence[SaliencyGraph], T_last_view: np.ndarray) -> S
         T_last_view: (V, 4, 4) motions that map coordinates of the views to those of the last view.
     """
     labels: list[str] = []
+    texts: list[str] = []
     scores, saliency, bearing, solid_angle_sr, origin_m = [], [], [], [], []
     for graph, T in zip(graphs, T_last_view, strict=True):
         rows = np.flatnonzero(np.isnan(graph.centroid_m).any(1))
         labels += [graph.labels[row] for row in rows]
+        texts += [graph.texts[row] for row in rows]
         scores.append(graph.scores[rows])
         saliency.append(graph.saliency[rows])
         bearing.append(graph.bearing[rows] @ T[:3, :3].T)
@@ -95,6 +103,7 @@ def join_bearings(graphs: Sequence[SaliencyGraph], T_last_view: np.ndarray) -> S
         np.concatenate(bearing),
         np.concatenate(solid_angle_sr),
         np.concatenate(origin_m),
+        texts=tuple(texts),
     )
 
 

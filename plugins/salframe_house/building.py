@@ -22,6 +22,7 @@ from salframe_house.placement import PlacedObject, RoomPlan
 from salframe_house.planning import plan_layout
 from salframe_house.scene import Light, Material, Scene
 from salframe_house.shell import shell_mesh, window_light
+from salframe_house.signs import sign_mesh
 
 Style = Literal["home", "office", "hotel"]
 Changes = Literal["uniform", "by-class"]
@@ -56,7 +57,7 @@ _FITTINGS = frozenset(
 class Building:
     """A furnished single-floor building in the world frame (metres, z up, floor at z = 0).
 
-    Corridors count as rooms.
+    Corridors count as rooms. Signs are on walls; their labels state their texts.
     """
 
     style: Style
@@ -65,6 +66,7 @@ class Building:
     doors: tuple[Door, ...]
     windows: tuple[Window, ...]
     objects: tuple[PlacedObject, ...]
+    signs: tuple[PlacedObject, ...] = ()
 
     @property
     def layout(self) -> Layout:
@@ -74,7 +76,7 @@ class Building:
     @property
     def labels(self) -> dict[int, str]:
         """Instance id -> label."""
-        return {obj.instance_id: obj.label for obj in self.objects}
+        return {obj.instance_id: obj.label for obj in (*self.objects, *self.signs)}
 
     def scene(self, catalogue: Catalogue | None = None) -> Scene:
         """Return the triangles, materials and lights of the building.
@@ -84,6 +86,7 @@ class Building:
         """
         meshes: list[tuple[Mesh, PlacedObject | None]] = [(shell_mesh(self.layout, self.style, self.seed), None)]
         meshes += [(object_mesh(o.label, o.size_m, o.seed, o.mirrored, catalogue), o) for o in self.objects]
+        meshes += [(sign_mesh(sign), sign) for sign in self.signs]
         materials: dict[Material, int] = {}
         vertices, triangles, uv, material_index, instance_id = [], [], [], [], []
         count = 0

@@ -33,7 +33,15 @@ FRAME_SETTINGS = (
     "lighting",
 )
 """Settings that determine which frames exist and their lighting. They affect the pixels only through the frame."""
-CHANGE_SETTINGS = "changed_fraction", "changes", "change_kinds", "query_range", "query_scale_share"
+CHANGE_SETTINGS = (
+    "changed_fraction",
+    "changes",
+    "change_kinds",
+    "query_range",
+    "query_scale_share",
+    "signs_unreadable",
+    "signs_wrong",
+)
 """Settings that affect only the queries: changes of the building and the range of the queries."""
 
 

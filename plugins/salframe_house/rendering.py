@@ -27,6 +27,7 @@ from salframe_house.frames import HouseFrame, choose_frames, move_queries
 from salframe_house.lighting import Lighting
 from salframe_house.render import HouseRenderer
 from salframe_house.settings import HouseConfig
+from salframe_house.signs import change_signs, place_signs
 
 
 @cache
@@ -37,16 +38,30 @@ def buildings(
     changed_fraction: float,
     changes: Changes = "uniform",
     kinds: tuple[ChangeKind, ...] = CHANGE_KINDS,
+    signs: bool = False,
+    signs_unreadable: float = 0.0,
+    signs_wrong: float = 0.0,
 ) -> tuple[Building, Building]:
     """Return the building at the time of mapping and at the time of the queries."""
     building = generate_building(style, rooms, seed)
-    return building, change_building(building, changed_fraction, seed, changes, kinds)
+    if signs:
+        building = replace(building, signs=place_signs(building.layout, building.objects, seed))
+    changed = change_building(building, changed_fraction, seed, changes, kinds)
+    return building, replace(changed, signs=change_signs(building.signs, signs_unreadable, signs_wrong, seed))
 
 
 def buildings_of(config: HouseConfig) -> tuple[Building, Building]:
     """Return the `buildings` of a dataset."""
     return buildings(
-        config.style, config.rooms, config.seed, config.changed_fraction, config.changes, config.change_kinds
+        config.style,
+        config.rooms,
+        config.seed,
+        config.changed_fraction,
+        config.changes,
+        config.change_kinds,
+        config.signs,
+        config.signs_unreadable,
+        config.signs_wrong,
     )
 
 
@@ -93,8 +108,10 @@ def object_table(building: Building, changed: Building) -> dict[str, Sequence[An
 
     The objects of the mapped building come first, then the objects that were added later.
     """
-    original_ids = {obj.instance_id for obj in building.objects}
-    objects = [*building.objects, *(obj for obj in changed.objects if obj.instance_id not in original_ids)]
+    objects = [*building.objects, *building.signs]
+    original_ids = {obj.instance_id for obj in objects}
+    later = (*changed.objects, *changed.signs)
+    objects += [obj for obj in later if obj.instance_id not in original_ids]
     centre = np.array([obj.bounds_m.mean(axis=0) for obj in objects])
     size = np.array([obj.size_m for obj in objects])
     return {

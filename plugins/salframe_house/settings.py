@@ -82,6 +82,19 @@ class HouseConfig(QueryView):
         min_length=1,
         description="list of the kinds of changes, which are equally frequent",
     )
+    signs: bool = added(
+        False,
+        description="true: rooms have a sign with their number, as a poster inside and a plate beside the door outside",
+    )
+    signs_unreadable: float = added(
+        0.0, ge=0, le=1, description="share of the signs (0 to 1) that cannot be read when the queries are taken"
+    )
+    signs_wrong: float = added(
+        0.0,
+        ge=0,
+        le=1,
+        description="share of the signs (0 to 1) that have the number of another room when the queries are taken",
+    )
     lighting: Literal["other", "day", "evening", "dim"] = Field(
         "other",
         description="lighting of the queries; other: evening or dim at random. Reference frames always have daylight",
@@ -115,6 +128,15 @@ class HouseConfig(QueryView):
         "each query has its own factor",
     )
     hide_query_place: bool = hide_query_place_setting()
+
+    @model_validator(mode="after")
+    def _shares_of_signs_add_up(self) -> HouseConfig:
+        if self.signs_unreadable + self.signs_wrong > 1:
+            raise ValueError(
+                f"signs_unreadable is {self.signs_unreadable:g} and signs_wrong is {self.signs_wrong:g}; expected a "
+                "sum of at most 1"
+            )
+        return self
 
     @model_validator(mode="after")
     def _turns_about_the_vertical(self) -> HouseConfig:

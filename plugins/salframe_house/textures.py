@@ -52,14 +52,14 @@ def texture_kind(name: str) -> TextureKind:
         raise DataError(f"unknown texture '{name}'; expected one of {', '.join(sorted(TEXTURES))}") from None
 
 
-def image_texture(rgb: np.ndarray) -> str:
+def image_texture(rgb: np.ndarray, *, fills: bool = False) -> str:
     """Register an image (h, w, 3) uint8 sRGB as a texture and return its name.
 
-    The rows go upwards; the image spans one unit of u and v.
+    The rows go upwards. The image spans one unit of u and v, or, if it `fills`, the whole surface.
     """
     tile = (cv2.resize(rgb, (TILE, TILE), interpolation=cv2.INTER_AREA) / 255) ** 2.2
-    name = f"image {zlib.crc32(tile.tobytes()):08x}"
-    _IMAGES[name] = TextureKind(lambda rng: tile, (1.0, 1.0), fixed=True)
+    name = f"{'sign' if fills else 'image'} {zlib.crc32(tile.tobytes()):08x}"
+    _IMAGES[name] = TextureKind(lambda rng: tile, (None, None) if fills else (1.0, 1.0), fixed=True)
     return name
 
 

@@ -182,13 +182,13 @@ def show(
 @app.command()
 def route(
     map: TopologyMap,
-    start: Annotated[str, typer.Argument(metavar="FROM", help="Node or place to start from")],
-    goal: Annotated[str, typer.Argument(metavar="TO", help="Node or place to go to")],
+    start: Annotated[str, typer.Argument(metavar="FROM", help="Node, place or sign to start from")],
+    goal: Annotated[str, typer.Argument(metavar="TO", help="Node, place or sign to go to")],
     planner: PlannerName = PLANNER,
     heading: Heading = None,
     as_json: Json = False,
 ) -> None:
-    """Print the shortest route between two nodes or places.
+    """Print the shortest route between two nodes, places or signs.
 
     Each step has its length, azimuth and turn.
     """
@@ -212,7 +212,7 @@ def query(
         str, typer.Argument(help="Image listed in a manifest.json, or id of a frame of the dataset --data")
     ],
     data: Annotated[str | None, typer.Option(help="Dataset that contains the frame")] = None,
-    goal: Annotated[str | None, typer.Option("--to", metavar="GOAL", help="Node or place to go to")] = None,
+    goal: Annotated[str | None, typer.Option("--to", metavar="GOAL", help="Node, place or sign to go to")] = None,
     planner: PlannerName = PLANNER,
     data_dir: DataDir = None,
     overrides: Set = None,

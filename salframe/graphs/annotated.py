@@ -11,9 +11,9 @@ import numpy as np
 
 from salframe.framework.errors import InputMissing
 from salframe.graphs.boxes import box_solid_angle, detections_from_points, detections_where_known
-from salframe.graphs.detections import Detections, unit_vectors
+from salframe.graphs.detections import MAX_TEXT, Detections, unit_vectors
 from salframe.panoramas.geometry import equirectangular_rays, pixel_solid_angles, pose_2d, transform_points
-from salframe.panoramas.panorama import VISIBLE_PIXELS, Annotations, Panorama
+from salframe.panoramas.panorama import VISIBLE_PIXELS, Annotations, Panorama, split_text
 
 
 @dataclass(frozen=True)
@@ -22,16 +22,18 @@ class Annotated:
 
     Attributes:
         key: A number that identifies the object in every panorama.
-        label: The annotated label.
+        label: The annotated label, without its text.
         points_m: (n, 3) float32, points of the object in the panorama frame, in metres; where the range is unknown,
             unit vectors through the pixels of the object.
         solid_angle_sr: (n,), solid angle of the pixel behind each point, NaN for an object known only by its box.
+        text: The text on the object, "" if it has none.
     """
 
     key: int
     label: str
     points_m: np.ndarray
     solid_angle_sr: np.ndarray
+    text: str = ""
 
 
 def annotated_objects(panorama: Panorama) -> list[Annotated]:
@@ -85,11 +87,12 @@ def as_detections(objects: list[Annotated], *, ranged: bool = True) -> Detection
     if not objects:
         return Detections.empty()
     solid_angle_sr = np.array([annotated.solid_angle_sr.sum() for annotated in objects])
+    texts = tuple(annotated.text[:MAX_TEXT] for annotated in objects)
     if ranged:
         detections = detections_from_points(labels, scores, [annotated.points_m for annotated in objects])
-        return replace(detections, solid_angle_sr=solid_angle_sr)
+        return replace(detections, solid_angle_sr=solid_angle_sr, texts=texts)
     bearing = unit_vectors(np.array([annotated.solid_angle_sr @ annotated.points_m for annotated in objects]))
-    return detections_where_known(labels, scores, None, bearing, solid_angle_sr)
+    return replace(detections_where_known(labels, scores, None, bearing, solid_angle_sr), texts=texts)
 
 
 def _objects_in_image(
@@ -108,7 +111,7 @@ def _objects_in_image(
     instances, counts = np.unique(ids, return_counts=True)
     parts = [slice(end - count, end) for count, end in zip(counts, np.cumsum(counts), strict=True)]
     return [
-        Annotated(int(instance), labels[int(instance)], points[part], solid_angle_sr[part])
+        _annotated(int(instance), labels[int(instance)], points[part], solid_angle_sr[part])
         for instance, count, part in zip(instances, counts, parts, strict=True)
         if count >= VISIBLE_PIXELS and int(instance) in labels
     ]
@@ -131,5 +134,11 @@ def _objects_in_list(annotations: Annotations) -> list[Annotated]:
         key = zlib.crc32(listed.keys[i].encode())
         range_m = float(np.linalg.norm(listed.centroid_m[i]))
         solid_angle_sr = np.nan if listed.ranged else box_solid_angle(listed.size_m[i], range_m)
-        objects.append(Annotated(key, listed.labels[i], corners.astype(np.float32), np.full(8, solid_angle_sr / 8)))
+        objects.append(_annotated(key, listed.labels[i], corners.astype(np.float32), np.full(8, solid_angle_sr / 8)))
     return objects
+
+
+def _annotated(key: int, label: str, points_m: np.ndarray, solid_angle_sr: np.ndarray) -> Annotated:
+    """Return an object whose label may state its text (`split_text`)."""
+    name, text = split_text(label)
+    return Annotated(key, name, points_m, solid_angle_sr, text)

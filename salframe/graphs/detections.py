@@ -9,6 +9,9 @@ import numpy as np
 from salframe.framework.arrays import check_array
 from salframe.framework.errors import InvalidAnswer
 
+MAX_TEXT = 64
+"""Maximum number of characters of the text of an object."""
+
 
 @dataclass(frozen=True, eq=False)
 class Detections:
@@ -25,6 +28,8 @@ class Detections:
             the centroids.
         solid_angle_sr: (N,) float64, solid angle that each object covers, NaN where unknown.
         rays: N arrays (n_i, 3) float32, unit vectors through the pixels of the masks; None if there are no masks.
+        texts: N strings, the text written on each object, at most MAX_TEXT characters; "" where there is none or it
+            cannot be read. By default, no object has a text.
     """
 
     labels: tuple[str, ...]
@@ -36,6 +41,7 @@ class Detections:
     bearing: np.ndarray = None  # type: ignore[assignment]  # set in __post_init__
     solid_angle_sr: np.ndarray = None  # type: ignore[assignment]
     rays: tuple[np.ndarray, ...] | None = None
+    texts: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "labels", tuple(self.labels))
@@ -57,6 +63,12 @@ class Detections:
             if (sets := getattr(self, name)) is not None and len(sets) != n:
                 raise InvalidAnswer(f"Detections.{name} has {len(sets)} point sets, expected {n}, one for each object")
 
+        object.__setattr__(self, "texts", tuple(self.texts) or ("",) * n)
+        if len(self.texts) != n:
+            raise InvalidAnswer(f"Detections.texts holds {len(self.texts)} strings, expected {n}")
+        if (longest := max(map(len, self.texts), default=0)) > MAX_TEXT:
+            raise InvalidAnswer(f"Detections.texts holds a string of {longest} characters, expected at most {MAX_TEXT}")
+
     def __len__(self) -> int:
         return len(self.labels)
 
@@ -74,6 +86,7 @@ class Detections:
             self.bearing[index],
             self.solid_angle_sr[index],
             None if self.rays is None else tuple(self.rays[i] for i in index),
+            tuple(self.texts[i] for i in index),
         )
 
     @classmethod

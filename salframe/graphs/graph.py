@@ -51,6 +51,7 @@ class SaliencyGraph:
             without range in a graph of several views.
         variance_m2: (N,) float64, variance of each node's position along each horizontal axis if it was triangulated
             from several panoramas, which all have this error in common; 0 for a measured position.
+        texts: N strings, the text written on each node, "" where none was read; by default on no node.
         out_of_reach: Number of objects that were left out because they lie beyond REACH_M along an axis.
     """
 
@@ -66,6 +67,7 @@ class SaliencyGraph:
     origin_m: np.ndarray = None  # type: ignore[assignment]
     variance_m2: np.ndarray = None  # type: ignore[assignment]
     out_of_reach: int = 0
+    texts: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "labels", tuple(self.labels))
@@ -87,6 +89,9 @@ class SaliencyGraph:
         check_array(self, "solid_angle_sr", np.float64, n)
         check_array(self, "origin_m", np.float64, n, 3)
         check_array(self, "variance_m2", np.float64, n)
+        object.__setattr__(self, "texts", tuple(self.texts) or ("",) * n)
+        if len(self.texts) != n:
+            raise DataError(f"SaliencyGraph.texts has {len(self.texts)} strings, expected {n}, one for each node")
         edges = check_array(self, "edges", np.int64, None, 2)
         if len(edges) and not (edges[:, 0].min() >= 0 and (edges[:, 0] < edges[:, 1]).all() and edges[:, 1].max() < n):
             raise DataError(f"SaliencyGraph.edges must be pairs a < b of nodes below {n}, the number of nodes")
@@ -148,7 +153,8 @@ def with_range(graph: SaliencyGraph) -> SaliencyGraph:
     count = int(np.isfinite(graph.centroid_m).all(1).sum())
     if count == len(graph):
         return graph
-    return replace(graph, labels=graph.labels[:count], **{name: getattr(graph, name)[:count] for name in _NODE_COLUMNS})
+    first = {name: getattr(graph, name)[:count] for name in ("labels", "texts", *_NODE_COLUMNS)}
+    return replace(graph, **first)
 
 
 def concatenate_graphs(parts: Sequence[SaliencyGraph]) -> SaliencyGraph:
@@ -159,6 +165,7 @@ def concatenate_graphs(parts: Sequence[SaliencyGraph]) -> SaliencyGraph:
         tuple(label for part in parts for label in part.labels),
         edges=np.concatenate(edges),
         out_of_reach=sum(part.out_of_reach for part in parts),
+        texts=tuple(text for part in parts for text in part.texts),
         **{name: np.concatenate([getattr(part, name) for part in parts]) for name in _NODE_COLUMNS},
     )
 
@@ -221,6 +228,7 @@ def build_graph(
         chosen.solid_angle_sr if bearings_only else np.full(len(nodes), np.nan),
         variance_m2=None if variance_m2 is None else variance_m2[nodes],  # type: ignore[arg-type]
         out_of_reach=int(far.sum()),
+        texts=chosen.texts,
     )
 
 

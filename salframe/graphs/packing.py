@@ -21,6 +21,8 @@ BEARING_ARRAYS = ("bearing", "solid_angle_sr", "origin_m")
 
 VARIANCE, DEVIATION = "variance_m2", "deviation_mm"
 """Names of the arrays of graphs with triangulated nodes, exact and packed."""
+TEXTS = "texts"
+"""Name of the array with the text of each node, in graphs with at least one text."""
 
 
 def graph_to_arrays(graph: SaliencyGraph) -> dict[str, np.ndarray]:
@@ -31,6 +33,7 @@ def graph_to_arrays(graph: SaliencyGraph) -> dict[str, np.ndarray]:
     bearing = {} if has_range else {name: getattr(graph, name) for name in BEARING_ARRAYS}
     variance = {VARIANCE: graph.variance_m2} if graph.variance_m2.any() else {}
     out_of_reach = {"out_of_reach": np.array(graph.out_of_reach)} if graph.out_of_reach else {}
+    texts = {TEXTS: np.array(graph.texts, np.str_)} if any(graph.texts) else {}
     return {
         "labels": labels,
         "scores": graph.scores,
@@ -42,6 +45,7 @@ def graph_to_arrays(graph: SaliencyGraph) -> dict[str, np.ndarray]:
         **bearing,
         **variance,
         **out_of_reach,
+        **texts,
     }
 
 
@@ -50,16 +54,17 @@ def graph_from_arrays(arrays: Mapping[str, np.ndarray]) -> SaliencyGraph:
     fields = {name: arrays[name] for name in ("scores", "saliency", "centroid_m", "size_m", "yaw_rad", "edges")}
     fields |= {name: arrays[name] for name in (*BEARING_ARRAYS, VARIANCE) if name in arrays}
     out_of_reach = int(arrays.get("out_of_reach", 0))
-    return SaliencyGraph(tuple(arrays["labels"].tolist()), **fields, out_of_reach=out_of_reach)
+    texts = tuple(arrays[TEXTS].tolist()) if TEXTS in arrays else ()
+    return SaliencyGraph(tuple(arrays["labels"].tolist()), **fields, out_of_reach=out_of_reach, texts=texts)
 
 
 def pack_graph(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Pack arrays of `graph_to_arrays` into 16 bytes per node, one bit per pair of nodes, and the labels.
+    """Pack arrays of `graph_to_arrays` into 16 bytes per node, one bit per pair of nodes, the labels, and the texts.
 
     Returns:
         `labels`; `nodes` (N,): score in 1/255, yaw in pi/256, saliency in 1/65535, position and size in mm, a size from
         1 to 65535; `edges`: a bit for each pair of nodes, row by row above the diagonal. If nodes were triangulated,
-        `deviation_mm` (N,): standard deviation of the position along each horizontal axis.
+        `deviation_mm` (N,): standard deviation of the position along each horizontal axis. `texts`, if a node has one.
 
     Raises:
         DataError: A position is unknown or beyond +-32.7 m.
@@ -75,7 +80,8 @@ def pack_graph(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     nodes["saliency"] = np.round(arrays["saliency"] * 65535)
     nodes["position_mm"] = np.round(centroid_m * 1000)
     nodes["size_mm"] = np.clip(np.round(arrays["size_m"] * 1000), 1, 65535)
-    packed = {"labels": arrays["labels"], "nodes": nodes, "edges": edge_bits(arrays["edges"], count)}
+    edges = edge_bits(arrays["edges"], count)
+    packed = {"labels": arrays["labels"], "nodes": nodes, "edges": edges, **texts_of(arrays)}
     if VARIANCE in arrays:
         deviation_mm = np.round(np.sqrt(arrays[VARIANCE]) * 1000)
         packed[DEVIATION] = np.minimum(deviation_mm, 65535).astype(np.uint16)
@@ -87,7 +93,13 @@ def unpack_graph(packed: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     pairs = _pairs(len(packed["nodes"]))
     edges = pairs[np.unpackbits(packed["edges"], count=len(pairs)).view(bool)]
     variance = {VARIANCE: (packed[DEVIATION] / 1000) ** 2} if DEVIATION in packed else {}
-    return {"labels": packed["labels"], **unpack_nodes(packed["nodes"]), "edges": edges, **variance}
+    nodes = unpack_nodes(packed["nodes"])
+    return {"labels": packed["labels"], **nodes, "edges": edges, **variance, **texts_of(packed)}
+
+
+def texts_of(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the array of the texts of a graph or packed graph by its name; {} if no node has a text."""
+    return {TEXTS: arrays[TEXTS]} if TEXTS in arrays else {}
 
 
 def unpack_nodes(nodes: np.ndarray) -> dict[str, np.ndarray]:

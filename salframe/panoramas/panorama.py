@@ -71,6 +71,16 @@ def labels_by_id(labels: Any, where: str) -> dict[int, str]:
     return converted
 
 
+TEXT_PREFIX = "text: "
+"""Start of the annotated label of an object with a text, such as a sign: "text: 3.14" is a `text` with this string."""
+
+
+def split_text(label: str) -> tuple[str, str]:
+    """Return the name and the text of an annotated label: ("text", "3.14") for "text: 3.14", ("chair", "") for
+    "chair"."""
+    return ("text", label.removeprefix(TEXT_PREFIX)) if label.startswith(TEXT_PREFIX) else (label, "")
+
+
 @dataclass(frozen=True, eq=False)
 class ObjectBoxes:
     """Upright boxes of N annotated objects, in the panorama frame.
@@ -118,7 +128,8 @@ class Annotations:
     Attributes:
         instance_id: (H, 2H) int32 instance image, 0 where there is no object, at most MAX_INSTANCE_ID; other integers
             are converted. None if there is a list of objects.
-        labels: Label of each instance id. Ids as text, such as "7", are converted.
+        labels: Label of each instance id. Ids as text, such as "7", are converted. The label of an object with a text
+            on it, such as a sign, is "text: " and the text.
         objects: List of objects; None if there is an instance image.
         rendered: Whether labels and ranges come from a renderer and are free of errors.
         error_id: Seeds the simulated errors of objects. Panoramas with one `error_id` have the same errors of the same
@@ -151,8 +162,9 @@ class Annotations:
 
     @property
     def vocabulary(self) -> tuple[str, ...]:
-        """Labels of all objects, each once, in alphabetical order."""
-        return tuple(sorted(set(self.labels.values() if self.objects is None else self.objects.labels)))
+        """Labels of all objects without their texts, each once, in alphabetical order."""
+        labels = self.labels.values() if self.objects is None else self.objects.labels
+        return tuple(sorted({split_text(label)[0] for label in labels}))
 
 
 @dataclass(frozen=True, eq=False)

@@ -209,7 +209,7 @@ def ask_map(
     *,
     warn: Callable[[str], object] = python_warning,
 ) -> Whereabouts:
-    """Localize a query with a saved map, find the nearest node, and plan the route to a node or place.
+    """Localize a query with a saved map, find the nearest node, and plan the route to a node, place or sign.
 
     The route begins at the estimated pose, in the node `here`. Without a pose, it begins at the node of the best
     reference frame. If there is no route, the answer has the reason: the goal is unknown or cannot be reached, the map
@@ -218,7 +218,7 @@ def ask_map(
     Args:
         directory: folder of the map.
         frame: the query.
-        goal: id of a node or name of a place; None for no route.
+        goal: id of a node, name of a place, or text of a sign; None for no route.
         planner: name of the planner, None for the default.
         warn: as in `LocalizationMap.localize`.
 

@@ -12,6 +12,7 @@ import numpy as np
 from salframe.framework.components.defaults import default_of
 from salframe.framework.components.registry import registry
 from salframe.framework.errors import DataError, NoRoute, UnknownName, unknown
+from salframe.graphs.texts import text_key
 from salframe.panoramas.floors import find_floor
 from salframe.panoramas.geometry import wrap_angle
 from salframe.topology.edges import joining_paths, make_edge
@@ -110,43 +111,48 @@ def route_json(route: Route, heading_rad: float | None = None) -> dict[str, Any]
 
 
 def find_nodes(topology: TopologicalMap, name: str, doors: bool = False) -> list[str]:
-    """Return the ids of the nodes that a name stands for: the node with this id, or the nodes of the place.
+    """Return the ids of the nodes that a name stands for: the node with this id, the nodes of the place, or the node
+    nearest to the sign with this text.
 
     Args:
-        topology: The map. name: Id of a node, or name of a place. doors: Whether to return the transition nodes of a
-        place instead of its scene nodes. If the place has none of the
-            requested kind, the nodes of the other kind are returned.
+        topology: The map.
+        name: Id of a node, name of a place, or text of a sign.
+        doors: Whether to return the transition nodes of a place instead of its scene nodes. If the place has none of
+            the requested kind, the nodes of the other kind are returned.
 
     Raises:
-        UnknownName: There is no such node or place. The message names the closest one.
+        UnknownName: There is no such node, place or sign. The message names the closest one.
     """
     ids = [node.id for node in topology.nodes]
     if name in ids:
         return [name]
     there = [node for node in topology.nodes if name in node.regions]
+    if not there and text_key(name) in topology.signs:
+        return [topology.signs[text_key(name)]]
     if not there:
         places = sorted({region for node in topology.nodes for region in node.regions})
-        raise UnknownName(unknown("node or place", name, [*places, *sorted(set(ids) - set(places))]))
+        kind = "node, place or sign" if topology.signs else "node or place"
+        raise UnknownName(unknown(kind, name, [*places, *sorted(set(ids) - set(places)), *sorted(topology.signs)]))
     scenes = [node.id for node in there if node.kind is NodeKind.SCENE]
     at_doors = [node.id for node in there if node.kind is NodeKind.TRANSITION]
     return (at_doors or scenes) if doors else (scenes or at_doors)
 
 
 def find_route(topology: TopologicalMap, start: str, goal: str, planner: str | None = None) -> Route:
-    """Return the shortest route between two nodes or places.
+    """Return the shortest route between two nodes, places or signs.
 
     A route from or to a place uses the scene node of the place that makes the route shortest, or a transition node
     where furniture blocks all scene nodes.
 
     Args:
         topology: The map.
-        start: Id of a node, or name of a place.
-        goal: Id of a node, or name of a place.
+        start: Id of a node, name of a place, or text of a sign.
+        goal: As `start`.
         planner: Name of the planner, None for the default.
 
     Raises:
         NoRoute: No route connects start and goal.
-        UnknownName: There is no such node, place or planner.
+        UnknownName: There is no such node, place, sign or planner.
     """
     prepared = cast(Planner, registry().get("planner", planner or default_of("planner"))())
     prepared.prepare(topology)

@@ -15,6 +15,7 @@ from salframe.framework.validation import Settings
 from salframe.localization.map_files import MapParts, read_map, write_map
 from salframe.panoramas.geometry import wrap_angle
 from salframe.topology.connections import connect_storeys
+from salframe.topology.signs import nearest_to_signs
 from salframe.topology.topological_map import (
     Connection,
     EdgeKind,
@@ -106,7 +107,10 @@ def read_topology(parts: MapParts) -> TopologicalMap:
         nodes = tuple(_node(row) for row in parts.read_table(NODES, _NODE))
     edges = tuple(_edge(row) for row in parts.read_table(EDGES, _EDGE))
     _check_edges(parts.folder / EDGES, nodes, edges)
-    topology = TopologicalMap(nodes, edges, parts.read_floors(), saved.parameters, saved.notes, saved.sources)
+    signs = nearest_to_signs(parts, nodes)
+    topology = TopologicalMap(
+        nodes, edges, parts.read_floors(), saved.parameters, saved.notes, saved.sources, signs=signs
+    )
     if not saved.connections:
         return topology
     try:

@@ -174,6 +174,8 @@ class TopologicalMap:
             moved or left out.
         sources: Where the floors come from.
         connections: Stairs and lifts between the floors, which are also in `edges`.
+        signs: Id of the node nearest to each sign that the map has read, by the `text_key` of its text. Known for a
+            saved map (`open_topology`).
     """
 
     nodes: tuple[MapNode, ...]
@@ -183,6 +185,7 @@ class TopologicalMap:
     notes: tuple[str, ...] = ()
     sources: TopologySources = field(default_factory=TopologySources)
     connections: tuple[Connection, ...] = ()
+    signs: Mapping[str, str] = field(default_factory=dict, compare=False)
 
     def _repr_html_(self) -> str:
         """Return the map for notebooks: its numbers of nodes and edges, a plan of each floor, and its notes."""

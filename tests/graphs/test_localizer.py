@@ -164,7 +164,7 @@ def test_bad_input_is_one_clear_line(mapped, tmp_path):
     with write_map(tmp_path) as parts:
         content = {"version": "0", "localizer": {"kind": "objects"}, "described_by": ""}
         parts.write_json("method.json", content)
-    with pytest.raises(DataError, match="made by objects 0, expected saliency-graph"):
+    with pytest.raises(DataError, match="was built with objects 0, expected saliency-graph"):
         LocalizationMap.open(tmp_path, graph_localizer())
 
 

@@ -44,11 +44,17 @@ OTHERS = {
     "query_errors": "view",
     "query_tilt_deg": 8.0,
     "query_height_m": 1.0,
+    "signs": True,
+    "signs_unreadable": 0.5,
+    "signs_wrong": 0.5,
 }
 """Another value of every setting."""
-OF_THE_MAP = {"style", "rooms", "seed", "height", "rgb", "models", "models_part"}
+OF_THE_MAP = {"style", "rooms", "seed", "height", "rgb", "models", "models_part", "signs"}
 """Settings that other reference frames come of."""
-OF_QUERIES = {"changed_fraction", "changes", "change_kinds", "query_range", "query_scale_share"}
+OF_QUERIES = {
+    *("changed_fraction", "changes", "change_kinds", "query_range", "query_scale_share"),
+    *("signs_unreadable", "signs_wrong"),
+}
 """Settings that other pixels of a query come of, wherever it stands."""
 
 

@@ -1,0 +1,1 @@
+"""Measurements of signs as evidence for the place of a query."""
