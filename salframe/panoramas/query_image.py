@@ -6,10 +6,13 @@ import numpy as np
 from pydantic import Field
 
 from salframe.framework.validation import Settings
-from salframe.panoramas.srgb import LINEAR, srgb_from_linear
+from salframe.panoramas.srgb import LINEAR, multiply_light, srgb_from_linear
 
 BLUR_REACH = 4
 """Distance from a pixel, in standard deviations of the blur, beyond which other pixels have no effect."""
+
+RED_TO_BLUE = np.array([0.5, 0.0, -0.5])
+"""Exponents of the gains of red, green and blue that change the ratio of red to blue by a factor of 2."""
 
 
 class QueryImage(Settings):
@@ -60,8 +63,10 @@ def change_image(rgb: np.ndarray, changes: QueryImage) -> np.ndarray:
     Returns:
         Colour (H, 2H, 3) uint8 sRGB. Without any change, it equals `rgb`.
     """
-    if changes.blur_px or changes.exposure_ev or changes.warmth_ev:
-        rgb = _change_light(rgb, changes)
+    if changes.blur_px:
+        rgb = _blurred(rgb, changes.blur_px)
+    if changes.exposure_ev or changes.warmth_ev:
+        rgb = multiply_light(rgb, 2.0 ** (changes.exposure_ev + changes.warmth_ev * RED_TO_BLUE))
     if changes.scale < 1:
         rgb = _reduced(rgb, changes.scale)
     if changes.jpeg_quality is not None:
@@ -69,24 +74,15 @@ def change_image(rgb: np.ndarray, changes: QueryImage) -> np.ndarray:
     return rgb
 
 
-def _change_light(rgb: np.ndarray, changes: QueryImage) -> np.ndarray:
-    """Blur an image and multiply its channels, in linear light."""
-    light = LINEAR[rgb]
-    if changes.blur_px:
-        light = _blurred(light, changes.blur_px)
-    gain_ev = changes.exposure_ev + changes.warmth_ev * np.array([0.5, 0.0, -0.5])
-    light = np.clip(light * (2.0**gain_ev).astype(np.float32), 0, 1)
-    return np.round(255 * srgb_from_linear(light)).astype(np.uint8)
-
-
-def _blurred(image: np.ndarray, sigma_px: float) -> np.ndarray:
+def _blurred(rgb: np.ndarray, sigma_px: float) -> np.ndarray:
+    """Blur the linear light of an image."""
     import cv2
 
-    margin = min(int(np.ceil(BLUR_REACH * sigma_px)), image.shape[1])
-    around = cv2.copyMakeBorder(image, 0, 0, margin, margin, cv2.BORDER_WRAP)
-    size = 2 * int(np.ceil(BLUR_REACH * sigma_px)) + 1
-    blurred: np.ndarray = cv2.GaussianBlur(around, (size, size), sigma_px, borderType=cv2.BORDER_REPLICATE)
-    return blurred[:, margin:-margin]
+    reach = int(np.ceil(BLUR_REACH * sigma_px))
+    margin = min(reach, rgb.shape[1])
+    around = cv2.copyMakeBorder(LINEAR[rgb], 0, 0, margin, margin, cv2.BORDER_WRAP)
+    light = cv2.GaussianBlur(around, (2 * reach + 1,) * 2, sigma_px, borderType=cv2.BORDER_REPLICATE)
+    return np.round(255 * srgb_from_linear(np.clip(light[:, margin:-margin], 0, 1))).astype(np.uint8)
 
 
 def _reduced(rgb: np.ndarray, scale: float) -> np.ndarray:

@@ -21,3 +21,18 @@ def linear_from_srgb(srgb: np.ndarray) -> np.ndarray:
 LINEAR = linear_from_srgb(np.arange(256) / 255).astype(np.float32)
 """Linear light of the values 0 to 255 of an 8-bit image."""
 LINEAR.flags.writeable = False
+
+
+def multiply_light(rgb: np.ndarray, gains: np.ndarray) -> np.ndarray:
+    """Multiply the linear light of an image; what exceeds white is white.
+
+    Args:
+        rgb: Image (H, W, 3) uint8 sRGB.
+        gains: Factors (3,) of linear red, green and blue.
+
+    Returns:
+        Image (H, W, 3) uint8 sRGB.
+    """
+    light = np.minimum(LINEAR * np.asarray(gains, np.float32)[:, None], 1)  # (3, 256)
+    table = np.round(255 * srgb_from_linear(light)).astype(np.uint8)
+    return np.stack([table[channel].take(rgb[..., channel]) for channel in range(3)], -1)
