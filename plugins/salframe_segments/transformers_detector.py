@@ -167,7 +167,7 @@ class MergedViews:
 
 def _labels(labels: tuple[str, ...] | UserFile | None) -> tuple[str, ...]:
     """Return the labels that a zero-shot network searches for. Raises ConfigError, or DataError without a map."""
-    from salframe.localization.map import map_labels
+    from salframe.localization.map_files import map_labels
 
     if labels is None:
         return vocabulary_names()

@@ -124,7 +124,7 @@ def tell_choices(map: Path) -> None:
     from salframe.cli.output import tell
     from salframe.framework.component import components_in
     from salframe.framework.components.defaults import auto_order
-    from salframe.localization.map import map_config
+    from salframe.localization.map_files import map_config
 
     for slot, inner in components_in(map_config(map)):
         if auto_order(inner.component.role):

@@ -170,7 +170,7 @@ def show(
     """
     from salframe.cli.calibration import describe_calibration
     from salframe.drawing.floor_picture import draw_topology
-    from salframe.localization.map import map_calibration
+    from salframe.localization.map_files import map_calibration
     from salframe.topology.store import open_topology
 
     output = output or map / "map.png"

@@ -12,7 +12,6 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from salframe.framework.component import ComponentConfig
 from salframe.framework.components.installation import folder_bytes
 from salframe.framework.components.registry import registry
 from salframe.framework.errors import DataError, InputMissing, InvalidAnswer, SalframeError, UnknownName, shorten
@@ -39,7 +38,7 @@ from salframe.localization.fusing import FUSED, Fusion, choose_surest, fuse_answ
 from salframe.localization.left_out import check_left_out, left_out_note
 from salframe.localization.level_frames import as_it_stood, better_answer, level_motions, split_level, upright_frame
 from salframe.localization.localizer import Description, Localizer
-from salframe.localization.map_files import METHOD, MapParts, find_not_finite, read_map, write_map
+from salframe.localization.map_files import MapParts, find_not_finite, read_map, write_map
 from salframe.localization.next_view import next_view_of
 from salframe.localization.posterior import Posterior
 from salframe.localization.preparing import Tell, python_warning, silent
@@ -550,37 +549,6 @@ def open_map(directory: str | Path, *, max_false_accept: float | None = None) ->
     if max_false_accept is not None:
         opened.require_false_accept(max_false_accept)
     return opened
-
-
-def map_config(directory: str | Path) -> ComponentConfig:
-    """Return the settings of a saved map's localizer, with the components that `auto` selected. Raises as
-    `open_map`."""
-    return read_map(Path(directory), MapParts.read_config)
-
-
-def map_labels(directory: str | Path) -> tuple[str, ...]:
-    """Return the distinct labels of the objects of a saved map, sorted.
-
-    Raises:
-        DataError: `directory` contains no map, or a map whose method does not store labels of objects.
-    """
-
-    def read(parts: MapParts) -> tuple[str, ...]:
-        column = parts.read_scenes()[0].columns.get("labels")
-        if column is None or column.words is None:
-            raise DataError(f"the map {directory} has no labels of objects, expected a map of a method with a detector")
-        return tuple(sorted(column.words))
-
-    return read_map(Path(directory), read)
-
-
-def map_calibration(directory: str | Path) -> MapCalibration | None:
-    """Return the calibration of a saved map; None where it has none. Raises as `open_map`."""
-
-    def read(parts: MapParts) -> MapCalibration | None:
-        return parts.read_calibration(parts.read_config()) if parts.has(METHOD) else None
-
-    return read_map(Path(directory), read)
 
 
 @contextmanager

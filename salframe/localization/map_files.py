@@ -239,6 +239,37 @@ def read_map(directory: Path, read: Callable[[MapParts], _Result]) -> _Result:
                 raise
 
 
+def map_config(directory: str | Path) -> ComponentConfig:
+    """Return the settings of a saved map's localizer, with the components that `auto` selected. Raises as
+    `open_map`."""
+    return read_map(Path(directory), MapParts.read_config)
+
+
+def map_labels(directory: str | Path) -> tuple[str, ...]:
+    """Return the distinct labels of the objects of a saved map, sorted.
+
+    Raises:
+        DataError: `directory` contains no map, or a map whose method does not store labels of objects.
+    """
+
+    def read(parts: MapParts) -> tuple[str, ...]:
+        column = parts.read_scenes()[0].columns.get("labels")
+        if column is None or column.words is None:
+            raise DataError(f"the map {directory} has no labels of objects, expected a map of a method with a detector")
+        return tuple(sorted(column.words))
+
+    return read_map(Path(directory), read)
+
+
+def map_calibration(directory: str | Path) -> MapCalibration | None:
+    """Return the calibration of a saved map; None where it has none. Raises as `open_map`."""
+
+    def read(parts: MapParts) -> MapCalibration | None:
+        return parts.read_calibration(parts.read_config()) if parts.has(METHOD) else None
+
+    return read_map(Path(directory), read)
+
+
 def check_output(directory: Path) -> None:
     """Raise ConfigError if an output folder contains something other than a map or the parts of one."""
     if not directory.exists() or (directory / MAP).exists():

@@ -18,7 +18,8 @@ from salframe.framework.components.defaults import auto_order
 from salframe.framework.components.presets import configure, configure_default
 from salframe.framework.components.registry import registry
 from salframe.framework.errors import ConfigError, InputMissing, RequirementMissing, SalframeError
-from salframe.localization.map import map_config, open_map
+from salframe.localization.map import open_map
+from salframe.localization.map_files import map_config
 
 REMARK = auto_order("detector")["panoseg"]
 BARE, NO_RANGE = "data.instances=false", "data.ranges=false"
