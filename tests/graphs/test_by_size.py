@@ -104,7 +104,8 @@ def test_what_is_no_index_is_refused(graphs, tmp_path):
         BySize().open(tmp_path / "elsewhere")
     BySize().build(graphs, tmp_path / "index")
     (tmp_path / "index" / "choice.json").write_text(json.dumps({"kind": "magic"}))
-    with pytest.raises(DataError, match="scene index of the kind 'magic', expected one of inverted-lists, compiled-lists"):
+    expected = "scene index of the kind 'magic', expected one of inverted-lists, compiled-lists"
+    with pytest.raises(DataError, match=expected):
         BySize().open(tmp_path / "index")
 
 
