@@ -70,7 +70,10 @@ class MonocularDepth(RangeModel):
 
     @abstractmethod
     def _run_network(self, images: np.ndarray) -> np.ndarray:
-        """Run the network on images (N, height, width, 3) uint8 RGB: (N, h, w) float32; for points, their distance."""
+        """Run the network on images (N, height, width, 3) uint8 RGB, and return its output (N, h, w) float32.
+
+        If the network returns points, the output is their distance from the camera.
+        """
 
     def _check_scale(self, metric_network: str) -> None:
         """Raise ConfigError if neither the network nor the settings give a metric scale.

@@ -124,7 +124,10 @@ class OnnxDepth(MonocularDepth):
             return depth if self.quantity == "inverse" else 1 / depth
 
     def _run_network(self, images: np.ndarray) -> np.ndarray:
-        """Run the network on images (N, height, width, 3) uint8 RGB: (N, h, w) float32; for points, their distance."""
+        """Run the network on images (N, height, width, 3) uint8 RGB, and return its output (N, h, w) float32.
+
+        If the network returns points, the output is their distance from the camera.
+        """
         ordered = images[..., ::-1] if self.config.channels == "bgr" else images
         scale, mean, std = (
             np.float32(value).reshape(-1, 1, 1) for value in (self.config.scale, self.config.mean, self.config.std)

@@ -41,7 +41,8 @@ class _Rows:
     z_m: np.ndarray
 
     def distance_m(self, v: np.ndarray) -> np.ndarray:
-        """Return the distances (..., M) in metres of the points from the rays of poses v (..., 4).
+        """Return the distances (..., M) in metres of the M points from their bearings,
+        seen from poses v (..., 4).
 
         The distance of a point behind the camera is infinite.
         """

@@ -72,7 +72,7 @@ class House(RenderedDataset["HouseFrame"], NavigableDataset):
         return self._parts(self.config.query_range if frame.is_query else self.config.map_range)
 
     def _parts(self, has_range: bool) -> frozenset[str]:
-        """Return the parts of panoramas with or without range."""
+        """Return the names of the parts of a panorama, such as rgb, with or without range."""
         return frozenset({"annotations", *(["rgb"] if self.config.rgb else []), *(["range"] if has_range else [])})
 
     def list_frames(self) -> Sequence[HouseFrame]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from salframe.framework.errors import DataError
 from salframe.panoramas.geometry import equirectangular_rays, rays_to_pixels
+from salframe.panoramas.srgb import LUMINANCE, srgb_from_linear
 from salframe_house.albedo import SurfaceColor
 from salframe_house.bounce import Bounce
 from salframe_house.lighting import CONDITIONS, Condition, Lighting, Lights, is_hollow, lights_on
@@ -25,7 +26,7 @@ _SPECULAR_DEPTH = 4  # maximum number of panes and mirrors on a line of sight
 _GLASS_RGB = np.array([0.86, 0.90, 0.89], np.float32)
 _SCREEN_GLOW = 0.6  # displays emit the same light at all times of day
 _SHARPENING, _SHARPENING_SIGMA = 0.9, 1.2
-_LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
+_LUMINANCE = np.array(LUMINANCE, np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,8 +308,7 @@ def _sharpened(image: np.ndarray) -> np.ndarray:
 
 def _srgb_table(size: int = 1 << 14) -> np.ndarray:
     """Return the sRGB values, 0 to 255, of `size` linear values from 0 to 1."""
-    linear = np.linspace(0, 1, size)
-    return (255 * np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)).astype(np.float32)
+    return (255 * srgb_from_linear(np.linspace(0, 1, size))).astype(np.float32)
 
 
 _SRGB = _srgb_table()

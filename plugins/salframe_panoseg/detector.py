@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -19,6 +19,7 @@ from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
 from salframe.graphs.pixels import without_strays
 from salframe.graphs.turning import from_near_side
+from salframe.panoramas.exposure import brighten_dark, exposure_setting
 from salframe.panoramas.geometry import column_azimuth, equirectangular_rays
 from salframe.panoramas.panorama import Panorama
 from salframe_panoseg.classes import CHANNELS, HEIGHT, network_input, smaller
@@ -42,7 +43,7 @@ class PanoSegDetector(Detector):
     """Objects from colour and range, by a segmentation network trained on rendered buildings; shipped with salframe."""
 
     name = "panoseg"
-    version = "3"
+    version = "4"
     needs: ClassVar[frozenset[str]] = frozenset({"rgb", "range"})
     weights = (PANOSEG,)
 
@@ -56,6 +57,7 @@ class PanoSegDetector(Detector):
             le=1,
             description="minimum score of an object: the mean probability of its class over its pixels (0 to 1)",
         )
+        exposure: Literal["auto", "none"] = exposure_setting()
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
@@ -81,9 +83,8 @@ class PanoSegDetector(Detector):
         valid = np.isfinite(range_m)
         if panorama.valid is not None:
             valid &= smaller(panorama.valid.astype(np.uint8)) > 0
-        class_id, score, vote_m = (
-            output[0] for output in self._model.run(network_input(panorama.rgb, panorama.range_m)[None])
-        )
+        rgb = brighten_dark(panorama.rgb, panorama.valid) if self.config.exposure == "auto" else panorama.rgb
+        class_id, score, vote_m = (output[0] for output in self._model.run(network_input(rgb, panorama.range_m)[None]))
         points_m = equirectangular_rays(HEIGHT) * np.nan_to_num(range_m)[..., None]
         objects = group_pixels(class_id, points_m, points_m + into_panorama(vote_m), valid)
         return self._detections(objects, class_id, score, points_m)

@@ -16,6 +16,7 @@ from salframe.framework.files.weights import Link, NetworkWeights, WeightsFile
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
 from salframe.graphs.turning import from_near_side
+from salframe.panoramas.exposure import brighten_dark, exposure_setting
 from salframe.panoramas.panorama import Panorama
 from salframe_segments.card import Calibration, card_beside, read_card, shipped_card
 from salframe_segments.networks import TFLITE, open_network
@@ -51,7 +52,7 @@ class SegmentsDetector(Detector):
     """
 
     name = "segments"
-    version = "1"
+    version = "2"
     needs: ClassVar[frozenset[str]] = frozenset({"rgb"})
     requires = ("ai_edge_litert",)
     extra = "salframe[tflite]"
@@ -84,6 +85,7 @@ class SegmentsDetector(Detector):
             "stable results; false: only on the views themselves",
         )
         min_score: float = Field(0.3, ge=0, le=1, description="minimum confidence score of an object (0 to 1)")
+        exposure: Literal["auto", "none"] = exposure_setting()
 
         @model_validator(mode="before")
         @classmethod
@@ -143,7 +145,8 @@ class SegmentsDetector(Detector):
         """
         if panorama.rgb is None:
             raise InputMissing(f"{panorama.id} has no colour, which the detector {self.name!r} needs")
-        return classify(panorama.rgb, panorama.valid, self._views, self._classes.names, self._view_probabilities)
+        rgb = brighten_dark(panorama.rgb, panorama.valid) if self.config.exposure == "auto" else panorama.rgb
+        return classify(rgb, panorama.valid, self._views, self._classes.names, self._view_probabilities)
 
     def _view_probabilities(self, views: np.ndarray) -> np.ndarray:
         """Return the probabilities (V, h, w, names) float32 of views (V, height, width, 3) uint8 RGB."""

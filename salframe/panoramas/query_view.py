@@ -1,4 +1,4 @@
-"""Queries that show only a part of the sphere, or whose annotations have simulated errors."""
+"""Queries that show only a part of the sphere, or whose images or annotations have simulated errors."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from salframe.panoramas.frames import Fold, QueryFrame, ReferenceFrame
 from salframe.panoramas.geometry import equirectangular_rays
 from salframe.panoramas.object_noise import AnnotationNoise, spoil_annotations
 from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.query_image import QueryImage, change_image
 from salframe.panoramas.query_motion import OdometryErrors, measured_motion, odometry_seed, turned_query
 
 ASPECT = 3 / 4
@@ -26,7 +27,8 @@ DEFAULT_HEIGHT = 180
 
 
 class QueryView(ComponentConfig):
-    """Base of the Config of datasets whose queries may show a part of the sphere, or have errors in the annotations.
+    """Base of the Config of datasets whose queries may show a part of the sphere, or have changed images or errors in
+    the annotations.
 
     Reference frames do not change. The stored panoramas of a dataset do not depend on these settings: `as_query`
     applies them to the queries when they are loaded, and to the panoramas of `observe`.
@@ -51,6 +53,9 @@ class QueryView(ComponentConfig):
         AnnotationNoise(),
         match_only=True,
         description="simulated errors in the annotations of queries; reference frames have none",
+    )
+    query_image: QueryImage = added(
+        QueryImage(), match_only=True, description="changes of the colour image of queries; reference frames have none"
     )
     query_views: int = added(1, match_only=True, ge=1, le=100, description="number of views per query")
     query_motion: Literal["turned", "driven"] = added(
@@ -90,10 +95,15 @@ def as_query(panorama: Panorama, config: ComponentConfig) -> Panorama:
     """Return a panorama with the settings of QueryView applied.
 
     Raises:
-        InputMissing: Errors in the annotations are set, and the panorama has no annotations.
+        InputMissing: Errors in the annotations are set, and the panorama has no annotations; or changes of the image
+            are set, and the panorama has no colour.
     """
     if not isinstance(config, QueryView):
         return panorama
+    if config.query_image != QueryImage():
+        if panorama.rgb is None:
+            raise InputMissing(f"{panorama.id} has no colour, which the setting query_image requires")
+        panorama = replace(panorama, rgb=change_image(panorama.rgb, config.query_image))
     if config.query_noise != AnnotationNoise():
         if panorama.annotations is None:
             raise InputMissing(f"{panorama.id} has no annotations, which the setting query_noise requires")
@@ -147,8 +157,8 @@ def _with_motion(query: QueryFrame, config: Any, content: str) -> QueryFrame:
             )
     elif query.earlier:
         raise DataError(
-            f"the query {query.id} has {len(query.views)} views in the data, expected query_views=1, which uses "
-            "these views"
+            f"the query {query.id} consists of {len(query.views)} views in the data, so it cannot be cut into "
+            "other views: set query_views=1 to use its own views"
         )
     else:
         fov_deg = config.query_fov_deg

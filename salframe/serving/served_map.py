@@ -31,7 +31,8 @@ _log = logging.getLogger("salframe.serving")
 
 @dataclass(frozen=True, eq=False)
 class ServedMap:
-    """One version of the map. Requests that use it finish with it after the next version was opened.
+    """One version of the map. A request that started with this version also finishes with it, even if
+    a newer version was opened.
 
     Attributes:
         name: Name of the map folder.

@@ -59,8 +59,9 @@ class SaliencyRules(Rules[SaliencyModel]):
 
 
 class MatcherRules(Rules[GraphMatcher]):
-    """The graph of the query ranks first, and pairs are one-to-one. A query that shares no label with the map has no
-    match. A query may have bearings only. A written index gives the same matches as the index in memory."""
+    """If the map contains the graph of the query, it ranks first. Pairs are one-to-one. A query that shares no
+    label with the map has no match. A query may have bearings only. A written index gives the same matches as the
+    index in memory."""
 
     @cached_property
     def _graphs(self) -> list[SaliencyGraph]:

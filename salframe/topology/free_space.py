@@ -40,7 +40,8 @@ class FreeSpace:
 
     Attributes:
         walkable: (rows, columns) bool, cells without an obstacle.
-        low: (rows, columns) bool, cells with an obstacle that is not tall, such as a chair, and small unseen parts.
+        low: (rows, columns) bool, cells with an obstacle that is not tall, such as a chair, and cells of small
+            areas that no panorama shows.
         origin_m: World (x, y) of the upper left corner.
         resolution_m: Size of a cell.
     """

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 from command_line import run
+from scipy.spatial.transform import Rotation
 from tiny_folder import write_tiny_folder
 
 from salframe.cli.localize import print_answer
@@ -141,3 +143,16 @@ def test_whether_an_answer_is_accepted_is_in_the_json(fakes, tmp_path):
     done = run("map", "query", "sure", "query-2-0", "--data", "rooms", "--to", "room-3", "--json")
     assert (done.code, done.json["accepted"], done.json["node"]) == (1, False, None)
     assert "was not localized (not accepted, because" in done.json["no_route"]
+
+
+def test_the_pose_is_written_as_a_trajectory(fakes):
+    assert run("build", "rooms", "-o", "map", "--method", "reader").code == 0
+    done = run("localize", "map", "query-2-0", "--data", "rooms", "--trajectory", "pose.tum", "--json").json
+    lines = Path("pose.tum").read_text(encoding="utf-8").splitlines()
+    assert lines[0].startswith("# timestamp tx ty tz qx qy qz qw")
+    (pose,) = [line for line in lines if not line.startswith("#")]
+    numbers = np.array(pose.split(), float)
+    true = np.array(done["T_world_query"], float).reshape(4, 4)
+    assert numbers[0] == 0
+    np.testing.assert_allclose(numbers[1:4], true[:3, 3], atol=1e-6)
+    np.testing.assert_allclose(Rotation.from_quat(numbers[4:]).as_matrix(), true[:3, :3], atol=1e-5)

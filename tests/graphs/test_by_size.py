@@ -104,8 +104,9 @@ def test_what_is_no_index_is_refused(graphs, tmp_path):
         BySize().open(tmp_path / "elsewhere")
     BySize().build(graphs, tmp_path / "index")
     (tmp_path / "index" / "choice.json").write_text(json.dumps({"kind": "magic"}))
-    expected = "scene index of the kind 'magic', expected one of inverted-lists, compiled-lists"
-    with pytest.raises(DataError, match=expected):
+    with pytest.raises(
+        DataError, match="scene index of the kind 'magic', expected one of inverted-lists, compiled-lists"
+    ):
         BySize().open(tmp_path / "index")
 
 

@@ -1,5 +1,7 @@
 """Boxes, saliency, graphs and their packed form."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from salframe_graphs.saliency import VolumetricSaliency, object_volumes_m3
@@ -141,3 +143,19 @@ def test_an_object_out_of_reach_is_left_out_and_counted():
     assert (sorted(graph.labels), graph.out_of_reach) == (["bed", "lamp"], 1)
     assert graph_from_arrays(graph_to_arrays(graph)).out_of_reach == 1
     assert len(pack_graph(graph_to_arrays(graph))["nodes"]) == 2
+
+
+def test_deviations_of_triangulated_nodes_are_packed_to_the_millimetre(graph):
+    deviation_m = np.linspace(0.0004, 0.8, 9)
+    arrays = graph_to_arrays(dataclasses.replace(graph, variance_m2=deviation_m**2))
+    packed = pack_graph(arrays)
+    assert packed["deviation_mm"].dtype == np.uint16
+    back = graph_from_arrays(unpack_graph(packed))
+    np.testing.assert_allclose(np.sqrt(back.variance_m2), deviation_m, atol=0.0005)
+    assert "deviation_mm" not in pack_graph(graph_to_arrays(graph))
+    assert not graph_from_arrays(unpack_graph(pack_graph(graph_to_arrays(graph)))).variance_m2.any()
+
+
+def test_a_deviation_beyond_65_m_is_limited(graph):
+    arrays = graph_to_arrays(dataclasses.replace(graph, variance_m2=np.full(9, 100.0**2)))
+    np.testing.assert_allclose(np.sqrt(unpack_graph(pack_graph(arrays))["variance_m2"]), 65.535)

@@ -191,3 +191,21 @@ def test_queries_are_tilted_and_raised_and_reference_frames_are_not():
         axes.append(np.arctan2(tilt[0, 2], -tilt[1, 2]))
     assert np.ptp(axes) > 3
     assert move_queries(frames, 0, 0.0) == frames
+
+
+def test_frames_of_a_position_stand_at_the_spacing():
+    """Each added frame is as far as stated from the nearest frame of its room, on a grid of a few centimetres."""
+    house, changed, frames = case("office", 12, 2)
+    spaced = choose_frames(house, changed, 2, frames_per_position=4, spacing_m=0.5)
+    before = {frame.id: frame for frame in frames}
+    added = [frame for frame in spaced if frame.id not in before]
+    assert all(before[frame.id] == frame for frame in spaced if frame.id in before)  # the others do not change
+    count = Counter(frame.id.rpartition("-")[0] for frame in added)
+    assert max(count.values()) == 3
+    assert np.median([*count.values()]) == 3
+    for place in {frame.place for frame in added}:
+        in_room = [frame for frame in spaced if frame.place == place and frame.role == "map"]
+        points_m = np.array([(frame.x_m, frame.y_m) for frame in in_room])
+        apart_m = np.linalg.norm(points_m[:, None] - points_m, axis=2) + 99 * np.eye(len(points_m))
+        nearest_m = apart_m.min(1)[[frame in added for frame in in_room]]
+        assert nearest_m == pytest.approx(0.5, abs=0.15)

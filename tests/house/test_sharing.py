@@ -38,6 +38,7 @@ OTHERS = {
     "query_fov_deg": 90.0,
     "query_focal": 2.0,
     "query_noise": {"missed": 0.5},
+    "query_image": {"exposure_ev": -2.0},
     "query_views": 2,
     "query_motion": "driven",
     "query_odometry": {"drift_share": 0.1},

@@ -108,6 +108,28 @@ def test_errors_take_annotations() -> None:
         as_query(Panorama("p", whole().rgb), config(query_noise={"missed": 0.5}))
 
 
+def test_image_changes_take_colour() -> None:
+    with pytest.raises(InputMissing, match="p has no colour, which the setting query_image requires"):
+        as_query(Panorama("p", range_m=whole().range_m), config(query_image={"exposure_ev": -2}))
+
+
+def test_image_changes_affect_only_the_colour_inside_the_view(tmp_path: Path) -> None:
+    """Grey of 200 has linear light 0.5776; a quarter of it is 106 in sRGB."""
+    before = whole()
+    seen = as_query(before, config(query_image={"exposure_ev": -2}, query_fov_deg=90))
+    assert (seen.rgb[seen.valid] == 106).all()
+    assert not seen.rgb[~seen.valid].any()
+    np.testing.assert_array_equal(seen.range_m[seen.valid], before.range_m[seen.valid])
+    root = write_tiny_folder(tmp_path / "folder")
+    plain, dark = (FolderDataset(config(root=root, query_image={"exposure_ev": ev})) for ev in (0, -2))
+    for frames, is_changed in (("references", False), ("queries", True)):
+        pair = [getattr(dataset.view(dataset.folds())[0], frames)[0] for dataset in (plain, dark)]
+        assert np.array_equal(*(frame.load().rgb for frame in pair)) != is_changed
+        assert np.array_equal(*(frame.load().annotations.instance_id for frame in pair))
+    assert plain.fingerprint == dark.fingerprint
+    assert plain.content_key != dark.content_key
+
+
 SETTINGS = [{"query_fov_deg": 90.0}, {"query_focal": 2.0}, {"query_noise": {"missed": 0.5}}]
 
 

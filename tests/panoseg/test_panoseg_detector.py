@@ -18,8 +18,10 @@ from salframe.framework.components.presets import configure
 from salframe.framework.components.registry import registry
 from salframe.framework.errors import InputMissing, WeightsError
 from salframe.graphs.detections import Detections
+from salframe.panoramas.exposure import brighten_dark
 from salframe.panoramas.geometry import pose_2d, transform_points, wrap_angle
 from salframe.panoramas.panorama import Annotations, Panorama
+from salframe.panoramas.query_image import QueryImage, change_image
 from salframe.panoramas.turning import turned
 
 HEIGHT = 512
@@ -174,3 +176,17 @@ def test_networks_that_do_not_fit_are_one_line(tmp_path):
         PanoSegDetector(own(tmp_path, card={"classes": 3}))
     with pytest.raises(WeightsError, match=r"nowhere does not exist; set another path"):
         PanoSegDetector(PanoSegDetector.Config(model=tmp_path / "nowhere"))
+
+
+def test_dark_panoramas_are_corrected_and_others_are_not(detector, panoramas):
+    """The panoramas are not turned to their near side, so that both detectors receive the same columns."""
+    uncorrected = PanoSegDetector(PanoSegDetector.Config(exposure="none"))
+
+    def scores(of_detector: PanoSegDetector, panorama: Panorama) -> list[float]:
+        return PanoSegDetector.detect.__wrapped__(of_detector, panorama).scores.tolist()
+
+    day = panoramas[0]
+    assert scores(detector, day) == scores(uncorrected, day)
+    dark = replace(day, rgb=change_image(day.rgb, QueryImage(exposure_ev=-2)))
+    assert scores(detector, dark) != scores(uncorrected, dark)
+    assert scores(detector, dark) == scores(uncorrected, replace(dark, rgb=brighten_dark(dark.rgb)))

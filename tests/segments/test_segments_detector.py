@@ -12,8 +12,10 @@ from salframe_segments.detector import SegmentsDetector
 from salframe.framework.components.identity import identity
 from salframe.framework.components.presets import configure
 from salframe.framework.errors import ConfigError, InputMissing, WeightsError
+from salframe.panoramas.exposure import DARK_LUMINANCE, brighten_dark, mean_luminance
 from salframe.panoramas.geometry import column_azimuth, equirectangular_rays, row_elevation, wrap_angle
 from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.query_image import QueryImage, change_image
 from salframe.panoramas.turning import turned
 
 HEIGHT = 256
@@ -229,3 +231,16 @@ def test_what_does_not_fit_the_card_is_one_line(tmp_path, changes, error, messag
     with pytest.raises(error, match=message) as caught:
         build(own)
     assert "\n" not in str(caught.value)
+
+
+def test_dark_panoramas_are_corrected_and_others_are_not(network, detector):
+    uncorrected = build(network, exposure="none")
+    panorama, _ = scene(("armchair", 0, 0, 60, 40, 2.0))
+    np.testing.assert_array_equal(detector.classify(panorama).probability, uncorrected.classify(panorama).probability)
+    dark = replace(panorama, rgb=change_image(panorama.rgb, QueryImage(exposure_ev=-3)))
+    assert mean_luminance(dark.rgb) < DARK_LUMINANCE
+    np.testing.assert_array_equal(
+        detector.classify(dark).probability,
+        uncorrected.classify(replace(dark, rgb=brighten_dark(dark.rgb))).probability,
+    )
+    assert (detector.classify(dark).probability != uncorrected.classify(dark).probability).any()

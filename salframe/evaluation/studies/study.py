@@ -141,7 +141,7 @@ class Study(Settings):
         labels = [variant.label for variant in variants]
         twice = [label for label in labels if labels.count(label) > 1]
         if twice:
-            raise ConfigError(f"the mapping vary produces two rows with the label {twice[0]}, expected distinct values")
+            raise ConfigError(f"two rows of `vary` have the label {twice[0]}, expected distinct values")
         return variants, varied
 
     def _methods(self) -> dict[str, StudiedMethod]:

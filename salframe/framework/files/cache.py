@@ -107,7 +107,7 @@ class Cache:
         return CacheState(self.directory, len(sizes), sum(sizes), self.limit_bytes)
 
     def clear(self) -> CacheState:
-        """Remove all entries, except those of other users. Return the previous state."""
+        """Remove all entries, except those of other users. Return the number and the size of the entries before."""
         before = self.state()
         for path, _, _ in self._entries():
             with suppress(PermissionError):  # an entry of another user, who shares the cache

@@ -117,8 +117,8 @@ def write_columns(folder: Path, rows: Iterable[Row]) -> None:
     """Write a stream of rows of named arrays to a new folder.
 
     The folder has columns.json, the concatenated values of each name in NAME.npy, and in shapes.npy the lengths along
-    the axes where rows differ, (rows, axes). Strings are stored as indices of words. Only the words and the shapes of
-    all rows are in memory.
+    the axes where rows differ, (rows, axes). Each distinct string is stored once, and the
+    values are its index. Only the distinct strings and the shapes of all rows are in memory.
 
     Raises:
         DataError: Arrays of one name have different numbers of dimensions, mix strings and numbers, or hold Python

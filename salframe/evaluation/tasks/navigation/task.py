@@ -26,6 +26,7 @@ from salframe.evaluation.tasks.navigation.published import Published, find_publi
 from salframe.evaluation.tasks.navigation.rows import EpisodeRow
 from salframe.evaluation.tasks.navigation.survey import NavigationSurvey
 from salframe.evaluation.tasks.navigation.table import ABOUT, COLUMNS, USUAL, NavigationRow, score_tables
+from salframe.evaluation.tasks.navigation.trajectories import write_trajectories
 from salframe.evaluation.tasks.navigation.view import NavigationView
 from salframe.evaluation.tasks.navigation.walking import Walking
 from salframe.evaluation.tasks.navigation.walks import list_walks
@@ -187,6 +188,8 @@ class NavigationTask(PagedTask[Episode, NavigationSurvey, EpisodeRow, Navigation
     def write_files(self, run: Run, survey: NavigationSurvey, records: Sequence[Record[EpisodeRow]]) -> None:
         episodes = sorted(survey.pieces, key=lambda episode: episode.number)
         write_json(run.directory / "episodes.json", [asdict(episode) for episode in episodes])
+        for record in records:
+            write_trajectories(record)
 
 
 def navigate(

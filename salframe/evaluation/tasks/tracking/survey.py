@@ -13,11 +13,12 @@ from salframe.panoramas.dataset import Dataset
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class TrackingSurvey(Survey[Walk]):
-    """Walks through the buildings of a data set.
+    """A set of walks through the buildings of a data set, to measure trackers.
 
     Attributes:
-        worlds: The worlds by id.
-        other: A data set of another building, in whose map the views are out of map; None where there is none.
+        worlds: The buildings, by id.
+        other: A data set of another building, whose map does not contain the places of the walks; None where there is
+            none.
     """
 
     worlds: Mapping[str, World]

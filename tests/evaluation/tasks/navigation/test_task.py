@@ -7,8 +7,10 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from command_line import run as salframe
+from scipy.spatial.transform import Rotation
 from scipy.stats import binomtest
 
 from salframe.evaluation.runs.records import Record
@@ -46,6 +48,18 @@ def test_a_good_localizer_arrives(tmp_path):
     assert json.loads(kept) == json.loads(json.dumps(result.to_json()["rows"][0]))
     assert result.measured
     assert not result.crashed
+
+
+def test_paths_are_written_as_trajectories():
+    _, result = run(["seer"], episodes=2)
+    for walked in rows(result):
+        for kind, poses in (("true", walked["path"]), ("estimated", walked["believed"])):
+            file = result.run / "methods" / "seer" / "trajectories" / f"{walked['episode']}-{kind}.tum"
+            table = np.loadtxt(file)
+            np.testing.assert_array_equal(table[:, 0], np.arange(len(poses)))
+            np.testing.assert_allclose(table[:, 1:4], np.array(poses)[:, :3], atol=1e-6)
+            yaw_rad = Rotation.from_quat(table[:, 4:]).as_euler("zyx")[:, 0]
+            np.testing.assert_allclose(np.exp(1j * yaw_rad), np.exp(1j * np.array(poses)[:, 3]), atol=1e-5)
 
 
 def test_the_same_command_gives_the_same_table_elsewhere_too():

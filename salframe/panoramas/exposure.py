@@ -1,0 +1,70 @@
+"""Exposure of panoramas: mean luminance, and the correction of dark images for networks."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from pydantic import Field
+
+from salframe.panoramas.geometry import pixel_solid_angles
+from salframe.panoramas.srgb import LINEAR, LUMINANCE, multiply_light
+
+DARK_LUMINANCE = 0.09
+"""Maximum mean luminance of a dark image. Panoramas rendered in dim light, which networks can use as they are, have
+0.096 to 0.17 (`house-42`, seed 100)."""
+USUAL_LUMINANCE = 0.29
+"""Mean luminance of panoramas rendered by day (`house-42`, seeds 100 and 101). Photographs of rooms have 0.19 to 0.36
+(8 of NYU Depth v2)."""
+MAX_GAIN = 16.0
+"""Maximum factor of a correction (4 stops): an 8-bit image that is darker has too few grey levels."""
+SAMPLED_ROWS = 128
+"""Approximate number of rows that the mean luminance is computed from."""
+
+
+def mean_luminance(rgb: np.ndarray, valid: np.ndarray | None = None) -> float:
+    """Return the mean linear luminance of a panorama, weighted by solid angle, from 0 (black) to 1 (white).
+
+    Args:
+        rgb: Colour (H, 2H, 3) uint8 sRGB.
+        valid: Pixels (H, 2H) bool that the panorama covers; None: all.
+
+    Returns:
+        The mean; NaN if no pixel is valid.
+    """
+    step = max(1, rgb.shape[0] // SAMPLED_ROWS)
+    sampled = slice(step // 2, None, step)
+    luminance = LINEAR[rgb[sampled, sampled]] @ np.array(LUMINANCE, np.float32)
+    area_sr = np.broadcast_to(pixel_solid_angles(rgb.shape[0])[sampled, None], luminance.shape)
+    if valid is not None:
+        area_sr = area_sr * valid[sampled, sampled]
+    total_sr = float(area_sr.sum())
+    return float((area_sr * luminance).sum() / total_sr) if total_sr > 0 else float("nan")
+
+
+def brighten_dark(rgb: np.ndarray, valid: np.ndarray | None = None) -> np.ndarray:
+    """Return a dark panorama with the usual mean luminance, and any other panorama unchanged.
+
+    Linear light is multiplied by one factor, so colours do not change except where a channel exceeds white.
+
+    Args:
+        rgb: Colour (H, 2H, 3) uint8 sRGB.
+        valid: Pixels (H, 2H) bool that the panorama covers; None: all.
+
+    Returns:
+        Colour (H, 2H, 3) uint8 sRGB.
+    """
+    luminance = mean_luminance(rgb, valid)
+    if not 0 < luminance < DARK_LUMINANCE:
+        return rgb
+    return multiply_light(rgb, np.full(3, min(USUAL_LUMINANCE / luminance, MAX_GAIN)))
+
+
+def exposure_setting() -> Any:
+    """Return the field of the setting `exposure` of a detector that applies `brighten_dark` to its input."""
+    return Field(
+        "auto",
+        description="correction of the exposure before the network runs. auto: the linear light of dark panoramas "
+        f"(mean luminance below {DARK_LUMINANCE:g} of white) is multiplied until the mean is {USUAL_LUMINANCE:g}; "
+        "none: no correction",
+    )
