@@ -64,7 +64,7 @@ def write_cli() -> str:
         "printed in one line on stderr; 130, interrupted.",
     ]
     for path, command in _commands("salframe", typer.main.get_command(app)):
-        required = [_spelling(parameter)[-1] for parameter in command.params if parameter.required]
+        required = [_usage(parameter) for parameter in command.params if parameter.required]
         usage = " ".join([path, *required, "COMMAND ..." if hasattr(command, "commands") else "[OPTIONS]"])
         pages += [f"## {path}", _plain(command.help), f"```\n{usage}\n```"]
         if name := PYTHON.get(path.partition(" ")[2]):
@@ -104,6 +104,13 @@ def _spelling(parameter: Any) -> list[str]:
         return [parameter.metavar or parameter.name.upper()]
     names = [*parameter.opts, *parameter.secondary_opts]
     return [f"{name} {parameter.metavar}" if parameter.metavar else name for name in names]
+
+
+def _usage(parameter: Any) -> str:
+    """How a required argument or option is written in the line of the usage, with a name for its value."""
+    spelling = _spelling(parameter)[-1]
+    has_value = parameter.param_type_name == "argument" or parameter.metavar
+    return spelling if has_value else f"{spelling} {parameter.name.upper()}"
 
 
 def write_components() -> str:

@@ -55,7 +55,7 @@ class GraphLocalizer(DetectingLocalizer):
     def graph(self, detections: Detections) -> SaliencyGraph:
         """Return the 360-degree saliency graph of the detections of a panorama, with their object labels.
 
-        It has bearings only where the panorama has no range.
+        Where the panorama has no range, objects have a bearing but no position.
         """
         detections = with_object_labels(detections)
         return build_graph(detections, self._saliency.score(detections), self.config.graph)

@@ -96,6 +96,6 @@ class TextEvidence(EvidenceModel):
 
 
 def _as_array(texts: Iterable[str]) -> Description:
-    """Return the distinct strings that are not empty as the array of a description; {} if there are none."""
+    """Return a description with the distinct strings that are not empty as its only array; {} if there are none."""
     distinct = sorted({str(text) for text in texts} - {""})
     return {STRINGS: np.array(distinct, np.str_)} if distinct else {}

@@ -75,7 +75,7 @@ def localize(
 ) -> None:
     """Localize a panorama in a saved map.
 
-    Prints the places, best first, and the pose. If the answer is not accepted, also prints a turn of the camera to
+    Prints the places, best first, and the pose. If the answer is not accepted, also suggests a turn of the camera to
     directions that the query does not show. Images are panoramas, or photographs with --fov or --camera. With --views,
     several images form one query. They must be in the order in which they were taken, and the pose is that of the last
     image. The file of --camera can contain T_base_camera, the pose of the camera on the robot. Then the answer has the

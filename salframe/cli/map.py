@@ -126,7 +126,9 @@ def connect(
     start: Annotated[str | None, typer.Argument(metavar="FROM", help="Node or place on one floor")] = None,
     end: Annotated[str | None, typer.Argument(metavar="TO", help="Node or place on another floor")] = None,
     kind: Annotated[str, typer.Option(metavar="KIND", help="How to change floors: stairs or lift")] = "stairs",
-    length: Annotated[float | None, typer.Option(metavar="M", help="Length that routes count for it (m)")] = None,
+    length: Annotated[
+        float | None, typer.Option(metavar="M", help="Length of the connection, added to routes that use it (m)")
+    ] = None,
     file: Annotated[
         Path | None, typer.Option(metavar="FILE.csv", help="CSV table of connections: start, end, kind, length_m")
     ] = None,
@@ -188,7 +190,7 @@ def route(
     heading: Heading = None,
     as_json: Json = False,
 ) -> None:
-    """Print the shortest route between two nodes, places or signs.
+    """Print the shortest route between two nodes, places or signs (texts on walls).
 
     Each step has its length, azimuth and turn.
     """

@@ -121,7 +121,7 @@ class Plan:
             self._write(label, tip + beyond * towards, colour)
 
     def _draw_rings(self, reach_m: float) -> None:
-        """Draw circles at round distances, with their names ahead to the right."""
+        """Draw circles at round distances, each with its distance in front of the camera, to the right."""
         step_m = next((metres for metres in RING_METRES if metres * MAX_RINGS >= reach_m), RING_METRES[-1])
         for radius_m in step_m * np.arange(1, reach_m // step_m + 1):
             self._draw_ring(radius_m)

@@ -43,7 +43,7 @@ def annotated_objects(panorama: Panorama) -> list[Annotated]:
         InputMissing: The panorama has no annotations, or an instance image and no range.
     """
     if panorama.annotations is not None and not has_points(panorama):
-        raise InputMissing(f"{panorama.id} has no range image, expected one with its instance image")
+        raise InputMissing(f"{panorama.id} has an instance image but no range image, expected both")
     return seen_objects(panorama)
 
 

@@ -158,7 +158,7 @@ def with_range(graph: SaliencyGraph) -> SaliencyGraph:
 
 
 def concatenate_graphs(parts: Sequence[SaliencyGraph]) -> SaliencyGraph:
-    """Return the nodes and edges of all parts, at least one, as one graph."""
+    """Join graphs, at least one, into one graph with all of their nodes and edges."""
     first = np.cumsum([0, *(len(part) for part in parts)])
     edges = [part.edges + offset for part, offset in zip(parts, first[:-1], strict=True)]
     return SaliencyGraph(

@@ -54,8 +54,8 @@ def check_parts(localizer: Localizer, panorama: Panorama, remedy: Callable[[], s
 
 
 def suggest_components(config: ComponentConfig, provides: frozenset[str]) -> str:
-    """Return advice for a localizer that needs more parts than panoramas provide: build its map with other components
-    in its slots, or pass the missing parts."""
+    """Return advice for a localizer that needs inputs that the panoramas lack, such as range: build its map with
+    other components, or pass the missing inputs."""
     unusable = ((slot, inner.component.role) for slot, inner in components_in(config) if needs_of(inner) - provides)
     replacements = [
         (slot, component.name) for slot, role in unusable if (component := first_fit(role, provides)[0]) is not None

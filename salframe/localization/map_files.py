@@ -77,7 +77,7 @@ class MapParts:
             (shutil.copytree if source.is_dir() else shutil.copy2)(source, target)
 
     def write_json(self, name: str, content: Mapping[str, Any]) -> None:
-        """Write a part that is a JSON file."""
+        """Write a part of the map as a JSON file."""
         write_json(self.folder / name, content)
 
     def read_json(self, name: str, model: type[_Model]) -> _Model:

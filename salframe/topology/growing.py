@@ -81,8 +81,8 @@ def add_to_map(
         tell: called with messages for the user, one line each.
 
     Raises:
-        DataError: The folder holds no map with a method, a frame has the id of a frame of another place in the map, or
-            floors cannot be joined.
+        DataError: The folder contains no map with a localization method, a frame has the id of a frame of another place
+            in the map, or floors cannot be joined.
         InputMissing: Panoramas lack an input that the method needs.
     """
     directory = Path(directory)
@@ -114,7 +114,7 @@ def calibrate_map(directory: str | Path) -> MapCalibration:
     The map changes completely or not at all.
 
     Raises:
-        DataError: The folder holds no map with a method, or the method has no probabilities.
+        DataError: The folder contains no map with a localization method, or the method has no probabilities.
     """
     made: list[MapCalibration] = []
 
@@ -136,7 +136,7 @@ def remove_from_map(directory: str | Path, places: Iterable[str]) -> MapChange:
     Raises:
         UnknownName: The map has no such place.
         ConfigError: No place would remain.
-        DataError: The folder holds no map with a method.
+        DataError: The folder contains no map with a localization method.
     """
     removed = list(dict.fromkeys(places))
 
@@ -163,8 +163,8 @@ def merge_maps(directory: str | Path, others: Iterable[str | Path]) -> MapChange
     completely or not at all.
 
     Raises:
-        DataError: A folder holds no map with a method, methods, settings or weights differ, two maps have a place or a
-            frame of the same name, or floors cannot be joined.
+        DataError: A folder contains no map with a localization method, methods, settings or weights differ, two maps
+            have a place or a frame of the same name, or floors cannot be joined.
     """
     directory = Path(directory)
 

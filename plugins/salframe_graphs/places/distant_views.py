@@ -80,7 +80,7 @@ def group_views(T_last_view: np.ndarray, near_m: float) -> list[range]:
 
 
 def groups_to_arrays(groups: Sequence[ViewGroup]) -> dict[str, np.ndarray]:
-    """Return groups as arrays of a description."""
+    """Return groups of distant views as arrays that the description of a query can contain."""
     arrays = {f"{n}/{name}": array for n, group in enumerate(groups) for name, array in group.description.items()}
     return {_MOTIONS: np.stack([group.T_last_group for group in groups]), **arrays}
 

@@ -178,6 +178,6 @@ def _list_files(folder: Path) -> list[Path]:
         if len(files) > MAX_FOLDER_FILES or size > MAX_FOLDER_BYTES:
             raise ConfigError(
                 f"the folder {folder} contains more than {MAX_FOLDER_FILES} files or {MAX_FOLDER_BYTES >> 30} GiB: "
-                "name a file, or a folder that has only the files of the setting"
+                "name a file, or a folder that contains only the files that the component needs"
             )
     return files
