@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import Literal
 
@@ -12,6 +13,7 @@ from scipy.ndimage import binary_dilation
 
 from salframe.framework.config import read_yaml
 from salframe.framework.errors import ConfigError, DataError
+from salframe.framework.files.bounded import read_bytes
 from salframe.framework.files.writing import atomic_path, write_text
 from salframe.framework.validation import Settings, validate
 from salframe.panoramas.floors import FloorMasks
@@ -58,7 +60,7 @@ def read_map_server(path: Path) -> FreeSpace:
         raise DataError(f"{path} has the mode raw, expected trinary or scale")
     image = path.parent / file.image
     try:
-        grey = np.asarray(Image.open(image).convert("L"), np.float64) / 255
+        grey = np.asarray(Image.open(BytesIO(read_bytes(image))).convert("L"), np.float64) / 255
     except (OSError, ValueError) as error:
         raise DataError(f"cannot read {image}, the image of {path}: {error}") from None
     occupancy = grey if file.negate else 1 - grey

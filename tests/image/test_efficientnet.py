@@ -58,6 +58,7 @@ def test_without_torch_the_reason_is_told(monkeypatch, tmp_path):
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
     monkeypatch.setattr(efficientnet.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(
-        RequirementMissing, match=r"conversion to efficientnet-lite0\.onnx requires torch and onnx: pip install"
+        RequirementMissing,
+        match=r"conversion to efficientnet-lite0\.onnx requires torch and onnx; install them with: pip install",
     ):
         EFFICIENTNET_LITE0.fetch()

@@ -68,7 +68,7 @@ def test_images_are_grouped_by_time_and_by_motion(import_home, tmp_path, written
         assert [record.id for record in recording.records] == [f"station-00{number}" for number in (1, 2, 3, 4)]
         for record, position in zip(recording.records, STANDS, strict=True):
             assert record.T_world_pano[:3, 3] == pytest.approx(position, abs=0.04)
-    with pytest.raises(salframe.DataError, match="has no station"):
+    with pytest.raises(salframe.DataError, match="has no key station"):
         find_importer("perspective", ["group_by=station"]).read(source)
 
 

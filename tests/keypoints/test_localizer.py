@@ -260,7 +260,7 @@ def test_missing_weights_name_the_path_the_hash_and_the_command(monkeypatch, tmp
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
     with pytest.raises(WeightsError) as caught:
         Keypoints(Keypoints.Config(features="loftr"))
-    expected = f"{tmp_path}/weights/loftr/loftr_indoor_ds_new.ckpt (sha256 be9ff88b"
+    expected = f"{tmp_path}/weights/loftr/loftr_indoor_ds_new.ckpt is missing (sha256 be9ff88b"
     assert expected in str(caught.value)
     assert str(caught.value).endswith("salframe weights fetch loftr")
 

@@ -37,6 +37,8 @@ ELSEWHERE = {
         "ZipFile",
     },  # a wheel that pip has fetched, its files held to a sha256
     "salframe/framework/files/hub.py": {"read_bytes"},  # what it has just downloaded, for its hash
+    "salframe/panoramas/query_image.py": {"imdecode"},  # a JPEG that it has just encoded
+    "salframe/topology/map_server.py": {"open"},  # an image of bytes that came through the door
     "salframe/serving/served_map.py": {"open"},  # a method of that name
     "salframe/serving/uploads.py": {"open"},  # writes an upload, and reads the header of its image
     "salframe/graphs/scene_index.py": {"open"},  # a method of that name

@@ -66,7 +66,7 @@ def test_what_a_detector_makes_up_and_calls_otherwise_is_counted(tiny, monkeypat
         vase = replace(found.take([0]), labels=("vase",), centroid_m=np.array([[0, 0, 9.0]]), bearing=None)
         parts = ("scores", "centroid_m", "size_m", "yaw_rad", "bearing", "solid_angle_sr")
         joined = {part: np.concatenate([getattr(found, part), getattr(vase, part)]) for part in parts}
-        return replace(found, labels=(*labels, "vase"), points_m=None, **joined)
+        return replace(found, labels=(*labels, "vase"), texts=(*found.texts, ""), points_m=None, **joined)
 
     monkeypatch.setattr(AnnotationDetector, "detect", err)
     sensor = measure_sensor("annotations", [tiny], settings=PERFECT, engine="inline").sensor
