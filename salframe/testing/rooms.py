@@ -134,11 +134,16 @@ def look(room: FurnishedRoom, id: str, T_world_pano: np.ndarray, parts: Set[str]
 
 def _loader(room: FurnishedRoom, id: str, T_world_pano: np.ndarray, parts: Set[str]) -> Callable[[], Panorama]:
     """Return a function that renders a panorama as `look`, with read-only arrays, once per process."""
-    return partial(_rendered, room, id, tuple(T_world_pano.ravel().tolist()), frozenset(parts))
+    return partial(_load, room, id, tuple(T_world_pano.ravel().tolist()), frozenset(parts))
+
+
+def _load(room: FurnishedRoom, id: str, pose: tuple[float, ...], parts: frozenset[str]) -> Panorama:
+    return _rendered(HEIGHT_PX, room, id, pose, parts)
 
 
 @lru_cache(maxsize=64)
-def _rendered(room: FurnishedRoom, id: str, pose: tuple[float, ...], parts: frozenset[str]) -> Panorama:
+def _rendered(height_px: int, room: FurnishedRoom, id: str, pose: tuple[float, ...], parts: frozenset[str]) -> Panorama:
+    """Return a panorama as `look`. Tests change HEIGHT_PX, so it belongs to the key of the cache."""
     panorama = look(room, id, np.reshape(pose, (4, 4)), parts)
     lock(panorama)
     return panorama
