@@ -172,10 +172,10 @@ def test_an_unknown_method_tells_the_closest(data):
 
 @pytest.mark.skipif(importlib.util.find_spec("kornia") is None, reason="the extra salframe[keypoints] is not installed")
 def test_missing_weights_are_told_and_how_to_get_them(data):
-    told = (
+    message = (
         r"weights 'loftr': .*\.ckpt is missing \(sha256 [0-9a-f]{64}\); download it with: salframe weights fetch loftr"
     )
-    assert_one_line(run("build", data, "-o", "map", "--method", "loftr"), told)
+    assert_one_line(run("build", data, "-o", "map", "--method", "loftr"), message)
     done = run(
         "compare",
         "--methods",

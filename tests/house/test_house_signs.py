@@ -25,11 +25,11 @@ def test_numbers_of_rooms():
 
 def test_each_room_has_a_poster_on_its_wall_and_a_plate_beside_its_door(house):
     for index, room in enumerate(house.rooms):
-        own = [sign for sign in house.signs if sign.label == f"text: {room_number(index)}"]
-        posters = [sign for sign in own if sign.room == room.id]
-        assert len(own) <= 2
+        in_room = [sign for sign in house.signs if sign.label == f"text: {room_number(index)}"]
+        posters = [sign for sign in in_room if sign.room == room.id]
+        assert len(in_room) <= 2
         assert len(posters) <= 1
-        for sign in own:
+        for sign in in_room:
             place = next(other for other in house.rooms if other.id == sign.room)
             gaps = np.abs(
                 np.array(

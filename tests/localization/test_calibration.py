@@ -141,9 +141,9 @@ def test_accuracy_at_another_distance_maximizes_the_likelihood():
     for one, is_right in zip(distance, right, strict=True):
         share = np.minimum(grid / one**DISTANCE_EXPONENT, 0.99)
         likelihood *= share if is_right else 1 - share
-    found = calibrate_head(POSTERIOR, answers).accuracy
-    assert found == pytest.approx(grid[likelihood.argmax()], abs=2e-4)
-    assert found > right.mean()  # queries stand nearer than most of these frames
+    accuracy = calibrate_head(POSTERIOR, answers).accuracy
+    assert accuracy == pytest.approx(grid[likelihood.argmax()], abs=2e-4)
+    assert accuracy > right.mean()  # queries stand nearer than most of these frames
 
 
 @pytest.mark.parametrize(("mean", "deviation", "accuracy"), [(2.0, 1.0, 0.75), (8.0, 0.3, 0.3), (0.5, 3.0, 0.95)])

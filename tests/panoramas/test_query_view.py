@@ -40,19 +40,21 @@ def steradians(valid: np.ndarray) -> float:
 @pytest.mark.parametrize("fov_deg", [60, 120, 180])
 def test_a_field_of_view_is_that_lune_around_the_heading(fov_deg: float) -> None:
     """A lune of that angle has 2 x angle steradians, and its middle is the middle of the image."""
-    seen = as_query(whole(), config(query_fov_deg=fov_deg))
-    assert steradians(seen.valid) == pytest.approx(2 * np.radians(fov_deg), abs=0.05)
-    columns = np.flatnonzero(seen.valid.all(0))
+    query = as_query(whole(), config(query_fov_deg=fov_deg))
+    assert steradians(query.valid) == pytest.approx(2 * np.radians(fov_deg), abs=0.05)
+    columns = np.flatnonzero(query.valid.all(0))
     assert columns.mean() == HEIGHT - 0.5
     assert len(columns) == pytest.approx(2 * HEIGHT * fov_deg / 360, abs=2)
-    outside = ~seen.valid
-    assert np.isnan(seen.range_m[outside]).all()
-    assert not seen.rgb[outside].any()
-    assert not seen.annotations.instance_id[outside].any()
+    outside = ~query.valid
+    assert np.isnan(query.range_m[outside]).all()
+    assert not query.rgb[outside].any()
+    assert not query.annotations.instance_id[outside].any()
     before = whole()
-    np.testing.assert_array_equal(seen.rgb[seen.valid], before.rgb[seen.valid])
-    np.testing.assert_array_equal(seen.range_m[seen.valid], before.range_m[seen.valid])
-    np.testing.assert_array_equal(seen.annotations.instance_id[seen.valid], before.annotations.instance_id[seen.valid])
+    np.testing.assert_array_equal(query.rgb[query.valid], before.rgb[query.valid])
+    np.testing.assert_array_equal(query.range_m[query.valid], before.range_m[query.valid])
+    np.testing.assert_array_equal(
+        query.annotations.instance_id[query.valid], before.annotations.instance_id[query.valid]
+    )
 
 
 @pytest.mark.parametrize(("focal", "across_deg", "up_deg"), [(1, 90, 73.74), (2, 53.13, 41.11), (3, 36.87, 28.07)])
@@ -60,10 +62,10 @@ def test_a_rectilinear_view_is_as_wide_and_high_as_its_focal_length_says(
     focal: float, across_deg: float, up_deg: float
 ) -> None:
     """The solid angle of a rectangle before the eye is 4 arcsin(sin(across / 2) sin(up / 2))."""
-    seen = as_query(whole(), config(query_focal=focal))
+    query = as_query(whole(), config(query_focal=focal))
     angle = 4 * np.arcsin(np.sin(np.radians(across_deg / 2)) * np.sin(np.radians(up_deg / 2)))
-    assert steradians(seen.valid) == pytest.approx(angle, abs=0.03)
-    middle_row, middle_column = seen.valid[HEIGHT // 2], seen.valid[:, HEIGHT]
+    assert steradians(query.valid) == pytest.approx(angle, abs=0.03)
+    middle_row, middle_column = query.valid[HEIGHT // 2], query.valid[:, HEIGHT]
     assert middle_row.sum() == pytest.approx(across_deg / 180 * HEIGHT, abs=2)
     assert middle_column.sum() == pytest.approx(up_deg / 180 * HEIGHT, abs=2)
 
@@ -72,9 +74,9 @@ def test_both_limits_hold_together_and_with_those_of_the_panorama() -> None:
     half = np.zeros((HEIGHT, 2 * HEIGHT), bool)
     half[: HEIGHT // 2] = True
     taken = Panorama("p", rgb=whole().rgb, valid=half)
-    seen = as_query(taken, config(query_fov_deg=40, query_focal=1))
-    assert not seen.valid[HEIGHT // 2 :].any()
-    assert seen.valid[HEIGHT // 2 - 1].sum() == pytest.approx(40 / 180 * HEIGHT, abs=2)
+    query = as_query(taken, config(query_fov_deg=40, query_focal=1))
+    assert not query.valid[HEIGHT // 2 :].any()
+    assert query.valid[HEIGHT // 2 - 1].sum() == pytest.approx(40 / 180 * HEIGHT, abs=2)
 
 
 def test_listed_objects_are_seen_where_their_middle_is() -> None:
@@ -85,11 +87,11 @@ def test_listed_objects_are_seen_where_their_middle_is() -> None:
     )
     boxes = ObjectBoxes(tuple("abcdef"), tuple("uvwxyz"), centroid_m, np.ones((6, 3)), np.arange(6.0))
     taken = Panorama("p", annotations=Annotations(objects=boxes))
-    seen = as_query(taken, config(query_fov_deg=60))
-    assert seen.annotations.objects.labels == ("a", "b", "e", "f")
-    assert seen.annotations.objects.keys == ("u", "v", "y", "z")
-    np.testing.assert_array_equal(seen.annotations.objects.yaw_rad, [0, 1, 4, 5])
-    assert steradians(seen.valid) == pytest.approx(np.radians(120), abs=0.05)
+    query = as_query(taken, config(query_fov_deg=60))
+    assert query.annotations.objects.labels == ("a", "b", "e", "f")
+    assert query.annotations.objects.keys == ("u", "v", "y", "z")
+    np.testing.assert_array_equal(query.annotations.objects.yaw_rad, [0, 1, 4, 5])
+    assert steradians(query.valid) == pytest.approx(np.radians(120), abs=0.05)
     assert as_query(taken, config(query_focal=1)).annotations.objects.labels == ("a", "b", "c", "e")
 
 
@@ -116,10 +118,10 @@ def test_image_changes_take_colour() -> None:
 def test_image_changes_affect_only_the_colour_inside_the_view(tmp_path: Path) -> None:
     """Grey of 200 has linear light 0.5776; a quarter of it is 106 in sRGB."""
     before = whole()
-    seen = as_query(before, config(query_image={"exposure_ev": -2}, query_fov_deg=90))
-    assert (seen.rgb[seen.valid] == 106).all()
-    assert not seen.rgb[~seen.valid].any()
-    np.testing.assert_array_equal(seen.range_m[seen.valid], before.range_m[seen.valid])
+    query = as_query(before, config(query_image={"exposure_ev": -2}, query_fov_deg=90))
+    assert (query.rgb[query.valid] == 106).all()
+    assert not query.rgb[~query.valid].any()
+    np.testing.assert_array_equal(query.range_m[query.valid], before.range_m[query.valid])
     root = write_tiny_folder(tmp_path / "folder")
     plain, dark = (FolderDataset(config(root=root, query_image={"exposure_ev": ev})) for ev in (0, -2))
     for frames, is_changed in (("references", False), ("queries", True)):

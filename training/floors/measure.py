@@ -127,8 +127,8 @@ def main(
         (masks,) = dataset.floors()
         plan = derive_floors(used)
         split = derive_floors([replace(frame, place=frame.id) for frame in used])
-        given = build_topology([masks], by_place(frames))
-        compared = compare_topologies(given, build_topology(plan.floors, by_place(used)))
+        from_masks = build_topology([masks], by_place(frames))
+        compared = compare_topologies(from_masks, build_topology(plan.floors, by_place(used)))
         doors += (compared.given, compared.derived, compared.common)
         errors.append(compared.route_errors)
         lost += compared.lost_routes + compared.false_routes

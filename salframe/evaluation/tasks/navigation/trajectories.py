@@ -23,14 +23,14 @@ def write_trajectories(record: Record[EpisodeRow]) -> None:
         if row is None or row.path is None or row.believed is None:
             continue
         folder.mkdir(exist_ok=True)
-        known = [(number, pose) for number, pose in enumerate(row.believed) if pose is not None]
+        estimated = [(number, pose) for number, pose in enumerate(row.believed) if pose is not None]
         notes = [
             f"navigate: episode {row.episode} in {row.world}, goal {row.goal}",
             "timestamps: number of the panorama",
         ]
-        missing = f"{len(row.believed) - len(known)} panoramas without an estimated pose are left out"
+        missing = f"{len(row.believed) - len(estimated)} panoramas without an estimated pose are left out"
         write_text(folder / f"{row.episode}-true.tum", tum_lines(_timed(list(enumerate(row.path))), notes))
-        write_text(folder / f"{row.episode}-estimated.tum", tum_lines(_timed(known), [*notes, missing]))
+        write_text(folder / f"{row.episode}-estimated.tum", tum_lines(_timed(estimated), [*notes, missing]))
 
 
 def _timed(poses: list[tuple[int, Position]]) -> list[tuple[float, np.ndarray]]:

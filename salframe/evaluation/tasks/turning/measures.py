@@ -30,16 +30,16 @@ def summarize_turns(records: Sequence[Record[TurnRow]]) -> TurnsRow:
     if not open_rows:
         return line
     before = [(cluster, row.first or _FAILED) for cluster, row in open_rows]
-    proposed = [(cluster, row.proposed or row.first or _FAILED) for cluster, row in open_rows]
+    suggested = [(cluster, row.suggested or row.first or _FAILED) for cluster, row in open_rows]
     random = [(cluster, row.random or _FAILED) for cluster, row in open_rows]
     return replace(
         line,
-        resolved=_share(proposed, _resolves),
+        resolved=_share(suggested, _resolves),
         resolved_random=_share(random, _resolves),
         right_first=_share(before, _is_right),
-        right=_share(proposed, _is_right),
+        right=_share(suggested, _is_right),
         right_random=_share(random, _is_right),
-        wrong=_share(proposed, _misleads),
+        wrong=_share(suggested, _misleads),
         wrong_random=_share(random, _misleads),
     )
 

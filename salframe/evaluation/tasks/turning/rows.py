@@ -22,14 +22,14 @@ class TurnRow(PieceRow):
         query: Id of the query.
         place: True place.
         first: The answer to the query alone.
-        proposed: The answer after the suggested turn; None if the first answer is accepted, or proposes none.
+        suggested: The answer after the suggested turn; None if the first answer is accepted, or suggests none.
         random: The answer after a random turn; None if the first answer is accepted.
     """
 
     query: str
     place: str
     first: TurnLine | None = None
-    proposed: TurnLine | None = None
+    suggested: TurnLine | None = None
     random: TurnLine | None = None
 
     @model_validator(mode="after")

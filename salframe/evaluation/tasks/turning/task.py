@@ -1,4 +1,4 @@
-"""The task `turning`: does the turn that an answer proposes help to localize a camera?"""
+"""The task `turning`: does the turn that an answer suggests help to localize a camera?"""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class NarrowQuery:
 @dataclass(frozen=True)
 class TurningTask(Task[NarrowQuery, Survey[NarrowQuery], TurnRow, TurnsRow]):
     """The task `turning`: a query whose answer is not accepted is localized together with a second view, after a turn
-    on the spot that the answer proposes, and after a random turn."""
+    on the spot that the answer suggests, and after a random turn."""
 
     name = "turning"
     prefix = "turning-"
@@ -116,8 +116,8 @@ class _Turning(Worker[NarrowQuery]):
             rng = np.random.default_rng(zlib.crc32(piece.frame.id.encode()))
             drawn_deg, error = float(rng.choice(TURNS_DEG)), float(rng.standard_normal())
             row["random"] = self._turn(map, piece, view, drawn_deg, error)
-            if (proposal := answer.next_view) is not None:
-                row["proposed"] = self._turn(map, piece, view, proposal.turn_deg, error)
+            if (suggestion := answer.next_view) is not None:
+                row["suggested"] = self._turn(map, piece, view, suggestion.turn_deg, error)
         return {**row, "error": None}
 
     def _turn(

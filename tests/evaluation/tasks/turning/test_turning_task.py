@@ -29,10 +29,10 @@ def test_shares_are_of_the_queries_that_are_not_accepted():
     rows = (
         query(0, first=RIGHT),
         query(1, first=WRONG),
-        query(2, first=UNSURE, proposed=RIGHT, random=LOST),
-        query(3, first=LOST, proposed=UNSURE, random=WRONG),
-        query(4, first=UNSURE, random=RIGHT),  # no proposal: the first answer remains
-        query(5, first=LOST, proposed=WRONG, random=LOST),
+        query(2, first=UNSURE, suggested=RIGHT, random=LOST),
+        query(3, first=LOST, suggested=UNSURE, random=WRONG),
+        query(4, first=UNSURE, random=RIGHT),  # no suggestion: the first answer remains
+        query(5, first=LOST, suggested=WRONG, random=LOST),
     )
     row = summarize_turns([Record("method", Outcome(MethodStatus.DONE), rows, Path())])
     assert (row.queries, row.unaccepted) == (6, 4)
@@ -63,7 +63,7 @@ def test_queries_of_a_home_are_turned():
     assert 0 < row.unaccepted <= row.queries
     for one in rows:
         assert (one.get("random") is None) == one["first"]["accepted"]
-        for turned in (one.get("proposed"), one.get("random")):
+        for turned in (one.get("suggested"), one.get("random")):
             assert turned is None or turned["turn_deg"] in TURNS_DEG
     assert row.resolved is not None
     assert not result.crashed
