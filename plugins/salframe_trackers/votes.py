@@ -67,7 +67,7 @@ class VoteTracker(Tracker):
             30.0, gt=0, le=180, description="maximum difference of the headings of poses that agree (degrees)"
         )
         min_votes: float = Field(
-            0.05,
+            0.1,
             ge=0,
             description="minimum sum of votes to track a pose; an answer without a probability counts as one vote here",
         )

@@ -27,7 +27,7 @@ def track(
     ] = None,
     tracker: Annotated[str | None, typer.Option(help="Tracker to use; see `salframe plugins`")] = None,
     views: Annotated[
-        int | None, typer.Option(min=1, help="Number of most recent views to localize together (default: 8)")
+        int | None, typer.Option(min=1, help="Number of most recent views to localize together (default: 5)")
     ] = None,
     format: Annotated[
         str | None, typer.Option(help="Importer of the recording (default: rosbag if there is no manifest.json)")

@@ -28,7 +28,7 @@ from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.geometry import invert_pose, pose_yaw
 from salframe.panoramas.panorama import Panorama
 
-NUM_VIEWS = 8
+NUM_VIEWS = 5
 """Default number of the latest views that are localized together. Chosen on `house-42`, seeds 100 and 101."""
 
 MOTION_DECIMALS = 12
