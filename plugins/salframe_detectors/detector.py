@@ -31,8 +31,8 @@ CPU."""
 class OnnxDetector(Detector):
     """Any perspective detection network in ONNX, on overlapping views that cover the sphere; detections are merged.
 
-    Works with colour only. Then labels, scores and bearings are known, and positions are NaN: enough for a query in a
-    map with range, but not for building a map.
+    Range is optional. Without range, labels, scores and bearings are known, and positions are NaN: enough for a query
+    in a map with range, but not for building a map.
     """
 
     name = "onnx"

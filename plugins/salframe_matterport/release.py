@@ -98,7 +98,7 @@ class Viewpoint:
         if first is None:
             raise DataError(
                 f"the viewpoint {self.name} of building {self.folder.name} has no picture {_SKYBOX_STOP}, which "
-                "defines the direction of the skybox; expected it in the camera file, or data.color=pictures"
+                "defines the direction of the skybox: add the picture to the camera file, or set data.color=pictures"
             )
         right, down, ahead = first.T_world_camera[:3, :3].T
         around = [(right, down, ahead), (-ahead, down, right), (-right, down, -ahead), (ahead, down, -right)]

@@ -48,7 +48,7 @@ class SegmentsDetector(Detector):
     """Objects from any network with class scores per pixel, averaged over overlapping views; doors and windows are
     objects.
 
-    Works with colour only; then bearings, labels and scores are known, and positions are NaN.
+    Range is optional. Without range, bearings, labels and scores are known, and positions are NaN.
     """
 
     name = "segments"

@@ -49,7 +49,7 @@ class TransformersDetector(Detector):
     """Objects from a published network of the library `transformers`: semantic, instance, panoptic or universal
     segmentation, or closed-set or zero-shot detection, as the network's configuration states.
 
-    Works with colour only; then bearings, labels and scores are known, and positions are NaN.
+    Range is optional. Without range, bearings, labels and scores are known, and positions are NaN.
     """
 
     name = "transformers"

@@ -32,7 +32,7 @@ SAMPLES = 24
 class TextDetector(Detector):
     """Strings on signs, posters and door plates, read in level views by the text networks of RapidOCR.
 
-    Each string is an object with the label `text`, and the string is kept as its text. Works with colour only; then
+    Each string is an object with the label `text`, and the string is its text. Range is optional. Without range,
     bearings are known, and positions are NaN. The networks are part of the package `rapidocr`, so nothing is
     downloaded.
     """

@@ -51,7 +51,7 @@ class DescribedQuery:
         descriptions: The descriptions of the views, in the order in which they were taken.
         T_last_view: (V, 4, 4) motions that map coordinates of the views to those of the last view; None: unknown.
         turned: The descriptions of the views turned by UPSIDE_DOWN, if all of them seem to be upside down; else empty.
-        seconds: Time of the descriptions.
+        seconds: Time that it took to compute the descriptions.
     """
 
     descriptions: Sequence[Description]

@@ -42,8 +42,9 @@ def level_panorama(
 ) -> tuple[Panorama, np.ndarray | None]:
     """Return the panorama of a frame, levelled if it is tilted, and the rotation R_level_pano (3, 3) or None.
 
-    A reference frame is levelled by its pose. The tilt of queries, and of reference frames whose pose is exactly level
-    like one in the plane, is estimated from the parts that the localizer uses.
+    A reference frame is levelled by its pose. The tilt of a query is estimated from the images that the localizer uses.
+    So is the tilt of a reference frame with an exactly level pose, which may come from a system that does not measure
+    tilt.
     """
     if localizer.level == "off":
         return panorama, None

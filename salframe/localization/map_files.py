@@ -275,7 +275,7 @@ def check_output(directory: Path) -> None:
     if not directory.exists() or (directory / MAP).exists():
         return
     if not directory.is_dir() or not all(path.name.startswith(_PARTS) for path in directory.iterdir()):
-        raise ConfigError(f"{directory} contains files that are not a map: choose a new folder, or remove it")
+        raise ConfigError(f"{directory} contains files that are not a map, expected an empty folder or a map")
 
 
 def _read_manifest(directory: Path) -> _Manifest:

@@ -216,7 +216,7 @@ class _Writer:
 
     @property
     def notes(self) -> list[str]:
-        """The notes on panoramas, each once, with the panoramas that have it."""
+        """The notes on panoramas. Each note appears once, and lists its panoramas."""
         return [_listed(ids, note) for note, ids in self._noted.items()]
 
     def write(self, panorama: SelectedPanorama) -> None:

@@ -40,7 +40,7 @@ class ViewGroup:
 
     Attributes:
         description: The joined description, in the frame of the last view of the group.
-        T_last_group: (4, 4) motion that maps coordinates of the group to those of the last view of the query.
+        T_last_group: (4, 4) transform from the frame of the last view of the group to that of the last view of the query.
     """
 
     description: Mapping[str, np.ndarray]

@@ -30,7 +30,7 @@ from salframe_graphs.places.rates import SHIPPED
 
 @cache
 def shipped_weights() -> Mapping[str, float]:
-    """Return the weights that are distributed with the method, by column."""
+    """Return the fitted weight of each column of the evidence, from the file that is distributed with the method."""
     weights: Mapping[str, float] = read_yaml(SHIPPED)["weights"]
     return weights
 

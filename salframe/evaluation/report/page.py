@@ -61,7 +61,7 @@ def number(value: Any, digits: int = 3) -> float | None:
 
 
 def numbers(values: np.ndarray, digits: int = 3) -> list[Any]:
-    """Return an array as rounded lists for JSON, with None if it is not finite."""
+    """Return an array as nested lists of rounded numbers for JSON. A number that is not finite becomes None."""
     rounded = np.round(np.asarray(values, float), digits)
     values_or_none = rounded.astype(object)
     values_or_none[~np.isfinite(rounded)] = None

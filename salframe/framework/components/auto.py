@@ -101,7 +101,7 @@ def parts_added(values: Iterable[Any]) -> frozenset[str]:
 
 
 class Undecided(Component):
-    """The component of a slot with the value `auto` while no data is known. It cannot be built."""
+    """Placeholder of a setting with the value `auto`, until the dataset is known. It cannot be built."""
 
     name = AUTO
     version = "1"

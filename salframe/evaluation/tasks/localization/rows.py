@@ -48,6 +48,7 @@ class AnswerRow(PieceRow):
                 )
         if len(self.probabilities or ()) != (0 if self.out_of_map_probability is None else len(self.places)):
             raise ValueError(
-                "an answer has out_of_map_probability or probabilities, expected both, one for each place, or neither"
+                f"an answer has {len(self.probabilities or ())} probabilities and {len(self.places)} places, expected "
+                "out_of_map_probability and one probability for each place, or none of them"
             )
         return self

@@ -47,7 +47,7 @@ class SensorMeasurement:
     crashed: bool = False
 
     def write(self, path: str | Path) -> None:
-        """Write the sensor model as JSON. The same measurement has the same file."""
+        """Write the sensor model as JSON. Equal measurements give files with equal bytes."""
         write_json(Path(path), self.sensor.model_dump(mode="json"))
 
     def table(self) -> Table:
