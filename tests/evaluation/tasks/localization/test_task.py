@@ -255,7 +255,7 @@ def test_evaluate_measures_again_from_the_answers(fakes):
     [
         (
             {"out_of_map_probability": 0.5},
-            "an answer has out_of_map_probability or probabilities, expected both, one for each place, or neither",
+            "expected out_of_map_probability and one probability for each place, or none of them",
         ),
         ({"places": []}, "an answer of status ok has no place, expected one"),
     ],
