@@ -35,7 +35,9 @@ def count_detections() -> Counter[str]:
     return Counter(line.split()[0] for line in lines)
 
 
-@pytest.mark.parametrize(("engine", "settings"), [("inline", ()), ("processes", ("engine.workers=2",))])
+@pytest.mark.parametrize(
+    ("engine", "settings"), [("inline", ()), pytest.param("processes", ("engine.workers=2",), marks=pytest.mark.slow)]
+)
 def test_methods_with_one_detector_detect_each_panorama_once(counting, engine, settings):
     result = compare(request("objects", "salient-objects", settings=settings, engine=engine))
     counts = count_detections()
