@@ -9,6 +9,7 @@ from typing import Any
 
 from salframe.framework.component import ComponentConfig, components_in
 from salframe.framework.components.auto import first_fit, needs_of
+from salframe.framework.components.identity import identity
 from salframe.framework.components.registry import registry
 from salframe.framework.engines.engine import Engine
 from salframe.framework.errors import FRAME_ERRORS, InputMissing
@@ -16,6 +17,8 @@ from salframe.framework.files.bounded import parse_json
 from salframe.framework.files.cache import Cache
 from salframe.framework.files.hashes import digest
 from salframe.framework.validation import validate
+from salframe.graphs.cached_detections import detect_cached
+from salframe.localization.detecting import DetectingLocalizer
 from salframe.localization.level_frames import R_LEVEL_PANO, level_key, level_panorama
 from salframe.localization.localizer import Description, Localizer
 from salframe.panoramas.dataset import Dataset
@@ -99,7 +102,8 @@ def describe_frame(
         localizer: The localizer.
         frame: The frame. Its panorama is levelled first, if it is tilted and the localizer's `level` is "auto"; the
             description then has the rotation R_LEVEL_PANO.
-        cache: Cache of descriptions; None: no cache.
+        cache: Cache of descriptions and detections; None: no cache. The time of detections from the cache is that of
+            their computation.
         dataset: The content_key of the dataset. The cache identifies a panorama by the id of the frame and by the
             `content` of the frame, or by this key where the frame has no `content`.
 
@@ -119,15 +123,47 @@ def describe_frame(
     level_s = time.perf_counter() - start
     if rotation is not None:
         cache_key["level"] = digest(rotation.round(9).tolist())
-    panorama, estimate_s = complete_panorama(localizer, panorama, cache, cache_key)
-    start = time.perf_counter()
-    description = localizer.describe(panorama)
-    seconds = level_s + estimate_s + time.perf_counter() - start
+    completed, estimate_s = complete_panorama(localizer, panorama, cache, cache_key)
+    description, describe_s = _describe_panorama(localizer, completed, panorama.provides, cache, cache_key)
+    seconds = level_s + estimate_s + describe_s
     if rotation is not None:
         description = {**description, R_LEVEL_PANO: rotation}
     if cache is not None:
         cache.put(key, description, seconds)
     return description, seconds
+
+
+def _describe_panorama(
+    localizer: Localizer,
+    panorama: Panorama,
+    provides: frozenset[str],
+    cache: Cache | None,
+    cache_key: Mapping[str, Any],
+) -> tuple[Description, float]:
+    """Return the description of a panorama, and the time in seconds. The detections come from the cache if possible.
+
+    Args:
+        localizer: The localizer.
+        panorama: The panorama, with estimated range where necessary.
+        provides: Parts of the panorama before its range was estimated.
+        cache: Cache of detections; None: no cache.
+        cache_key: Identifies the panorama before its range was estimated.
+    """
+    if (
+        cache is None
+        or not isinstance(localizer, DetectingLocalizer)
+        or type(localizer).describe is not DetectingLocalizer.describe  # it may do without `describe_detections`
+    ):
+        start = time.perf_counter()
+        description = localizer.describe(panorama)
+        return description, time.perf_counter() - start
+    key = dict(cache_key)
+    if localizer.range_model is not None and estimates_range(localizer, provides):
+        key["range"] = identity(localizer.range_model.config)
+    detections, detect_s = detect_cached(localizer.detector, panorama, cache, key)
+    start = time.perf_counter()
+    description = localizer.describe_detections(detections, panorama)
+    return description, detect_s + time.perf_counter() - start
 
 
 def describe_frames(

@@ -7,6 +7,7 @@ from abc import abstractmethod
 from salframe.framework.component import ComponentConfig
 from salframe.framework.components.registry import registry
 from salframe.graphs.detections import Detections
+from salframe.graphs.detector import Detector
 from salframe.localization.localizer import Description, Localizer
 from salframe.panoramas.panorama import Panorama
 
@@ -17,6 +18,12 @@ class DetectingLocalizer(Localizer):
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
         self._detector = registry().build("detector", self.config.detector)
+
+    @property
+    def detector(self) -> Detector:
+        """The detector."""
+        detector: Detector = self._detector
+        return detector
 
     @abstractmethod
     def describe_detections(self, detections: Detections, panorama: Panorama) -> Description:
