@@ -258,6 +258,6 @@ class NodeMatches:
         one_to_one = all(len(np.unique(side)) == len(side) for side in pairs.T)
         if len(pairs) and not (pairs.min() >= 0 and (pairs < counts).all() and one_to_one):
             raise InvalidAnswer(
-                f"NodeMatches.pairs has a repeated or invalid row, expected each of {counts[0]} query and {counts[1]} "
-                "reference nodes at most once"
+                "NodeMatches.pairs has an index that is repeated or out of range, expected each of "
+                f"{counts[0]} query and {counts[1]} reference objects at most once"
             )

@@ -202,8 +202,9 @@ class Folder:
         lowest_m, highest_m = min(cameras_m), max(cameras_m)
         if highest_m - lowest_m > MIN_STOREY_M:
             raise DataError(
-                f"{self.root / MANIFEST}: the floor has no z_m, and the cameras are at z = {lowest_m:.2f} to "
-                f"{highest_m:.2f} m, more than one storey: expected the height of the floor in the world in metres"
+                f"{self.root / MANIFEST}: the floor has no z_m and the cameras span more than one storey "
+                f"(z = {lowest_m:.2f} to {highest_m:.2f} m), expected the height of the floor in the "
+                "world in metres"
             )
         on_zero = lowest_m > -SAME_FLOOR_M and highest_m <= MAX_CAMERA_M
         return [0.0 if on_zero else max(lowest_m - USUAL_M, highest_m - MAX_CAMERA_M)]
@@ -241,5 +242,7 @@ def read_labels(path: Path) -> dict[int, str]:
         raise DataError(f"{path} has no row, expected one for each object of the instance images")
     labels = {row.instance_id: row.label for row in rows}
     if len(labels) < len(rows):
-        raise DataError(f"{path} has {len(rows)} rows and {len(labels)} different instance_id, expected unique ids")
+        raise DataError(
+            f"{path} has {len(rows)} rows and {len(labels)} different values of instance_id, expected unique ids"
+        )
     return labels

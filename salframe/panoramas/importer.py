@@ -108,7 +108,9 @@ class PanoramaRecord:
         if self.T_world_pano is not None:
             check_pose(self, f"the panorama {self.id}")
         if self.sequence is not None and self.t_s is None:
-            raise DataError(f"the view {self.id} of the sequence {self.sequence!r} has no t_s, its time in seconds")
+            raise DataError(
+                f"the view {self.id} of the sequence {self.sequence!r} has no t_s, expected its time in seconds"
+            )
 
     @property
     def is_reference(self) -> bool:
@@ -125,7 +127,10 @@ class PanoramaRecord:
             panorama = self.images()
             present = panorama.provides | ({"valid"} if panorama.valid is not None else set())
             if missing := self.parts - present:
-                raise DataError(f"the panorama {self.id} has no {' and no '.join(sorted(missing))}")
+                raise DataError(
+                    f"the panorama {self.id} has no {' and no '.join(sorted(missing))}, expected all parts "
+                    "that its record declares"
+                )
             return panorama
         files = self.images
         return load_panorama(

@@ -86,7 +86,8 @@ def _check_range(model: RangeModel, panorama: Panorama, range_m: Any) -> None:
         raise InvalidAnswer(f"{model.name} returned {received}, expected float32 {shape}, metres along the ray")
     if (range_m <= 0).any() or np.isinf(range_m).any():
         raise InvalidAnswer(
-            f"{model.name} returned a range that is not positive or not finite, expected NaN where the range is unknown"
+            f"{model.name} returned a range that is 0, negative or infinite, expected positive "
+            "metres, or NaN where the range is unknown"
         )
 
 

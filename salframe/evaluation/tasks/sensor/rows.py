@@ -51,7 +51,8 @@ class LookRow(PieceRow):
             )
         if not len(self.truth.labels) == len(self.range_m) == len(self.hidden_share):
             raise ValueError(
-                "the lists `range_m` and `hidden_share` differ in length from `truth`, expected one "
-                "value for each annotated object"
+                f"`range_m` has {len(self.range_m)} values and `hidden_share` has "
+                f"{len(self.hidden_share)}, expected {len(self.truth.labels)}, one for each object of "
+                "`truth`"
             )
         return self
