@@ -133,10 +133,8 @@ class Localization:
         if self.status.names_a_place and not self.places:
             raise InvalidAnswer(f"a localization has the status {self.status} and no place, expected a place")
         if self.status.names_a_place and (self.T_world_query is not None) != (self.status is LocalizationStatus.OK):
-            received = "no pose" if self.T_world_query is None else "a pose"
-            raise InvalidAnswer(
-                f"a localization has the status {self.status} and {received}, expected a pose only with the status ok"
-            )
+            received, expected = ("no pose", "a pose") if self.T_world_query is None else ("a pose", "no pose")
+            raise InvalidAnswer(f"a localization has the status {self.status} and {received}, expected {expected}")
         if self.status is LocalizationStatus.OUT_OF_MAP and self.T_world_query is not None:
             raise InvalidAnswer(f"a localization has the status {self.status} and a pose, expected no pose")
         if any(place.score != place.score for place in self.places):

@@ -79,10 +79,9 @@ class Folder:
             entry = self._truth[query_id]
         except KeyError:
             where = self.root / (self.manifest.truth or MANIFEST)
-            expected = "its place in the file that `truth` in the manifest names"
             raise TruthMissing(
-                f"{where} has no truth of the query {query_id!r}, expected {expected}: the evaluation needs it, "
-                "`salframe localize` does not"
+                f"{where} has no truth of the query {query_id!r}, which an evaluation needs: "
+                "add its place to the file that `truth` in the manifest names"
             ) from None
         return Truth(entry.place, self._pose(entry.pose), entry.instances)
 

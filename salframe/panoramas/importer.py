@@ -101,9 +101,10 @@ class PanoramaRecord:
             object.__setattr__(self, "parts", frozenset(files))
             object.__setattr__(self, "sources", (*self.sources, *files.values()))
         if not self.parts or not self.parts <= IMPORTED_PARTS or self.parts == {"valid"}:
-            received, expected = ", ".join(sorted(self.parts)) or "none", ", ".join(sorted(IMPORTED_PARTS))
+            received, expected = ", ".join(sorted(self.parts)) or "none", ", ".join(sorted(IMPORTED_PARTS - {"valid"}))
             raise DataError(
-                f"the panorama {self.id} has the parts {received}, expected at least one image of {expected}"
+                f"the panorama {self.id} has the parts {received}, expected at least one of {expected}, "
+                "and optionally valid"
             )
         if self.T_world_pano is not None:
             check_pose(self, f"the panorama {self.id}")

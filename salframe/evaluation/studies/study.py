@@ -75,7 +75,8 @@ class Study(Settings):
     @model_validator(mode="after")
     def _check(self) -> Study:
         if (self.method is None) == (not self.methods):
-            raise ValueError("received both or none of the keys method and methods, expected exactly one")
+            received = "neither" if self.method is None else "both"
+            raise ValueError(f"the study has {received} of the keys `method` and `methods`, expected exactly one")
         empty = [key for key, values in self.vary.items() if not values]
         if empty:
             raise ValueError(f"`vary` has no values for {', '.join(empty)}, expected at least one value for each key")

@@ -303,7 +303,7 @@ def _holds_set(value: Any) -> bool:
 
 
 def check_preset(content: Mapping[str, Any], where: str, role: str) -> None:
-    """Raise ConfigError if a preset has no `kind`, or if its `otherwise` is not a name.
+    """Raise ConfigError if `kind` or `otherwise` of a preset is not a name.
 
     Args:
         content: The settings.

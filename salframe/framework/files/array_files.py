@@ -173,11 +173,9 @@ def _header(file: BinaryIO, size: int) -> tuple[np.dtype[Any], tuple[int, ...], 
     count, num_bytes = 1, size - file.tell()
     for length in shape:
         count *= length
-    if (
-        min(shape, default=0) < 0
-        or count * dtype.itemsize != num_bytes
-        or (not num_bytes and max(shape, default=0) > MAX_AXIS)
-    ):
+    if min(shape, default=0) < 0 or (not num_bytes and max(shape, default=0) > MAX_AXIS):
+        raise ValueError(f"the file has an array of shape {shape}, expected lengths from 0 to {MAX_AXIS}")
+    if count * dtype.itemsize != num_bytes:
         raise ValueError(
             f"the file has {num_bytes} bytes of values, expected {count * dtype.itemsize} for {dtype} {shape}"
         )

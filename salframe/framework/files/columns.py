@@ -315,8 +315,10 @@ def _check_values(path: Path, values: np.ndarray, kind: ArrayKind) -> None:
 
 
 def _check_words(path: Path, numbers: np.ndarray, words: Sequence[str]) -> None:
-    if numbers.dtype.kind != "u" or (len(numbers) and numbers.max() >= len(words)):
-        raise DataError(f"{path} contains {numbers.dtype}, expected indices of {len(words)} words")
+    if numbers.dtype.kind != "u":
+        raise DataError(f"{path} contains {numbers.dtype}, expected unsigned integers, the indices of words")
+    if len(numbers) and numbers.max() >= len(words):
+        raise DataError(f"{path} contains the index {numbers.max()}, expected an index below {len(words)}")
 
 
 def _path(folder: Path, name: str) -> Path:
