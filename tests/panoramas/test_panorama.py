@@ -24,7 +24,9 @@ def test_floating_point_ranges_are_converted(dtype):
 
 @pytest.mark.parametrize("dtype", [np.uint16, np.int32, np.int64, bool])
 def test_integer_ranges_are_refused_with_the_unit(dtype):
-    with pytest.raises(DataError, match=r"a: range_m has dtype .*, expected float32 in metres.*0\.001 for millimetres"):
+    with pytest.raises(
+        DataError, match=r"a: range_m has dtype .*, expected floating-point metres.*0\.001 for millimetres"
+    ):
         Panorama("a", range_m=np.ones(SHAPE, dtype))
 
 

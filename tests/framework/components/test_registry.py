@@ -69,9 +69,15 @@ class Nameless(SaliencyModel):
         (declared(extra=None), "Changed.extra is None, expected text"),
         (declared(requires="torch"), "Changed.requires is str, expected a tuple"),
         (declared(weights=[]), "Changed.weights is list, expected a tuple"),
-        (declared(weights=("small.pt",)), "Changed.weights contains 'small.pt', expected Weights"),
-        (declared(Config=config(labels=(frozenset[str], frozenset("ab")))), "Changed.Config has a set for labels"),
-        (declared(Config=config(parts=(dict, {"a": ({1},)}))), "Changed.Config has a set for parts, expected a tuple"),
+        (declared(weights=("small.pt",)), "Changed.weights contains 'small.pt', expected NetworkWeights"),
+        (
+            declared(Config=config(labels=(frozenset[str], frozenset("ab")))),
+            "Changed.Config has a set as the default of labels",
+        ),
+        (
+            declared(Config=config(parts=(dict, {"a": ({1},)}))),
+            "Changed.Config has a set as the default of parts, expected a tuple",
+        ),
         (
             declared(requires=("torch.nn",)),
             "Changed.requires contains 'torch.nn', expected the name of a top-level package",
@@ -79,13 +85,16 @@ class Nameless(SaliencyModel):
         (declared(requires=("opencv-python",)), "Changed.requires contains 'opencv-python'"),
         (
             declared(Config=config(size_m=(float, ...))),
-            "Changed.Config has no default for size_m, expected one for every",
+            "Changed.Config has no default for size_m, expected a default for every",
         ),
         (
             declared(Config=config(tool=(object, object()))),
             "Changed.Config has a default that cannot be written as JSON",
         ),
-        (Path, "is not a component: it must subclass one of Dataset, Importer, RangeModel, Detector, SaliencyModel"),
+        (
+            Path,
+            "is not a component, expected a subclass of one of Dataset, Importer, RangeModel, Detector, SaliencyModel",
+        ),
         (Declared(), "is not a component"),
         (SaliencyModel.score, "is not a component"),
     ],
@@ -259,8 +268,8 @@ def write_presets(folder: Path, **content: str) -> Presets:
     [
         ("methods__odd", "[kind", "odd.yaml is not YAML"),
         ("ablations__odd", "- kind", "odd.yaml contains list, expected a mapping"),
-        ("methods__odd", "offset: 1", "odd.yaml has no `kind`, expected the name of a localizer"),
-        ("data__odd", "kind: [rooms]", "odd.yaml has no `kind`, expected the name of a dataset"),
+        ("methods__odd", "offset: 1", "odd.yaml: `kind` is None, expected the name of a localizer"),
+        ("data__odd", "kind: [rooms]", r"odd.yaml: `kind` is \['rooms'\], expected the name of a dataset"),
         ("methods__odd", "kind: even\notherwise: [calm]", r"odd.yaml: otherwise is \['calm'\], expected the name"),
         ("methods__odd", "base: odd.yaml", "odd.yaml is its own base"),
         ("methods__odd", "base: 3", "odd.yaml: base is 3, expected the name of a file"),
