@@ -134,9 +134,7 @@ def open_model(
     )
     if inputs is not None and not _fits(model.inputs, inputs, dtype):
         received = ", ".join(map(str, model.inputs))
-        raise WeightsError(
-            f"{path} has the inputs {received}, expected {', '.join(_layout(dtype, shape) for shape in inputs)}"
-        )
+        raise WeightsError(f"{path} takes {received}, expected {', '.join(_layout(dtype, shape) for shape in inputs)}")
     return model
 
 

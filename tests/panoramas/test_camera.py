@@ -132,7 +132,7 @@ def test_a_fold_of_the_distortion_is_not_seen_twice():
         ({"fx": -420}, "expected finite numbers, and positive sizes"),
         ({"cx": float("nan")}, "cx nan, .*expected finite numbers"),
         ({"width": "640"}, "width '640', .*expected finite numbers"),
-        ({"cx": 960, "cy": 540}, "principal point cx 960, cy 540 outside of its image of 640 x 480"),
+        ({"cx": 960, "cy": 540}, "principal point cx 960, cy 540 outside its image of 640 x 480"),
         ({"distortion_model": "ftheta"}, "distortion_model is 'ftheta', expected one of none, plumb_bob, .*undistort"),
         ({"distortion_model": ""}, "distortion_model is '', expected one of"),
         (
@@ -147,7 +147,7 @@ def test_a_fold_of_the_distortion_is_not_seen_twice():
             "p1 -0.2 .*order k1, k2, p1, p2, k3",
         ),
         ({"distortion_model": "plumb_bob", "distortion": [-1.5, 0, 0, 0, 0]}, r"not invertible in \d+% of the image"),
-        ({"distortion_model": "fisheye", "distortion": [-1.5, 0, 0, 0]}, "fisheye distortion .* folds back"),
+        ({"distortion_model": "fisheye", "distortion": [-1.5, 0, 0, 0]}, "fisheye distortion .* is not invertible"),
         ({"T_base_camera": np.diag([1.0, 1, -1, 1])}, "left-handed"),
         ({"T_base_camera": 2 * LEVEL}, "is not a rigid motion"),
         ({"T_base_camera": LEVEL[:3]}, r"T_base_camera has shape \(3, 4\), expected \(4, 4\)"),

@@ -105,7 +105,7 @@ def test_ids_as_text_are_converted():
         ({"chair": 7}, "has the id 'chair', expected a whole number from 0 to 65535"),
         ({7.5: "chair"}, "has the id 7.5, expected a whole number"),
         ({-7: "chair"}, "has the id -7, expected a whole number"),
-        ({7: None}, 'has the label None of the id 7, expected the label of each instance id, such as {7: "chair"}'),
+        ({7: None}, "has the label None of the id 7, expected text, such as 'chair'"),
         ({7: "chair", "7": "bed"}, "has the id 7 twice"),
         (["bed", "chair"], "Annotations.labels is list, expected the label of each instance id"),
     ],

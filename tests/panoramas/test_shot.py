@@ -41,7 +41,7 @@ def test_an_image_that_a_manifest_names_comes_with_its_frame(tmp_path):
 
 def test_an_image_of_another_shape_needs_a_field_of_view(tmp_path):
     images.write_color(tmp_path / "a.jpg", np.zeros((48, 64, 3), np.uint8))
-    with pytest.raises(DataError, match=r"a\.jpg is 64 x 48, expected a panorama.*--fov"):
+    with pytest.raises(DataError, match=r"a\.jpg is 64 x 48, expected width = 2 x height.*--fov"):
         open_panorama(tmp_path / "a.jpg")
 
 

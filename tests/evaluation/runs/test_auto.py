@@ -132,8 +132,7 @@ def test_a_map_holds_what_it_became_and_opens_without_the_data(detectors):
     ABSENT.touch()
     refused = salframe("build", "furnished", "-o", "none", "--method", "objects", "--set", BARE, "--set", NO_RANGE)
     assert (refused.code, refused.out, refused.err.count("\n")) == (2, "", 1)
-    assert "no detector that 'auto' may select can run on furnished: "
-        "annotations: needs annotations" in refused.err
+    assert "no detector that 'auto' may select can run on furnished: annotations: needs annotations" in refused.err
 
 
 def test_it_is_varied_by_an_ablation(detectors):

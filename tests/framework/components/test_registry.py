@@ -120,7 +120,8 @@ def test_a_name_that_is_taken_names_both_packages(found):
     found.add(Declared, "first-package")
     found.add(Declared, "first-package")  # the same class again is no clash
     with pytest.raises(
-        SalframeError, match="the saliency 'declared' of second-package is already provided by first-package"
+        SalframeError,
+        match="the saliency 'declared' of second-package is already provided by first: choose another name-package",
     ):
         found.add(declared(), "second-package")
     assert found.get("saliency", "declared") is Declared
@@ -132,7 +133,7 @@ def test_a_role_that_is_taken_is_refused(found):
 
         role = "saliency"
 
-    with pytest.raises(SalframeError, match=r"the role 'saliency' of a-package is already registered: .*SaliencyModel"):
+    with pytest.raises(SalframeError, match=r"the role 'saliency' of a-package has the name of .*SaliencyModel"):
         found.add(Saliency, "a-package")
 
 
@@ -248,7 +249,7 @@ def test_a_preset_whose_name_is_taken_is_refused(found, tmp_path):
     found.add(Presets(tmp_path / "one"), "one")
     with pytest.raises(
         SalframeError,
-        match=r"the preset .*two/methods/calm\.yaml of two is already registered: .*one/methods/calm\.yaml",
+        match=r"the preset .*two/methods/calm\.yaml of two has the name of the preset .*one/methods/calm\.yaml",
     ):
         found.add(Presets(tmp_path / "two"), "two")
     assert found.list_presets("methods") == {"calm": "one"}
@@ -370,7 +371,7 @@ def test_commands_that_fail_cost_only_their_plugin(monkeypatch, plugin):
     assert found == {"greet": (print, "first"), "wave": (print, "last")}
     reasons = {failure.package: failure.reason for failure in failures}
     assert reasons.keys() == {"again", "leaving", "listing", "loud", "hollow"}
-    assert reasons["again"] == "the command 'greet' of again is already provided by first"
+    assert reasons["again"] == "the command 'greet' of again is already provided by first: choose another name"
     assert reasons["leaving"] == "SystemExit: 4"
     assert "expected a kebab-case name and a function" in reasons["loud"]
     assert reasons["hollow"].startswith("'wave': None is not a command")
