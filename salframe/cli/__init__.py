@@ -87,7 +87,8 @@ class Commands(TyperGroup):
             *_, last = traceback.extract_tb(stop.__traceback__)
             where = f"{last.filename} line {last.lineno}"
             raise SalframeError(
-                f"{describe_error(stop)} was raised in {where}; components must not end the process"
+                f"{where} ended the process with {describe_error(stop)}: raise an exception such as "
+                "SalframeError instead"
             ) from stop
 
 

@@ -149,7 +149,8 @@ def connect(
         values = {"start": start, "end": end, "kind": kind, "length_m": length}
         connections = [validate(Connection, values, "map connect:")]
     else:
-        raise ConfigError("expected either FROM, TO and --length, or --file: name the two ends, or a CSV table")
+        received = "both FROM and --file" if file is not None else "only a part of FROM, TO and --length"
+        raise ConfigError(f"received {received}, expected either FROM, TO and --length, or --file FILE.csv")
     topology = connect_map(map, connections)
     print(f"{map}: {len(topology.connections)} connections between {len(topology.floors)} floors")
     for note in topology.notes:

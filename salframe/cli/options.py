@@ -61,7 +61,7 @@ def limit_parser(option: str) -> Callable[[Any], float | None]:
             value = math.nan
         if not value > 0:
             raise ConfigError(
-                f"received {option} {shorten(str(text), 40)!r}, expected a number over 0, or inf for no limit"
+                f"received {option} {shorten(str(text), 40)!r}, expected a number above 0, or inf for no limit"
             )
         return value if value <= MAX_LIMIT else None
 

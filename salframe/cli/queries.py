@@ -58,7 +58,9 @@ class QueryOptions:
         if self.is_sequence and self.rgb is not None:
             raise ConfigError("received --views with --rgb, expected the views as arguments: --views a.jpg b.jpg")
         takes_both = self.rgb is None and (self.is_sequence or self.are_photographs)
-        if not (self.frames or has_images) or (self.is_sequence and not self.frames):
+        if self.is_sequence and not self.frames:
+            raise ConfigError("received --views without a view, expected the views as arguments: --views a.jpg b.jpg")
+        if not (self.frames or has_images):
             raise ConfigError(
                 "received neither a frame nor images, expected either FRAME or image files such as --rgb FILE"
             )

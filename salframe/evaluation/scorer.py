@@ -45,7 +45,8 @@ class Scorer(Role):
             InputMissing: The benchmark is not about navigation.
         """
         raise InputMissing(
-            f"the benchmark {self.name} has no episodes for navigation, expected one with episodes, such as reverie"
+            f"the benchmark {self.name} has no episodes for navigation, expected a benchmark with "
+            "episodes, such as reverie"
         )
 
     def submission(self, split: str, root: Path, walked: Sequence[np.ndarray | None]) -> Any:
@@ -58,7 +59,8 @@ class Scorer(Role):
                 at the start pose; None if the agent did not move.
         """
         raise InputMissing(
-            f"the benchmark {self.name} has no episodes for navigation, expected one with episodes, such as reverie"
+            f"the benchmark {self.name} has no episodes for navigation, expected a benchmark with "
+            "episodes, such as reverie"
         )
 
 
@@ -85,5 +87,5 @@ def score(task: str, answers: str | Path, root: str | Path) -> list[Mapping[str,
     """
     rows = list(find_scorer(task).score(Path(answers), Path(root)))
     if not rows:
-        raise InvalidAnswer(f"the scorer {task} returned no row for {answers}, expected one per split")
+        raise InvalidAnswer(f"the scorer {task} returned no row for {answers}, expected one row for each split")
     return rows

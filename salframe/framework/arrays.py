@@ -27,7 +27,8 @@ def as_array(value: Any, where: str, error: type[SalframeError] = DataError) -> 
     except (TypeError, ValueError):  # lists of different lengths
         array = np.asarray(None)
     if array.dtype.kind not in "biufc":
-        raise error(f"{where} is {type(value).__name__}, expected an array of numbers")
+        received = f"an array of {value.dtype}" if isinstance(value, np.ndarray) else type(value).__name__
+        raise error(f"{where} is {received}, expected an array of numbers")
     return array
 
 

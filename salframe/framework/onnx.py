@@ -66,7 +66,9 @@ class OnnxModel:
         except Exception as error:  # the exceptions of onnxruntime have no common base class
             shapes = " and ".join(str(array.shape) for array in arrays)
             reason = shorten(one_line(error), 120)
-            raise WeightsError(f"{self.path} failed on input of shape {shapes}, which it accepts: {reason}") from None
+            raise WeightsError(
+                f"{self.path} failed on inputs of shape {shapes}, which match its declared inputs: {reason}"
+            ) from None
         for name, result in zip(self.outputs, results, strict=True):
             self._check_output(name, result, len(arrays[0]))
         return results
@@ -81,7 +83,7 @@ class OnnxModel:
                 f"dimension of {batch}"
             )
         if result.size and result.dtype.kind == "f" and not np.isfinite(result).any():
-            raise WeightsError(f"{self.path} returned {name} without a finite number, expected finite numbers")
+            raise WeightsError(f"{self.path} returned only NaN or infinite values as {name}, expected finite numbers")
 
 
 def open_model(

@@ -55,8 +55,7 @@ def check_model(component: str, config: PretrainedConfig) -> None:
     """Raise WeightsError if `model` names no model on this machine. `component` begins the message."""
     if config.model is None:
         raise WeightsError(
-            f"{component} has no network, expected the folder of a model, or hf:ORG/MODEL, in the setting `model`",
-            "model=FOLDER",
+            f"{component} has no network: set `model` to the folder of a model, or to hf:ORG/MODEL", "model=FOLDER"
         )
     read_model_config(find_model_folder(config.model))
 
@@ -74,8 +73,8 @@ def find_model_folder(model: str | Path) -> Path:
     folder = Path(model)
     if not folder.is_dir():
         raise WeightsError(
-            f"{folder} does not exist, expected a folder with {CONFIG} and {WEIGHTS[0]}, or hf:ORG/MODEL for a model "
-            "that `salframe weights fetch` downloaded"
+            f"{folder} does not exist, expected a folder with {CONFIG} and {WEIGHTS[0]}, or "
+            "hf:ORG/MODEL of a model that `salframe weights fetch` downloaded"
         )
     return folder
 
@@ -89,8 +88,8 @@ def read_model_config(folder: Path) -> Mapping[str, Any]:
     for names in ((CONFIG,), WEIGHTS):
         if not any((folder / name).is_file() for name in names):
             raise WeightsError(
-                f"{folder / names[0]} does not exist, expected a folder with {CONFIG} and {WEIGHTS[0]}; other formats "
-                "of weights can execute code and are not read"
+                f"{folder / names[0]} does not exist, expected a folder with {CONFIG} and {WEIGHTS[0]}, "
+                "since other formats of weights can execute code"
             )
     try:
         content = read_json(folder / CONFIG)
@@ -236,8 +235,8 @@ def read_architecture(folder: Path, architectures: Collection[str]) -> str:
     names = [name for name in received if name in architectures] if isinstance(received, Sequence) else []
     if not names:
         raise WeightsError(
-            f"{folder / CONFIG} has the architectures {received!r}, expected one for this task, "
-            f"such as {', '.join(sorted(architectures)[:MAX_NAMED])}"
+            f"{folder / CONFIG} has the architectures {received!r}, expected an architecture for this "
+            f"task, such as {', '.join(sorted(architectures)[:MAX_NAMED])}"
         )
     return str(names[0])
 
@@ -287,7 +286,9 @@ def _choose_device(device: Device) -> str:
         return next(name for name, available in has.items() if available)
     if not has[device]:
         available = ", ".join(name for name, is_here in has.items() if is_here)
-        raise ConfigError(f"the setting device is {device!r}, which this machine does not have, expected {available}")
+        raise ConfigError(
+            f"the setting device is {device!r}, which this machine does not have, expected one of {available}"
+        )
     return device
 
 

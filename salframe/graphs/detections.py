@@ -65,9 +65,9 @@ class Detections:
 
         object.__setattr__(self, "texts", tuple(self.texts) or ("",) * n)
         if len(self.texts) != n:
-            raise InvalidAnswer(f"Detections.texts holds {len(self.texts)} strings, expected {n}")
+            raise InvalidAnswer(f"Detections.texts has {len(self.texts)} strings, expected {n}, one for each object")
         if (longest := max(map(len, self.texts), default=0)) > MAX_TEXT:
-            raise InvalidAnswer(f"Detections.texts holds a string of {longest} characters, expected at most {MAX_TEXT}")
+            raise InvalidAnswer(f"Detections.texts has a string of {longest} characters, expected at most {MAX_TEXT}")
 
     def __len__(self) -> int:
         return len(self.labels)

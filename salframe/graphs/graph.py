@@ -93,8 +93,11 @@ class SaliencyGraph:
         if len(self.texts) != n:
             raise DataError(f"SaliencyGraph.texts has {len(self.texts)} strings, expected {n}, one for each node")
         edges = check_array(self, "edges", np.int64, None, 2)
-        if len(edges) and not (edges[:, 0].min() >= 0 and (edges[:, 0] < edges[:, 1]).all() and edges[:, 1].max() < n):
-            raise DataError(f"SaliencyGraph.edges must be pairs a < b of nodes below {n}, the number of nodes")
+        wrong = edges[~((edges[:, 0] >= 0) & (edges[:, 0] < edges[:, 1]) & (edges[:, 1] < n))]
+        if len(wrong):
+            raise DataError(
+                f"SaliencyGraph.edges has the row {wrong[0].tolist()}, expected node indices (a, b), 0 <= a < b < {n}"
+            )
 
     def __len__(self) -> int:
         return len(self.labels)

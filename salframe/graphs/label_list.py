@@ -97,8 +97,8 @@ def list_labels(dataset: Dataset, progress: Progress | None = None) -> LabelList
     if not num_annotated:
         first = f" (first error: {next(iter(failures.values()))})" if failures else ""
         raise DataError(
-            f"the {len(frames)} panoramas of {dataset.name} have no annotations, expected instance images or lists of "
-            f"objects; without them, objects have the labels of a detector{first}"
+            f"none of the {len(frames)} panoramas of {dataset.name} has annotations, expected "
+            f"instance images or lists of objects{first}"
         )
     listed = [ListedLabel.of(label, len(objects)) for label, objects in keys.items()]
     return LabelList(tuple(sorted(listed, key=lambda row: (-row.objects, row.label))), failures)

@@ -26,9 +26,9 @@ PSEUDO_COUNT = 1.0
 def _check_quantiles(values: tuple[float, ...]) -> tuple[float, ...]:
     """Return the quantiles. Raises ValueError unless there are none, or QUANTILES values that do not decrease."""
     if len(values) not in (0, QUANTILES):
-        raise ValueError(f"received {len(values)} quantiles, expected none or {QUANTILES}")
+        raise ValueError(f"received {len(values)} quantiles, expected 0 or {QUANTILES}")
     if list(values) != sorted(values):
-        raise ValueError(f"received the quantiles {list(values)}, expected values that do not decrease")
+        raise ValueError(f"received the quantiles {list(values)}, expected values in ascending order")
     return values
 
 
@@ -207,8 +207,7 @@ def read_sensor(path: Path) -> SensorModel:
     file_format = content.get("format") if isinstance(content, Mapping) else None
     if file_format != FORMAT:
         raise DataError(
-            f"{path} is not a sensor file: its format is {file_format!r}, expected {FORMAT!r}; "
-            "write one with `salframe sensor`"
+            f"{path} has the format {file_format!r}, expected {FORMAT!r}: write a sensor file with `salframe sensor`"
         )
     return read_model(path, SensorModel)
 

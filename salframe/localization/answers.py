@@ -133,10 +133,8 @@ class Localization:
         if self.status.names_a_place and not self.places:
             raise InvalidAnswer(f"a localization has the status {self.status} and no place, expected a place")
         if self.status.names_a_place and (self.T_world_query is not None) != (self.status is LocalizationStatus.OK):
-            received = "no pose" if self.T_world_query is None else "a pose"
-            raise InvalidAnswer(
-                f"a localization has the status {self.status} and {received}, expected a pose only with the status ok"
-            )
+            received, expected = ("no pose", "a pose") if self.T_world_query is None else ("a pose", "no pose")
+            raise InvalidAnswer(f"a localization has the status {self.status} and {received}, expected {expected}")
         if self.status is LocalizationStatus.OUT_OF_MAP and self.T_world_query is not None:
             raise InvalidAnswer(f"a localization has the status {self.status} and a pose, expected no pose")
         if any(place.score != place.score for place in self.places):
@@ -258,6 +256,6 @@ class NodeMatches:
         one_to_one = all(len(np.unique(side)) == len(side) for side in pairs.T)
         if len(pairs) and not (pairs.min() >= 0 and (pairs < counts).all() and one_to_one):
             raise InvalidAnswer(
-                f"NodeMatches.pairs has a repeated or invalid row, expected each of {counts[0]} query and {counts[1]} "
-                "reference nodes at most once"
+                "NodeMatches.pairs has an index that is repeated or out of range, expected each of "
+                f"{counts[0]} query and {counts[1]} reference objects at most once"
             )

@@ -127,8 +127,8 @@ class MapWords:
         descriptions = [map.reference(frame.id)[1] for frame in self._frames]
         if not all(description.keys() >= GRAPH_ARRAYS for description in descriptions):
             raise InputMissing(
-                f"the map of {map.localizer.name} stores no objects, which a description in words needs; expected a "
-                "map of a method that detects objects, such as proposed"
+                f"the map of {map.localizer.name} stores no objects, expected a map of a method that "
+                "detects objects, such as proposed"
             )
         self._graphs = [graph_from_arrays(description) for description in descriptions]
         self.labels = tuple(sorted({label for graph in self._graphs for label in graph.labels}))

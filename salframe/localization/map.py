@@ -240,8 +240,8 @@ class LocalizationMap:
         posterior = self.localizer.posterior
         if posterior is None:
             raise DataError(
-                f"received max_false_accept={max_false_accept:g} and {self.localizer.name} has no probabilities, "
-                "expected a method with probabilities, such as proposed"
+                f"max_false_accept is {max_false_accept:g} and {self.localizer.name} has no "
+                "probabilities, expected a method with probabilities, such as proposed"
             )
         settings = {**posterior.model_dump(), "max_false_accept": max_false_accept}
         posterior = validate(Posterior, settings, "posterior")
@@ -364,8 +364,8 @@ class LocalizationMap:
         """
         if not isinstance(self.localizer, DetectingLocalizer):
             raise InputMissing(
-                f"received detections, which {self.localizer.name} does not use; expected a panorama, or a map of a "
-                "method that detects objects, such as proposed"
+                f"received detections, which {self.localizer.name} does not use, expected a panorama, or "
+                "a map of a method that detects objects, such as proposed"
             )
         panorama = Panorama("the detections")
         description = self.localizer.describe_detections(detections, panorama)
@@ -456,7 +456,9 @@ class LocalizationMap:
         """
         number = self._frame_numbers.get(frame_id)
         if number is None:
-            raise UnknownName(f"unknown reference frame {shorten(repr(frame_id))}: the map has no such frame")
+            raise UnknownName(
+                f"the map has no reference frame {shorten(repr(frame_id))}, expected the id of one of its `frames`"
+            )
         return self.frames[number], self.localizer.unpack(self._packed[number])
 
     def descriptions(self) -> list[Description]:

@@ -117,7 +117,10 @@ class MapParts:
         """Read packed descriptions and reference frames, as `read_table`. Raises DataError."""
         packed, frames = self.read_table(SCENES), SavedFrames(self.read_table(FRAMES, FRAME_COLUMNS))
         if len(packed) != len(frames):
-            raise DataError(f"{self.folder} has {len(packed)} scenes and {len(frames)} frames, expected equal numbers")
+            raise DataError(
+                f"{self.folder} has {len(packed)} scenes and {len(frames)} frames, expected equal "
+                "numbers: build the map again"
+            )
         return packed, frames
 
     def write_method(self, localizer: Localizer) -> None:
@@ -173,7 +176,10 @@ class MapParts:
 
     def _read_method(self) -> _SavedMethod:
         if not self.has(METHOD):
-            raise DataError(f"{self.folder.parent} has no localizer: it was built from data without reference frames")
+            raise DataError(
+                f"{self.folder.parent} has no localizer, because its data have no reference frames: build "
+                "the map from data with reference frames"
+            )
         return self.read_json(METHOD, _SavedMethod)
 
 
@@ -275,7 +281,9 @@ def check_output(directory: Path) -> None:
     if not directory.exists() or (directory / MAP).exists():
         return
     if not directory.is_dir() or not all(path.name.startswith(_PARTS) for path in directory.iterdir()):
-        raise ConfigError(f"{directory} contains files that are not a map, expected an empty folder or a map")
+        raise ConfigError(
+            f"{directory} is neither empty nor a map, expected a new or empty folder, or a map to replace"
+        )
 
 
 def _read_manifest(directory: Path) -> _Manifest:

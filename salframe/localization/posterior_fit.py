@@ -86,8 +86,8 @@ def fit_posterior(answers: Sequence[ScoredAnswer]) -> Fit:
     num_out_of_map = sum(not answer.here for answer in answers)
     if not ranked or not num_out_of_map:
         raise DataError(
-            f"received {len(ranked)} answers that rank the true place of a query in the map, and "
-            f"{num_out_of_map} answers to out-of-map queries, expected at least 1 of each"
+            f"received {len(ranked)} answers that rank the true place of their query and "
+            f"{num_out_of_map} answers to out-of-map queries, expected at least one of each"
         )
     spread = float(np.std(np.concatenate([answer.scores for answer in answers])))
     if spread == 0 or all(np.ptp(answer.scores) == 0 for answer in ranked):

@@ -24,8 +24,8 @@ def query_frame(
         query = Panorama("the panorama", rgb, range_m, annotations=annotations)
     elif not isinstance(query, ReferenceFrame | QueryFrame | Panorama):
         raise DataError(
-            f"the query is {type(query).__name__}, expected a frame, a Panorama, or arrays as rgb=, range_m= and "
-            "annotations=; read files with salframe.read_panorama"
+            f"the query is {type(query).__name__}, expected a frame, a Panorama, or arrays as rgb=, "
+            "range_m= and annotations=: read files with salframe.read_panorama"
         )
     elif any(image is not None for image in (rgb, range_m, annotations)):
         raise DataError(f"received both {query.id} and images of another panorama, expected only one of them")

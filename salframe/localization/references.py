@@ -28,7 +28,7 @@ def describe_references(
     Arguments and errors are those of `LocalizationMap.build`.
     """
     if not frames:
-        raise DataError("a map needs at least one reference frame, received none")
+        raise DataError("received no reference frame, expected at least one for a map")
     descriptions, described, notes = [], [], []
     left_out: dict[str, DataError | InputMissing] = {}
     for done, frame in enumerate(frames):

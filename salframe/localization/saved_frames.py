@@ -71,7 +71,10 @@ class SavedFrames(Sequence[ReferenceFrame]):
         if unknown := set(rows.columns["kind"].words or ()) - set(FrameKind):
             raise DataError(f"{rows.folder} has frames of the unknown kind {min(unknown)!r}: build the map again")
         if lengths := set(np.diff(rows.columns["pose"].start).tolist()) - {_LEVEL, _TILTED}:
-            raise DataError(f"{rows.folder} has a pose of {min(lengths)} numbers, expected {_LEVEL} or {_TILTED}")
+            raise DataError(
+                f"{rows.folder} has a pose of {min(lengths)} numbers, expected {_LEVEL} or {_TILTED}: "
+                "build the map again"
+            )
         for low in range(0, len(self), _CHUNK):
             if not (rigid := self._are_rigid(low, min(low + _CHUNK, len(self)))).all():
                 frame = self._columns["id"][low + int(np.argmin(rigid))].item()

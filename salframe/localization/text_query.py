@@ -113,7 +113,7 @@ def read_text(text: str, labels: Sequence[str], vectors: WordVectors | None = No
                 side, end = match[1], match.end()
                 direction = Direction.OPPOSITE if side is None else Direction(f"{side} of")
     if not mentions:
-        raise DataError(f"the description {text[:100]!r} names no object, expected one such as 'sofa, two plants'")
+        raise DataError(f"the description {text[:100]!r} names no object, expected objects such as 'sofa, two plants'")
     return TextQuery(tuple(mentions), tuple(relations), tuple(dict.fromkeys(reader.notes)))
 
 

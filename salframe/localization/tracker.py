@@ -69,8 +69,8 @@ class TrackedPose:
                 np.linalg.eigvalsh(covariance)[0] < -1e-9
             ):
                 raise InvalidAnswer(
-                    f"a tracked pose has the covariance {covariance.tolist()}, expected a symmetric, positive "
-                    "semidefinite matrix"
+                    f"a tracked pose has the covariance {covariance.tolist()}, expected a finite, symmetric, "
+                    "positive semidefinite matrix"
                 )
         if not self.support >= 0:
             raise InvalidAnswer(f"a tracked pose has the support {self.support}, expected a number that is at least 0")

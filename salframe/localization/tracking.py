@@ -64,7 +64,7 @@ class ViewWindow:
             num_views: Maximum number of views, at least 1.
         """
         if num_views < 1:
-            raise ConfigError(f"received {num_views} views, expected at least 1")
+            raise ConfigError(f"num_views is {num_views}, expected at least 1")
         self._map, self._num_views = map, num_views
         self._views: list[tuple[DescribedView, np.ndarray]] = []
 

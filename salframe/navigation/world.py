@@ -189,9 +189,7 @@ def open_worlds(dataset: Dataset) -> Sequence[World]:
     if isinstance(dataset, NavigableDataset):
         return dataset.worlds()
     if type(dataset).observe is Dataset.observe:
-        raise InputMissing(
-            f"the dataset {dataset.name} cannot render, and navigation needs panoramas at any position of the agent"
-        )
+        raise InputMissing(f"the dataset {dataset.name} cannot render panoramas at new poses, which navigation needs")
     return floor_worlds(dataset)
 
 
@@ -207,9 +205,7 @@ def floor_worlds(dataset: Dataset, actual: Sequence[FloorMasks] | None = None) -
     """
     floors = dataset.floors()
     if not floors:
-        raise DataError(
-            f"the dataset {dataset.name} has no floor masks, and navigation needs them to detect collisions"
-        )
+        raise DataError(f"the dataset {dataset.name} has no floor masks, which navigation needs to detect collisions")
     order = sorted(range(len(floors)), key=lambda number: floors[number].z_m)
     by_height = [floors[number] for number in order]
     frames_by_floor: list[list[ReferenceFrame]] = [[] for _ in floors]

@@ -99,9 +99,10 @@ class Camera:
         self._check_extrinsics()
         if self.lost_share > MAX_LOST_SHARE:
             raise DataError(
-                f"the {self.distortion_model} distortion {list(self.distortion)} folds back: it is not invertible in "
-                f"{self.lost_share:.0%} of the image, expected at most {MAX_LOST_SHARE:.0%}: check the order "
-                f"{', '.join(COEFFICIENTS[self._model])}, and that fx, fy, cx and cy are in pixels of this image"
+                f"the {self.distortion_model} distortion {list(self.distortion)} is not invertible in "
+                f"{self.lost_share:.0%} of the image, expected at most {MAX_LOST_SHARE:.0%}: check the "
+                f"order {', '.join(COEFFICIENTS[self._model])}, and that fx, fy, cx and cy are in pixels "
+                "of this image"
             )
 
     @classmethod
@@ -119,10 +120,10 @@ class Camera:
         """
         if not MIN_FOV_DEG <= fov_deg <= MAX_FOV_DEG:
             raise DataError(
-                f"a camera has a field of view of {fov_deg:g} deg, expected {MIN_FOV_DEG:g} to {MAX_FOV_DEG:g}"
+                f"a camera has a field of view of {fov_deg:g} deg, expected {MIN_FOV_DEG:g} to {MAX_FOV_DEG:g} deg"
             )
         if not abs(elevation_deg) <= 90:
-            raise DataError(f"a camera has an elevation of {elevation_deg:g} deg, expected -90 to 90")
+            raise DataError(f"a camera has an elevation of {elevation_deg:g} deg, expected -90 to 90 deg")
         c, s = np.cos(np.radians(elevation_deg)), np.sin(np.radians(elevation_deg))
         look_up = np.array([[c, 0, -s, 0], [0, 1, 0, 0], [s, 0, c, 0], [0, 0, 0, 1]])
         focal = float(width / 2 / np.tan(np.radians(fov_deg) / 2))
@@ -302,7 +303,10 @@ class Camera:
             raise DataError(f"a camera has {received}, expected finite numbers, and positive sizes and focal lengths")
         size = f"{self.width} x {self.height}"
         if not 1 / MAX_PIXEL_RATIO <= self.fx / self.fy <= MAX_PIXEL_RATIO:
-            raise DataError(f"a camera has fx {self.fx:g} and fy {self.fy:g}, expected about equal values in pixels")
+            raise DataError(
+                f"a camera has fx {self.fx:g} and fy {self.fy:g}, expected a ratio from "
+                f"{1 / MAX_PIXEL_RATIO:g} to {MAX_PIXEL_RATIO:g}: give both in pixels"
+            )
         across = max(self.width / self.fx, self.height / self.fy)
         is_fisheye = self._model is DistortionModel.FISHEYE
         fov_deg = float(np.degrees(across if is_fisheye else 2 * np.arctan(across / 2)))
@@ -314,8 +318,8 @@ class Camera:
             )
         if not (-0.5 <= self.cx <= self.width - 0.5 and -0.5 <= self.cy <= self.height - 0.5):
             raise DataError(
-                f"a camera has the principal point cx {self.cx:g}, cy {self.cy:g} outside of its image of {size}, "
-                "expected pixels of this image: calibrate at this size"
+                f"a camera has the principal point cx {self.cx:g}, cy {self.cy:g} outside its image of "
+                f"{size} pixels: give cx and cy in pixels of this image"
             )
 
     def _check_distortion(self) -> None:
@@ -341,8 +345,8 @@ class Camera:
         if any(abs(value) > MAX_TANGENTIAL for value in tangential.values()):
             received = " and ".join(f"{name} {value:g}" for name, value in tangential.items())
             raise DataError(
-                f"distortion has {received}, expected at most {MAX_TANGENTIAL:g}: give the coefficients in the order "
-                f"{', '.join(names)}"
+                f"distortion has {received}, expected magnitudes of at most {MAX_TANGENTIAL:g}: give the "
+                f"coefficients in the order {', '.join(names)}"
             )
 
     def _check_extrinsics(self) -> None:
@@ -357,7 +361,8 @@ class Camera:
             )
         if np.abs(T[:3, 3]).max() > MAX_POSITION_M:
             raise DataError(
-                f"T_base_camera has the translation {T[:3, 3].tolist()}, expected metres, at most {MAX_POSITION_M:g}"
+                f"T_base_camera has the translation {T[:3, 3].tolist()} m, expected at most "
+                f"{MAX_POSITION_M:g} m along each axis: give metres"
             )
 
 

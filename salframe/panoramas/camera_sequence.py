@@ -60,10 +60,15 @@ def read_sequence(
     source = Path(source)
     if format is None and (source / MANIFEST).exists():
         if settings:
-            raise ConfigError(f"received settings of an importer for the folder {source}, expected none")
+            raise ConfigError(
+                f"received settings of an importer for the folder {source}, which needs no importer: "
+                "leave out the settings"
+            )
         return _folder_sequence(Folder(source), name)
     if name is not None:
-        raise ConfigError(f"received the sequence {name!r} for {source}, expected it only with a folder of panoramas")
+        raise ConfigError(
+            f"received the sequence {name!r} for {source}, expected a sequence name only for a folder of panoramas"
+        )
     return _recorded_sequence(source, default_of("recording") if format is None else format, settings)
 
 

@@ -247,8 +247,8 @@ def _lay_over(below: FloorMasks, above: FloorMasks) -> FloorMasks:
         in_place = below.region == label
         if 2 * (in_place & labelled).sum() > in_place.sum():
             raise DataError(
-                f"masks of the floor at z = {above.z_m:g} m cover most of {place} with other regions: use masks in the "
-                f"world frame of the map, or remove {place} from it"
+                f"masks of the floor at z = {above.z_m:g} m cover most of {place} with other regions: use "
+                f"masks in the world frame of the map, or remove {place} from the map"
             )
     is_covered = above.free | above.obstacle | labelled
     return replace(

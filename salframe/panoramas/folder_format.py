@@ -92,14 +92,19 @@ class FrameEntry(RangeKeys):
         has_pose, has_place = self.pose is not None, self.place is not None
         if self.role == "query" and (has_pose or has_place):
             raise ValueError(
-                f"the query {self.id} has a pose or place in the manifest, expected them in the truth file"
+                f"the query {self.id} has a pose or place in the manifest, expected both only in the truth file"
             )
         if self.role != "query" and not (has_pose and has_place):
-            raise ValueError(f"the reference frame {self.id} has no {'place' if has_pose else 'pose'}")
+            raise ValueError(
+                f"the reference frame {self.id} has no {'place' if has_pose else 'pose'}, expected both a "
+                "pose and a place"
+            )
         if self.sequence is not None and self.role != "query":
             raise ValueError(f"the reference frame {self.id} has a sequence, expected it only in queries")
         if self.sequence is not None and self.t_s is None:
-            raise ValueError(f"the view {self.id} of the sequence {self.sequence!r} has no t_s, its time in seconds")
+            raise ValueError(
+                f"the view {self.id} of the sequence {self.sequence!r} has no t_s, expected its time in seconds"
+            )
         if not (self.rgb or self.range or self.instances):
             raise ValueError(f"the frame {self.id} names no image, expected at least one of rgb, range and instances")
         return self
@@ -142,7 +147,7 @@ class Manifest(RangeKeys):
         times = {(frame.sequence, frame.t_s) for frame in self.frames if frame.sequence is not None}
         views = [frame for frame in self.frames if frame.sequence is not None]
         if len(times) < len(views):
-            raise ValueError("two views of a sequence have the same t_s, expected the time at which each was taken")
+            raise ValueError("two views of a sequence have the same t_s, expected a different time for each view")
         if not any(frame.role != "query" for frame in self.frames):
             raise ValueError(
                 f"the manifest has {len(self.frames)} frames and no reference frame, expected at least one frame "
@@ -150,8 +155,8 @@ class Manifest(RangeKeys):
             )
         if any(frame.instances for frame in self.frames) and self.objects is None:
             raise ValueError(
-                "frames have instance images and the manifest has no `objects`, expected `objects`: the table with "
-                "their labels"
+                "frames have instance images and the manifest has no `objects`, expected the table with "
+                "the labels of the instances"
             )
         if self.labels is not None and self.objects is None:
             raise ValueError(

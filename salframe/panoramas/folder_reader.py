@@ -79,10 +79,9 @@ class Folder:
             entry = self._truth[query_id]
         except KeyError:
             where = self.root / (self.manifest.truth or MANIFEST)
-            expected = "its place in the file that `truth` in the manifest names"
             raise TruthMissing(
-                f"{where} has no truth of the query {query_id!r}, expected {expected}: the evaluation needs it, "
-                "`salframe localize` does not"
+                f"{where} has no truth of the query {query_id!r}, which an evaluation needs: "
+                "add its place to the file that `truth` in the manifest names"
             ) from None
         return Truth(entry.place, self._pose(entry.pose), entry.instances)
 
@@ -202,8 +201,9 @@ class Folder:
         lowest_m, highest_m = min(cameras_m), max(cameras_m)
         if highest_m - lowest_m > MIN_STOREY_M:
             raise DataError(
-                f"{self.root / MANIFEST}: the floor has no z_m, and the cameras are at z = {lowest_m:.2f} to "
-                f"{highest_m:.2f} m, more than one storey: expected the height of the floor in the world in metres"
+                f"{self.root / MANIFEST}: the floor has no z_m and the cameras span more than one storey "
+                f"(z = {lowest_m:.2f} to {highest_m:.2f} m), expected the height of the floor in the "
+                "world in metres"
             )
         on_zero = lowest_m > -SAME_FLOOR_M and highest_m <= MAX_CAMERA_M
         return [0.0 if on_zero else max(lowest_m - USUAL_M, highest_m - MAX_CAMERA_M)]
@@ -241,5 +241,7 @@ def read_labels(path: Path) -> dict[int, str]:
         raise DataError(f"{path} has no row, expected one for each object of the instance images")
     labels = {row.instance_id: row.label for row in rows}
     if len(labels) < len(rows):
-        raise DataError(f"{path} has {len(rows)} rows and {len(labels)} different instance_id, expected unique ids")
+        raise DataError(
+            f"{path} has {len(rows)} rows and {len(labels)} different values of instance_id, expected unique ids"
+        )
     return labels

@@ -41,7 +41,10 @@ def check_pose(owner: object, where: str) -> None:
 
 
 def _no_panorama() -> Panorama:
-    raise DataError("a frame of a saved map has no panorama: the map stores only its description")
+    raise DataError(
+        "a frame of a saved map has no panorama, because a map stores only descriptions: load "
+        "the frame from its dataset"
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -118,7 +118,9 @@ def _regions(lines: list[list[str]]) -> Iterator[Region]:
         if words[:1] == ["R"]:
             index, low, high = int(words[1]), _vector(words, 9), _vector(words, 12)
             if len(words[5]) != 1 or words[5].isdigit():
-                raise ValueError(f"the type of region {index} is {words[5]!r}, expected a letter")
+                raise ValueError(
+                    f"the type of region {index} is {words[5]!r}, expected one character that is not a digit"
+                )
             if (high < low).any():
                 raise ValueError(f"the maximum corner {high} of region {index} is below its minimum corner {low}")
             outlines = tuple(

@@ -65,8 +65,9 @@ def _find_in(folder: Folder, path: Path) -> FrameImage | None:
         ids = list(dict.fromkeys(image.frame.id for image in matches))
         if len(ids) > 1:
             raise DataError(
-                f"{path} is an image of {len(ids)} frames of {folder.root / MANIFEST} ({', '.join(ids[:3])}), expected "
-                "one frame: pass its id and --data"
+                f"{path} is an image of {len(ids)} frames of {folder.root / MANIFEST} "
+                f"({', '.join(ids[:3])}), expected an image of one frame: pass the id of the frame and "
+                "--data"
             )
         if matches:
             return matches[0]

@@ -75,7 +75,7 @@ def read_ids(path: Path) -> np.ndarray:
     image = read_image(path, cv2.IMREAD_UNCHANGED)
     if image.dtype != np.uint16 or image.ndim != 2:
         channels = 1 if image.ndim == 2 else image.shape[2]
-        raise DataError(f"{path} has {channels} channel(s) of {8 * image.itemsize} bits, expected one of 16 bits")
+        raise DataError(f"{path} has {channels} channel(s) of {8 * image.itemsize} bits, expected 1 channel of 16 bits")
     return image.astype(np.int32)
 
 

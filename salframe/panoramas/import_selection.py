@@ -81,8 +81,9 @@ def _place_source(references: Sequence[PanoramaRecord], place_from: str | None) 
     if without and source is not PlaceSource.NONE:
         known = [s for s in PlaceSource if s is PlaceSource.NONE or all(s in record.places for record in references)]
         raise DataError(
-            f"{len(without)} of {len(references)} reference panoramas have no place from the source {source} (such as "
-            f"{without[0]}), expected a place for each. Sources of this recording: {', '.join(known)}"
+            f"{len(without)} of {len(references)} reference panoramas have no place from the source "
+            f"{source} (such as {without[0]}), expected a place for each: choose one of the sources "
+            f"{', '.join(known)}"
         )
     return source
 
@@ -104,7 +105,7 @@ def _query_ids(
     if isinstance(queries, str) and queries.startswith("every:"):
         number = queries.removeprefix("every:")
         if not (number.isascii() and number.isdecimal() and 2 <= int(number) <= 10**6):
-            raise ConfigError(f"queries is {queries!r}, expected every:N with N of 2 or more, or a file of ids")
+            raise ConfigError(f"queries is {queries!r}, expected every:N with N from 2 to 1000000, or a file of ids")
         posed = [record.id for record in records if record.is_reference]
         return set(posed[int(number) - 1 :: int(number)])
     lines = read_text(Path(queries), "a text file with the id of a query in each line").splitlines()

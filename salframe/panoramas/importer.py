@@ -101,14 +101,17 @@ class PanoramaRecord:
             object.__setattr__(self, "parts", frozenset(files))
             object.__setattr__(self, "sources", (*self.sources, *files.values()))
         if not self.parts or not self.parts <= IMPORTED_PARTS or self.parts == {"valid"}:
-            received, expected = ", ".join(sorted(self.parts)) or "none", ", ".join(sorted(IMPORTED_PARTS))
+            received, expected = ", ".join(sorted(self.parts)) or "none", ", ".join(sorted(IMPORTED_PARTS - {"valid"}))
             raise DataError(
-                f"the panorama {self.id} has the parts {received}, expected at least one image of {expected}"
+                f"the panorama {self.id} has the parts {received}, expected at least one of {expected}, "
+                "and optionally valid"
             )
         if self.T_world_pano is not None:
             check_pose(self, f"the panorama {self.id}")
         if self.sequence is not None and self.t_s is None:
-            raise DataError(f"the view {self.id} of the sequence {self.sequence!r} has no t_s, its time in seconds")
+            raise DataError(
+                f"the view {self.id} of the sequence {self.sequence!r} has no t_s, expected its time in seconds"
+            )
 
     @property
     def is_reference(self) -> bool:
@@ -125,7 +128,10 @@ class PanoramaRecord:
             panorama = self.images()
             present = panorama.provides | ({"valid"} if panorama.valid is not None else set())
             if missing := self.parts - present:
-                raise DataError(f"the panorama {self.id} has no {' and no '.join(sorted(missing))}")
+                raise DataError(
+                    f"the panorama {self.id} has no {' and no '.join(sorted(missing))}, expected all parts "
+                    "that its record declares"
+                )
             return panorama
         files = self.images
         return load_panorama(

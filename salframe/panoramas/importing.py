@@ -200,7 +200,8 @@ def _claim(folder: Path, importer: Importer, source: Path) -> None:
     elif (stored := read_json(path)) != settings:
         changed = [key for key, value in settings.items() if not isinstance(stored, dict) or stored.get(key) != value]
         raise ConfigError(
-            f"{folder} was imported with another {' and another '.join(changed)}: choose a new folder, or remove it"
+            f"{folder} was imported with another {' and another '.join(changed)}: remove this folder, "
+            "or choose a new one"
         )
 
 
@@ -251,7 +252,9 @@ class _Writer:
         """Write the manifest, the tables and the floor masks. Raises DataError if no reference frame was written."""
         if not any(entry.role == "map" for entry in self._entries):
             first = next(iter(self.failures.values()), "none was selected")
-            raise DataError(f"no reference panorama of {len(self.failures)} could be read: {first}")
+            raise DataError(
+                f"no reference panorama could be imported, and {len(self.failures)} panoramas failed: {first}"
+            )
         objects, odometry = self._recording.objects, self._recording.odometry
         if objects is not None:
             write_objects(self._folder / OBJECTS, objects)

@@ -33,7 +33,7 @@ def clean_range(range_m: Any, where: str) -> np.ndarray:
     image = as_array(range_m, where)
     if image.dtype.kind != "f":
         raise DataError(
-            f"{where} has dtype {image.dtype}, expected float32 in metres, NaN where unknown: "
+            f"{where} has dtype {image.dtype}, expected floating-point metres, NaN where unknown: "
             "multiply by the unit, such as 0.001 for millimetres"
         )
     with np.errstate(over="ignore"):
@@ -64,7 +64,7 @@ def labels_by_id(labels: Any, where: str) -> dict[int, str]:
         if not (is_id and text.isascii() and text.isdecimal() and int(text[:6]) <= MAX_INSTANCE_ID and len(text) <= 6):
             raise DataError(f"{where} has the id {key!r}, expected a whole number from 0 to {MAX_INSTANCE_ID}")
         if not isinstance(label, str):
-            raise DataError(f"{where} has the label {label!r} of the id {key}, {expected}")
+            raise DataError(f"{where} has the label {label!r} of the id {key}, expected text, such as 'chair'")
         if int(text) in converted:
             raise DataError(f"{where} has the id {int(text)} twice, expected one label for each id")
         converted[int(text)] = label
@@ -148,8 +148,8 @@ class Annotations:
 
     def __post_init__(self) -> None:
         if (self.instance_id is None) == (self.objects is None):
-            received = "both" if self.instance_id is not None else "neither"
-            raise DataError(f"Annotations received {received}, expected either an instance image or a list of objects")
+            received = "both instance_id and" if self.instance_id is not None else "neither instance_id nor"
+            raise DataError(f"Annotations has {received} objects, expected exactly one of them")
         if self.instance_id is not None:
             ids = check_array(self, "instance_id", np.int32, None, None)
             if ids.min(initial=0) < 0 or ids.max(initial=0) > MAX_INSTANCE_ID:
@@ -244,7 +244,7 @@ class Panorama:
         if self.up is not None:
             length = float(np.linalg.norm(check_array(self, "up", np.float64, 3)))
             if not (np.isfinite(length) and length > 0):
-                raise DataError(f"{self.id}: up is {self.up.tolist()}, expected a direction of finite length over 0")
+                raise DataError(f"{self.id}: up is {self.up.tolist()}, expected a vector with a finite length above 0")
 
     @property
     def error_id(self) -> str:

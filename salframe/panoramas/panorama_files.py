@@ -89,8 +89,9 @@ def _check_panorama(path: Path, rgb: np.ndarray, *, is_crop: bool) -> None:
     height, width = rgb.shape[:2]
     if width != 2 * height and not is_crop:
         raise DataError(
-            f"{path} is {width} x {height}, expected a panorama with width = 2 x height; for a photograph, "
-            "pass its horizontal field of view or its camera (--fov DEG or --camera FILE, salframe.read_photograph)"
+            f"{path} is {width} x {height}, expected width = 2 x height (a panorama): for a "
+            "photograph, pass its field of view or camera (--fov DEG or --camera FILE, "
+            "salframe.read_photograph)"
         )
     if width == 2 * height and is_dual_fisheye(rgb):
         raise DataError(

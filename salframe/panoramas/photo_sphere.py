@@ -115,7 +115,7 @@ def _naming(path: Path) -> Iterator[None]:
         yield
     except ValueError as error:
         raise DataError(
-            f"{path}: its Photo Sphere XMP has {one_line(error)}; correct it, or remove it with: "
+            f"{path}: its Photo Sphere XMP has {one_line(error)}: correct the XMP, or remove it with: "
             f"exiftool -XMP-GPano:all= {path.name}"
         ) from None
 
@@ -191,8 +191,8 @@ def _geometry(values: Mapping[str, str], file: ImageFile) -> PhotoSphere:
         )
     if min(left, top) < 0 or left + crop_w > full_w or top + crop_h > full_h:
         raise ValueError(
-            f"a crop of {crop_w:g} x {crop_h:g} pixels at column {left:g} and row {top:g}, "
-            f"expected it inside the full panorama of {full_w:g} x {full_h:g}"
+            f"a crop of {crop_w:g} x {crop_h:g} pixels at column {left:g} and row {top:g}, expected a "
+            f"crop inside the full panorama of {full_w:g} x {full_h:g}"
         )
     if abs(width * crop_h / crop_w - height) > _SIZE_TOLERANCE_PX:
         raise ValueError(
@@ -211,7 +211,7 @@ def _number(values: Mapping[str, str], name: str, default: float | None, limit: 
     """Return a number of the XMP. Raises ValueError if it is missing without a default, no number or out of range."""
     if name not in values:
         if default is None:
-            raise ValueError(f"no {name}, expected it with the other sizes of a crop")
+            raise ValueError(f"no {name}, expected the position of the crop")
         return default
     text = values[name]
     try:

@@ -152,13 +152,13 @@ def _with_motion(query: QueryFrame, config: Any, content: str) -> QueryFrame:
     if config.query_motion == "driven":
         if not query.earlier and query.T_last_view is None:
             raise DataError(
-                f"the dataset {config.kind} has no other views near the query {query.id}, which query_motion=driven "
-                "requires; expected query_motion=turned"
+                f"the dataset {config.kind} has no other views near the query {query.id}, which "
+                "query_motion=driven requires: set query_motion=turned"
             )
     elif query.earlier:
         raise DataError(
-            f"the query {query.id} consists of {len(query.views)} views in the data, so it cannot be cut into "
-            "other views: set query_views=1 to use its own views"
+            f"the query {query.id} already consists of {len(query.views)} views, expected a query of "
+            "one view: set query_views=1 to use the views of the data"
         )
     else:
         fov_deg = config.query_fov_deg

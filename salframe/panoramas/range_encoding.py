@@ -109,8 +109,8 @@ class RangeEncoding:
         """Check that a panorama can have this encoding. Raises DataError."""
         if self.kind == RangeKind.Z:
             raise DataError(
-                "range_kind is 'z', depth along the optical axis, which a panorama does not have; expected 'ray', or "
-                "'cube' (depth along the axis of the cube face that shows the pixel)"
+                "range_kind is 'z' for a panorama, which has no optical axis, expected 'ray', or 'cube' "
+                "(depth along the axis of the cube face of each pixel)"
             )
 
     def _metres(self, steps: np.ndarray) -> np.ndarray:

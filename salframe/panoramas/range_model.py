@@ -83,10 +83,12 @@ def _check_range(model: RangeModel, panorama: Panorama, range_m: Any) -> None:
     shape = None if panorama.rgb is None else panorama.rgb.shape[:2]
     if not (isinstance(range_m, np.ndarray) and range_m.dtype == np.float32 and shape in (None, range_m.shape)):
         received = f"{getattr(range_m, 'dtype', type(range_m).__name__)} {np.shape(range_m)}"
-        raise InvalidAnswer(f"{model.name} returned {received}, expected float32 {shape}, metres along the ray")
+        expected = "float32" if shape is None else f"float32 {shape}"
+        raise InvalidAnswer(f"{model.name} returned {received}, expected {expected}, metres along the ray")
     if (range_m <= 0).any() or np.isinf(range_m).any():
         raise InvalidAnswer(
-            f"{model.name} returned a range that is not positive or not finite, expected NaN where the range is unknown"
+            f"{model.name} returned a range that is 0, negative or infinite, expected positive "
+            "metres, or NaN where the range is unknown"
         )
 
 

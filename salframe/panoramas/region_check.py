@@ -103,7 +103,9 @@ def check_regions(frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks]
     )
     if not comparison.is_contradiction:
         return line
-    raise DataError(f"{line}; expected at most {MAX_SHARE:.0%}: {_likely_cause(frames, floors, strangers)}")
+    raise DataError(
+        f"{line}; expected at most {MAX_SHARE:.0%} of the frames: {_likely_cause(frames, floors, strangers)}"
+    )
 
 
 def _regions_near(floor: FloorMasks, frame: ReferenceFrame) -> tuple[str | None, set[str | None]]:

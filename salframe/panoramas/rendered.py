@@ -159,7 +159,7 @@ class RenderedDataset(FolderDataset, Generic[Frame]):
         for answer in (self.engine or open_engine()).try_all(_Renderer(self), missing) if missing else ():
             if isinstance(answer, WorkerDied):
                 raise SalframeError(
-                    f"two rendering processes died on the same frame, after {done} of {len(frames)}: "
+                    f"two rendering processes died on the same frame, after {done} of {len(frames)} frames: "
                     "run the command again to resume"
                 )
             if isinstance(answer, BaseException):

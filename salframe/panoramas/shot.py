@@ -157,7 +157,7 @@ def open_photograph(
         encoding: Encoding of the depth image; None: z-depth in millimetres.
     """
     if camera is not None and fov_deg is not None:
-        raise DataError("received both camera and fov_deg for a photograph, expected one of them")
+        raise DataError("received both camera and fov_deg for a photograph, expected only one of them")
     _check_files(rgb=rgb, depth_image=depth_image, instances=instances, labels=labels)
     image = Path(rgb)
     file = images.read_color_file(image)
@@ -168,8 +168,8 @@ def open_photograph(
         )
     if (named := find_frame_image(image)) is not None:
         raise DataError(
-            f"{image} is a panorama, the frame {named.frame.id} of {named.folder.root}, expected a photograph: leave "
-            "out --fov and --camera"
+            f"{image} is the panorama of the frame {named.frame.id} of {named.folder.root}, expected "
+            "a photograph: leave out --fov and --camera"
         )
     height, width = file.pixels.shape[:2]
     if camera is None:
@@ -221,7 +221,7 @@ def _check_files(**files: object) -> None:
     for name, file in files.items():
         if file is not None and not isinstance(file, str | Path):
             raise DataError(
-                f"{name} is {type(file).__name__}, expected the path of a file; for arrays, use salframe.Panorama"
+                f"{name} is {type(file).__name__}, expected the path of a file: for arrays, use salframe.Panorama"
             )
     if (files["instances"] is None) != (files["labels"] is None):
         no_image = files["instances"] is None

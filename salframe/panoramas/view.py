@@ -66,8 +66,8 @@ class View:
         if not is_rigid(self.T_last_view, RIGID_TOLERANCE):
             received = " ".join(str(np.asarray(self.T_last_view).tolist()).split())[:200]
             raise DataError(
-                f"View.T_last_view of {self.panorama.id} is {received}, expected a rigid motion (4, 4) that maps "
-                "coordinates of this view to those of the last view, or None if it is unknown"
+                f"View.T_last_view of {self.panorama.id} is {received}, expected a rigid motion (4, 4) "
+                "from this view to the last view, or None if the motion is unknown"
             )
         object.__setattr__(self, "T_last_view", np.array(self.T_last_view, np.float64))
 

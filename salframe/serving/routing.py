@@ -31,7 +31,8 @@ def plan_route(served: ServedMap, start: RouteStart, goal: RouteGoal) -> dict[st
     topology = served.topology
     if topology is None:
         raise Problem(
-            HTTPStatus.CONFLICT, "the map has no topology, so it has no routes: build it from data with floor masks"
+            HTTPStatus.CONFLICT,
+            "the map has no topology, which routes need: build the map from data with floor masks or range",
         )
     first, heading_rad = start.place or "", None
     if start.pose is not None:

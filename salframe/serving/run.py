@@ -101,7 +101,7 @@ def listen(host: str, port: int) -> socket.socket:
     except (OSError, OverflowError, UnicodeError) as error:
         reason = getattr(error, "strerror", None) or error
         raise ConfigError(
-            f"cannot listen on {host} port {port}: {reason}; expected an address of this machine and a free port"
+            f"cannot listen on {host} port {port}: {reason}, expected an address of this machine and a free port"
         ) from None
 
 

@@ -163,8 +163,9 @@ class RouteStart(RequestBody):
 
     @model_validator(mode="after")
     def _check_one(self) -> Self:
-        if sum(value is not None for value in (self.pose, self.place, self.frame)) != 1:
-            raise ValueError("received none or several of pose, place and frame, expected exactly one")
+        count = sum(value is not None for value in (self.pose, self.place, self.frame))
+        if count != 1:
+            raise ValueError(f"received {count} of pose, place and frame, expected exactly one")
         return self
 
 
@@ -177,7 +178,8 @@ class RouteGoal(RequestBody):
     @model_validator(mode="after")
     def _check_one(self) -> Self:
         if (self.place is None) == (self.point is None):
-            raise ValueError("received both or none of place and point, expected exactly one")
+            received = "neither" if self.place is None else "both"
+            raise ValueError(f"received {received} of place and point, expected exactly one")
         return self
 
 

@@ -158,4 +158,4 @@ def _stamp(folder: Path) -> FileStamp:
     try:
         return FileStamp.of(folder / MAP)
     except OSError as error:
-        raise DataError(f"{folder} contains no map: {error.strerror}; build one with `salframe build`") from None
+        raise DataError(f"{folder} contains no map ({error.strerror}): build a map with `salframe build`") from None

@@ -159,8 +159,7 @@ class SessionStore:
             oldest_s = min(session.used_s for session in self._sessions.values())
             raise Problem(
                 HTTPStatus.SERVICE_UNAVAILABLE,
-                f"the server has {len(self._sessions)} sessions, expected at most {self._limits.max_sessions}: end "
-                "sessions that are not used",
+                f"the server has {len(self._sessions)} sessions, the maximum number: end sessions that are not used",
                 retry_after_s=max(1, int(oldest_s + self._limits.idle_s - time.monotonic()) + 1),
             )
         session = Session(secrets.token_urlsafe(16), served)
@@ -174,8 +173,8 @@ class SessionStore:
         if session is None:
             raise Problem(
                 HTTPStatus.NOT_FOUND,
-                f"there is no such session: it ended, or was not used for {self._limits.idle_s:g} s; create another "
-                "with POST /sessions",
+                f"no session has this id (sessions end after {self._limits.idle_s:g} s without use): "
+                "create a session with POST /sessions",
             )
         session.used_s = time.monotonic()
         return session

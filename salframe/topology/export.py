@@ -69,7 +69,9 @@ def _write_geojson(directory: Path, path: Path, anchor: GeoAnchor | None = None)
 def _write_json(directory: Path, path: Path) -> tuple[Path, ...]:
     localization, _ = read_map(directory, _read_both)
     if localization is None:
-        raise DataError(f"{directory} has no reference frames, expected a map with places")
+        raise DataError(
+            f"{directory} has no reference frames, expected a map that was built from data with reference frames"
+        )
     return write_places(directory.name, localization, path)
 
 

@@ -54,9 +54,9 @@ class GeoAnchor:
             latitude = np.nan
         if not (abs(latitude) <= MAX_LATITUDE_DEG and abs(longitude) <= 180 and abs(bearing) <= 360):
             raise ConfigError(
-                f"received the anchor {text!r}, expected LATITUDE,LONGITUDE,BEARING in degrees: a latitude from "
-                f"-{MAX_LATITUDE_DEG:g} to {MAX_LATITUDE_DEG:g}, a longitude from -180 to 180 and the compass bearing "
-                "of the y axis, such as 52.5163,13.3777,0"
+                f"the anchor is {text!r}, expected LATITUDE,LONGITUDE,BEARING with magnitudes of at most "
+                f"{MAX_LATITUDE_DEG:g}, 180 and 360 deg, such as 52.5163,13.3777,0: BEARING is the "
+                "compass bearing of the y axis"
             )
         return cls(latitude, longitude, bearing)
 

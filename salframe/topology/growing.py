@@ -285,7 +285,7 @@ def _check_ids(sources: Iterable[_Source]) -> None:
             if frame.id in origin:
                 other, place = origin[frame.id]
                 raise DataError(
-                    f"two frames have the id {frame.id}: of {place} in {other}, and of {frame.place} in {folder}; "
+                    f"two frames have the id {frame.id} ({place} in {other}, {frame.place} in {folder}), "
                     "expected different ids"
                 )
             origin[frame.id] = folder, frame.place

@@ -189,7 +189,7 @@ def with_position(topology: TopologicalMap, xyz_m: np.ndarray, node_id: str = HE
     pixel = nearest_pixel(grid.clear, grid.to_pixel(xyz_m[:2]))
     others = [node for node in topology.nodes if find_floor(topology.floors, node.xyz_m) == number]
     if pixel is None or not others:
-        raise DataError(f"the floor at z = {floor.z_m:g} m has no nodes, expected at least one for a route")
+        raise DataError(f"the floor at z = {floor.z_m:g} m has no clear floor or no nodes, expected both for a route")
     pixels = grid.to_pixel(np.array([node.xyz_m[:2] for node in others]))
     visible = sees(grid.clear, np.broadcast_to(pixel, pixels.shape), pixels)
     paths = [(int(node), np.array([pixel, pixels[node]])) for node in np.flatnonzero(visible)]

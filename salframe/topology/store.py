@@ -135,7 +135,8 @@ def _check_edges(path: Path, nodes: Sequence[MapNode], edges: Sequence[MapEdge])
     for edge in edges:
         if edge.start not in place or edge.end not in place:
             raise DataError(
-                f"{path}: received an edge from {edge.start!r} to {edge.end!r}, expected two nodes of the map"
+                f"{path}: received an edge from {edge.start!r} to {edge.end!r}, expected two nodes of the "
+                "map: build the map again"
             )
         ends = np.stack([place[edge.start], place[edge.end]])
         x_m, y_m, _ = ends[1] - ends[0]
@@ -146,7 +147,8 @@ def _check_edges(path: Path, nodes: Sequence[MapNode], edges: Sequence[MapEdge])
         if error_rad > _NEAR_RAD or error_m > _NEAR_M or ends_differ:
             raise DataError(
                 f"{path}: the edge from {edge.start} to {edge.end} is {edge.length_m:.2f} m long at "
-                f"{np.degrees(edge.azimuth_rad):.0f} deg, which does not match their positions: build the map again"
+                f"{np.degrees(edge.azimuth_rad):.0f} deg, which does not match the positions of these "
+                "nodes: build the map again"
             )
 
 

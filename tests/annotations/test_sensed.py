@@ -290,7 +290,7 @@ def test_an_unknown_level_and_a_missing_or_foreign_file_are_told(tmp_path):
         validate(AnnotationDetector.Config, {"noise": "realistic"}, "d")
     other = tmp_path / "other.json"
     other.write_text("{}")
-    with pytest.raises(DataError, match=r"other\.json is not a sensor file: its format is None"):
+    with pytest.raises(DataError, match=r"other\.json has the format None"):
         detect(panorama(), noise=str(other))
 
 

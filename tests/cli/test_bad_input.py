@@ -75,11 +75,11 @@ SPOILT_FOLDERS = {
     ),
     "range of 8 bits": (
         with_image("kitchen-map.range.png", np.ones((192, 384), np.uint8)),
-        r"range\.png has 1 channel\(s\) of 8 bits, expected one of 16 bits",
+        r"range\.png has 1 channel\(s\) of 8 bits, expected 1 channel of 16 bits",
     ),
     "not twice as wide": (
         with_image("kitchen-map.rgb.png", np.ones((192, 500, 3), np.uint8)),
-        r"is 500 x 192, expected a panorama with width = 2 x height",
+        r"is 500 x 192, expected width = 2 x height",
     ),
     "missing key": (change_manifest(lambda manifest: manifest.pop("format")), r"manifest\.json: format is missing"),
     "missing id": (
@@ -154,7 +154,7 @@ def test_an_empty_dataset(data):
     Path("nothing").mkdir()
     assert_one_line(
         compare("./nothing"),
-        r"\./nothing is not a dataset: expected a folder with a manifest\.json, or one of .*house-12",
+        r"\./nothing is not a dataset, expected a folder with a manifest\.json, or one of .*house-12",
     )
     change_manifest(lambda manifest: manifest.update(frames=[f for f in manifest["frames"] if f["role"] == "map"]))(
         data
@@ -320,4 +320,4 @@ def test_where_no_detector_can_look_that_is_said(data, monkeypatch):
     registry.cache_clear()
     (row,) = compare("./data", "--json", "--set", "detector.kind=annotations").json["rows"]
     registry.cache_clear()
-    assert row["reason"].endswith("which the dataset folder does not have; no installed detector works without it")
+    assert row["reason"].endswith("which the dataset folder does not have: no installed detector works without range")

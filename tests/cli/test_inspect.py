@@ -111,10 +111,7 @@ def test_methods_and_data_may_be_files(fakes):
     assert "/small-" in done.json["run"]
     Path("odd.yaml").write_text("offset: 1\n")
     done = run("compare", "--methods", "odd.yaml", *asked)
-    assert (done.code, done.err) == (
-        2,
-        "error: odd.yaml has no `kind`, expected the name of a localizer and its settings\n",
-    )
+    assert (done.code, done.err) == (2, "error: odd.yaml: `kind` is None, expected the name of a localizer\n")
 
 
 def test_plugins_tells_what_is_missing(fakes):
@@ -216,5 +213,5 @@ def test_a_scorer_that_gives_no_row_is_one_line(fakes):
 
     registry().add(Hollow, "test")
     done = run("score", "hollow", "answers.json", "--data", ".")
-    message = "error: the scorer hollow returned no row for answers.json, expected one per split\n"
+    message = "error: the scorer hollow returned no row for answers.json, expected one row for each split\n"
     assert (done.code, done.out, done.err) == (2, "", message)

@@ -136,7 +136,7 @@ def test_an_unusual_camera_is_reported_once(photographs):
         ),
         (("0.jpg", "--range", "small.png", "--fov", "90"), "small.png is 200 x 200, expected 400 x 400"),
         (("0.jpg", "--instances", "0.ids.png", "--fov", "90"), "an instance image without labels"),
-        (("data/frames/bedroom-query.rgb.png", "--fov", "90"), "is a panorama, the frame bedroom-query of "),
+        (("data/frames/bedroom-query.rgb.png", "--fov", "90"), "is the panorama of the frame bedroom-query of "),
         (
             ("--views", "data/frames/bedroom-query.rgb.png", "--range", "0.depth.png"),
             "received image files for the frame data/frames/bedroom-query.rgb.png, whose images are in its dataset",

@@ -222,7 +222,7 @@ def test_a_dataset_without_frames_has_one_scene_node_a_region_and_no_localizer(r
     assert ", 5 scene nodes, 4 transition nodes, " in done.out.splitlines()[0]
     assert run("map", "route", "map", "room-0", "room-4", "--json").json["nodes"][0] == "room-0"
     done = run("map", "query", "map", "query-1-0", "--data", "doored")
-    message = "error: map has no localizer: it was built from data without reference frames\n"
+    message = "error: map has no localizer, because its data have no reference frames\n"
     assert (done.code, done.err) == (2, message)
 
 
@@ -267,7 +267,7 @@ def test_floors_above_each_other_are_said_to_be_apart(rooms):
         ),
         (
             ["build", "doored", "-o", ".", "--method", "reader"],
-            ". contains files that are not a map: choose a new folder, or remove it",
+            ". is neither empty nor a map, expected a new or empty folder",
         ),
         (["build", "doored", "-o", "new", "--method", "raeder"], "unknown method 'raeder', did you mean 'reader'?"),
         (["route", "map", "room-0", "rom-1"], "unknown node or place 'rom-1', did you mean 'room-1'?"),
@@ -374,7 +374,8 @@ def test_stairs_connect_floors_and_routes_take_them(rooms, tmp_path):
     done = run("map", "connect", "map", lower)
     assert (done.code, done.err) == (
         2,
-        "error: expected either FROM, TO and --length, or --file: name the two ends, or a CSV table\n",
+        "error: received only a part of FROM, TO and --length, expected either FROM, TO and --length, "
+        "or --file FILE.csv\n",
     )
     done = run("map", "connect", "map", lower, upper, "--kind", "ladder", "--length", "2")
     assert done.code == 2

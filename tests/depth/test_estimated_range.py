@@ -141,10 +141,10 @@ def test_without_a_range_model_what_could_estimate_it_is_named(rooms, options):
     arguments = ("compare", "--methods", "saliency-graph", "--data", "painted-rooms", "--set", "detector=panoseg")
     (row,) = run(*arguments, "--engine", "inline", "--json").json["rows"]
     assert row["reason"].startswith(
-        "the detector 'panoseg' of the method needs range, which the dataset painted-rooms does not have; "
+        "the detector 'panoseg' of the method needs range, which the dataset painted-rooms does not have: "
     )
     assert row["reason"].endswith(
-        "; or estimate it: --set range.kind=onnx-depth or --set range.kind=transformers-depth"
+        "estimate the range (--set range.kind=onnx-depth or --set range.kind=transformers-depth)"
     )
     (row,) = run(*arguments, "--engine", "inline", "--json", *options).json["rows"]
     assert row["input"] == ["rgb", "estimated range"]

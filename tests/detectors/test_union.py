@@ -221,7 +221,10 @@ def test_every_detector_in_it_is_checked_listed_and_part_of_the_identity(members
     [
         ("segments", r"union\.of: received 'segments', expected a list of at least one detector"),
         ([], r"union\.of: received \[\], expected a list of at least one detector"),
-        ([{"min_score": 0.5}], r"union\.of: received \{'min_score': 0.5\}, expected a `kind` that names a detector"),
+        (
+            [{"min_score": 0.5}],
+            r"union\.of: received \{'min_score': 0.5\}, expected the key `kind` with the name of a detector",
+        ),
         (["yolo"], r"unknown detector 'yolo'"),
         ([7], r"union\.of: received 7, expected the name of a detector"),
         ([{"kind": "onnx", "score": 1}], r"unknown key detector\.score"),
@@ -241,7 +244,7 @@ def test_auto_may_be_one_of_them(members):
         "annotations",
         "listed",
     ]
-    with pytest.raises(ConfigError, match="the detector is 'auto', which needs data to choose from"):
+    with pytest.raises(ConfigError, match="the detector is 'auto', which depends on the data"):
         union("auto", "listed")
 
 

@@ -77,7 +77,7 @@ def test_a_dataset_without_annotations_is_refused(folder):
     for frame in manifest["frames"]:
         del frame["instances"]
     (folder / "manifest.json").write_text(json.dumps(manifest))
-    with pytest.raises(DataError, match="have no annotations, expected instance images or lists of objects"):
+    with pytest.raises(DataError, match="has annotations, expected instance images or lists of objects"):
         salframe.list_labels(salframe.find_dataset(str(folder)))
 
 

@@ -94,8 +94,8 @@ def test_a_file_gives_the_model_back(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[1]", r"is not a sensor file: its format is None, expected 'salframe sensor 2'; write one with"),
-        ('{"format": "salframe sensor 9"}', r"its format is 'salframe sensor 9', expected 'salframe sensor 2'"),
+        ("[1]", r"has the format None, expected 'salframe sensor 2': write a sensor file with"),
+        ('{"format": "salframe sensor 9"}', r"has the format 'salframe sensor 9', expected 'salframe sensor 2'"),
         ("{", "is not JSON"),
         ('{"format": "salframe sensor 2"}', r"provenance is missing; .*detection is missing"),
     ],
@@ -113,8 +113,8 @@ def test_what_is_no_sensor_file_is_told_in_one_line(tmp_path, text, message):
     [
         ("false_objects", "labels", {"lamp": -3}, "greater than or equal to 0"),
         ("false_objects", "range_m", [-1.0] * 11, "greater than or equal to 0"),
-        ("false_objects", "range_m", [1.0, 2.0], "received 2 quantiles, expected none or 11"),
-        ("false_objects", "elevation_rad", [*range(10), 0], "expected values that do not decrease"),
+        ("false_objects", "range_m", [1.0, 2.0], "received 2 quantiles, expected 0 or 11"),
+        ("false_objects", "elevation_rad", [*range(10), 0], "expected values in ascending order"),
         ("false_objects", "per_panorama", 1e9, "less than or equal to 10000"),
         ("confusion", "bed", {"bed": -1}, "greater than or equal to 0"),
         ("errors", "range_share", -0.1, "greater than or equal to 0"),

@@ -103,7 +103,7 @@ def test_matches_must_fit_together():
         PointMatches(points, points[:2])
     assert len(NodeMatches(points, points, np.array([[0, 2], [1, 0]])).pairs) == 2
     for pairs in ([[0, 3]], [[-1, 0]], [[0, 1], [0, 2]]):
-        with pytest.raises(InvalidAnswer, match="expected each of 3 query and 3 reference nodes at most once"):
+        with pytest.raises(InvalidAnswer, match="expected each of 3 query and 3 reference objects at most once"):
             NodeMatches(points, points, np.array(pairs))
 
 

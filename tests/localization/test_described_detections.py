@@ -50,7 +50,7 @@ def test_a_panorama_is_described_from_its_detections(opened, kind):
 def test_a_reference_frame_and_its_description(opened):
     frame, description = opened["saliency-graph"].reference("kitchen-map")
     assert (frame.place, len(description["labels"])) == ("kitchen", 6)
-    with pytest.raises(UnknownName, match="unknown reference frame 'none'"):
+    with pytest.raises(UnknownName, match="the map has no reference frame 'none'"):
         opened["saliency-graph"].reference("none")
 
 

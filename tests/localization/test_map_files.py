@@ -138,7 +138,7 @@ def test_another_folder_is_not_written_to(tmp_path):
     (tmp_path / "work" / "thesis.tex").write_text("years")
     (tmp_path / "file").write_text("years")
     for name in ("work", "file"):
-        with pytest.raises(ConfigError, match=f"{name} contains files that are not a map"):
+        with pytest.raises(ConfigError, match=f"{name} is neither empty nor a map"):
             write(tmp_path / name, "one")
     assert [path.name for path in (tmp_path / "work").iterdir()] == ["thesis.tex"]
 
@@ -157,7 +157,9 @@ def test_what_a_killed_first_build_left_may_become_a_map(tmp_path):
 def test_two_builds_into_one_folder_do_not_mix(tmp_path):
     with write_map(tmp_path / "map") as parts:
         (parts.folder / "scenes.txt").write_text("one")
-        with pytest.raises(ConfigError, match=r"another process writes to .*map: wait for it, or name a new folder"):
+        with pytest.raises(
+            ConfigError, match=r"another process writes to .*map: wait until that process ends, or name a new folder"
+        ):
             write(tmp_path / "map", "two")
         (parts.folder / "frames").mkdir()
         (parts.folder / "frames" / "ids.txt").write_text("one")

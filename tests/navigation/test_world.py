@@ -87,9 +87,7 @@ def test_the_map_has_every_frame(world):
 
 
 def test_a_data_set_that_cannot_render_says_so():
-    with pytest.raises(
-        InputMissing, match="still cannot render, and navigation needs panoramas at any position of the agent"
-    ):
+    with pytest.raises(InputMissing, match="still cannot render panoramas at new poses, which navigation needs"):
         open_worlds(Still())
-    with pytest.raises(DataError, match="unmasked has no floor masks, and navigation needs"):
+    with pytest.raises(DataError, match="unmasked has no floor masks, which navigation needs"):
         open_worlds(Unmasked())

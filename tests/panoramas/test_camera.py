@@ -128,11 +128,11 @@ def test_a_fold_of_the_distortion_is_not_seen_twice():
     [
         ({"fx": 4.2, "fy": 4.2}, r"field of view of 178.5 deg, expected 5 to 170 deg: give fx and fy in pixels"),
         ({"fx": 42000, "fy": 42000}, r"field of view of 0.8\d+ deg, expected 5 to 170"),
-        ({"fx": 420, "fy": 150}, "fx 420 and fy 150, expected about equal"),
+        ({"fx": 420, "fy": 150}, "fx 420 and fy 150, expected a ratio from 0.5 to 2"),
         ({"fx": -420}, "expected finite numbers, and positive sizes"),
         ({"cx": float("nan")}, "cx nan, .*expected finite numbers"),
         ({"width": "640"}, "width '640', .*expected finite numbers"),
-        ({"cx": 960, "cy": 540}, "principal point cx 960, cy 540 outside of its image of 640 x 480"),
+        ({"cx": 960, "cy": 540}, "principal point cx 960, cy 540 outside its image of 640 x 480"),
         ({"distortion_model": "ftheta"}, "distortion_model is 'ftheta', expected one of none, plumb_bob, .*undistort"),
         ({"distortion_model": ""}, "distortion_model is '', expected one of"),
         (
@@ -147,11 +147,11 @@ def test_a_fold_of_the_distortion_is_not_seen_twice():
             "p1 -0.2 .*order k1, k2, p1, p2, k3",
         ),
         ({"distortion_model": "plumb_bob", "distortion": [-1.5, 0, 0, 0, 0]}, r"not invertible in \d+% of the image"),
-        ({"distortion_model": "fisheye", "distortion": [-1.5, 0, 0, 0]}, "fisheye distortion .* folds back"),
+        ({"distortion_model": "fisheye", "distortion": [-1.5, 0, 0, 0]}, "fisheye distortion .* is not invertible"),
         ({"T_base_camera": np.diag([1.0, 1, -1, 1])}, "left-handed"),
         ({"T_base_camera": 2 * LEVEL}, "is not a rigid motion"),
         ({"T_base_camera": LEVEL[:3]}, r"T_base_camera has shape \(3, 4\), expected \(4, 4\)"),
-        ({"T_base_camera": translation(np.array([250.0, 0, 1200])) @ LEVEL}, "expected metres, at most 10"),
+        ({"T_base_camera": translation(np.array([250.0, 0, 1200])) @ LEVEL}, "expected at most 10 m along each axis"),
     ],
 )
 def test_implausible_calibrations_are_refused(change, message):

@@ -75,7 +75,7 @@ def test_an_entry_writes_in_its_encoding(tmp_path):
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"range_kind": "z"}, r"range_kind.*'cube' \(depth along the axis of the cube face that shows the pixel\)"),
+        ({"range_kind": "z"}, r"range_kind.*'cube' \(depth along the axis of the cube face of each pixel\)"),
         ({"range_kind": "depth"}, "range_kind"),
         ({"range_unit_m": 0}, "range_unit_m"),
         ({"range_missing": [70000]}, "range_missing"),
@@ -121,7 +121,11 @@ def test_a_floor_without_height_lies_below_the_cameras(tmp_path, cameras_m, floo
     [
         ([None, None], (1.5, 1.5, 4.5), "2 of 2 floors have no z_m, expected the height of each floor"),
         ([0.0, None], (1.5, 1.5, 4.5), "1 of 2 floors have no z_m"),
-        ([None], (1.5, 1.5, 4.5), "the floor has no z_m, and the cameras are at z = 1.50 to 4.50 m, more than one st"),
+        (
+            [None],
+            (1.5, 1.5, 4.5),
+            "the floor has no z_m and the cameras span more than one storey \\(z = 1.50 to 4.50 m\\)",
+        ),
         (
             [3.0, 3.0],
             (1.5, 1.5, 4.5),

@@ -250,7 +250,7 @@ def cut(path: Path) -> None:
         (lambda root: cv2.imwrite(str(root / "q.jpg"), np.ones((32, 60, 3), np.uint8)), r"is .*60.*width = 2 x height"),
         (
             lambda root: cv2.imwrite(str(root / "q.range.png"), np.ones((32, 64), np.uint8)),
-            r"has 1 channel\(s\) of 8 bits, expected one of 16",
+            r"has 1 channel\(s\) of 8 bits, expected 1 channel of 16",
         ),
         (lambda root: (root / "objects.parquet").write_bytes(b"no table"), r"objects.parquet is not a Parquet table"),
         (

@@ -35,7 +35,7 @@ def test_a_folder_with_a_manifest_is_a_dataset(fakes, tmp_path):
 
 def test_a_path_without_a_manifest_is_an_error(fakes, tmp_path):
     with pytest.raises(
-        UnknownName, match=r"is not a dataset: expected a folder with a manifest\.json, or one of folder, r"
+        UnknownName, match=r"is not a dataset, expected a folder with a manifest\.json, or one of folder, r"
     ):
         configure_dataset(str(tmp_path), None)
 

@@ -24,7 +24,9 @@ def test_floating_point_ranges_are_converted(dtype):
 
 @pytest.mark.parametrize("dtype", [np.uint16, np.int32, np.int64, bool])
 def test_integer_ranges_are_refused_with_the_unit(dtype):
-    with pytest.raises(DataError, match=r"a: range_m has dtype .*, expected float32 in metres.*0\.001 for millimetres"):
+    with pytest.raises(
+        DataError, match=r"a: range_m has dtype .*, expected floating-point metres.*0\.001 for millimetres"
+    ):
         Panorama("a", range_m=np.ones(SHAPE, dtype))
 
 
@@ -103,7 +105,7 @@ def test_ids_as_text_are_converted():
         ({"chair": 7}, "has the id 'chair', expected a whole number from 0 to 65535"),
         ({7.5: "chair"}, "has the id 7.5, expected a whole number"),
         ({-7: "chair"}, "has the id -7, expected a whole number"),
-        ({7: None}, 'has the label None of the id 7, expected the label of each instance id, such as {7: "chair"}'),
+        ({7: None}, "has the label None of the id 7, expected text, such as 'chair'"),
         ({7: "chair", "7": "bed"}, "has the id 7 twice"),
         (["bed", "chair"], "Annotations.labels is list, expected the label of each instance id"),
     ],

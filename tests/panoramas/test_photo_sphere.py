@@ -187,8 +187,8 @@ ENTITIES = '<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&
 @pytest.mark.parametrize(
     ("xmp", "said"),
     [
-        (packet(**{**CROP, "CroppedAreaLeftPixels": 300}), "column 300 and row 40, expected it inside"),
-        (packet(**{**CROP, "CroppedAreaTopPixels": -5}), "row -5, expected it inside"),
+        (packet(**{**CROP, "CroppedAreaLeftPixels": 300}), "column 300 and row 40, expected a crop inside"),
+        (packet(**{**CROP, "CroppedAreaTopPixels": -5}), "row -5, expected a crop inside"),
         (packet(**{**CROP, "FullPanoWidthPixels": 100}), "full width = 2 x height"),
         (packet(**{**CROP, "FullPanoHeightPixels": "nan"}), "FullPanoHeightPixels 'nan', expected a number"),
         (packet(**{**CROP, "FullPanoHeightPixels": "1e99"}), "FullPanoHeightPixels '1e99', expected a number"),

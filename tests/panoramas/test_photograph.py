@@ -66,7 +66,7 @@ def test_depth_is_checked_as_the_range_of_a_panorama():
     range_m = photograph_panorama(camera, "wall", rgb, depth_m, height=64).range_m
     assert np.isnan(range_m[32, 64])
     assert np.nanmax(range_m) < 3  # 2 m at most 43 deg off the axis
-    with pytest.raises(DataError, match="wall: depth_m has dtype uint16, expected float32 in metres"):
+    with pytest.raises(DataError, match="wall: depth_m has dtype uint16, expected floating-point metres"):
         photograph_panorama(camera, "wall", rgb, np.full((48, 64), 2000, np.uint16))
 
 

@@ -41,7 +41,7 @@ def test_an_image_that_a_manifest_names_comes_with_its_frame(tmp_path):
 
 def test_an_image_of_another_shape_needs_a_field_of_view(tmp_path):
     images.write_color(tmp_path / "a.jpg", np.zeros((48, 64, 3), np.uint8))
-    with pytest.raises(DataError, match=r"a\.jpg is 64 x 48, expected a panorama.*--fov"):
+    with pytest.raises(DataError, match=r"a\.jpg is 64 x 48, expected width = 2 x height.*--fov"):
         open_panorama(tmp_path / "a.jpg")
 
 
@@ -110,7 +110,7 @@ def test_depth_of_a_cubes_faces_becomes_range(tmp_path):
         (("a.jpg", None, "b.png"), "received an instance image without labels, expected both"),
         (("a.jpg", None, "b.png", "words.json"), r"words\.json has the id 'bed', expected a whole number"),
         (("a.jpg", None, "b.png", "list.json"), r"list\.json is list, expected the label of each instance id"),
-        (("a.jpg", "a.jpg"), r"a\.jpg has 3 channel\(s\) of 8 bits, expected one of 16 bits"),
+        (("a.jpg", "a.jpg"), r"a\.jpg has 3 channel\(s\) of 8 bits, expected 1 channel of 16 bits"),
     ],
 )
 def test_loose_images_that_are_none_are_told(tmp_path, given, said):
@@ -122,7 +122,7 @@ def test_loose_images_that_are_none_are_told(tmp_path, given, said):
 
 
 def test_arrays_and_units_that_are_no_files_are_told():
-    with pytest.raises(DataError, match=r"rgb is ndarray, expected the path of a file; for arrays, use salframe.Panor"):
+    with pytest.raises(DataError, match=r"rgb is ndarray, expected the path of a file: for arrays, use salframe.Panor"):
         read_panorama(np.zeros((16, 32, 3), np.uint8))
     with pytest.raises(DataError, match="range_unit_m is 0, expected a positive number of metres"):
         read_panorama("a.jpg", "a.png", range_unit_m=0)

@@ -43,7 +43,10 @@ def test_a_run_that_another_process_has_in_hand_is_left_to_it(site):
         time.sleep(0.01)
     second = site.call(slow, place)
     assert second.code == 2
-    message = r"error: another process writes to runs/rooms-\w+: wait for it, or give the run another --name\n"
+    message = (
+        r"error: another process writes to runs/rooms-\w+: wait until that process ends, "
+        r"or give the run another --name\n"
+    )
     assert re.fullmatch(message, second.err), second.err
     result = site.end(first)
     assert (result.code, result.json["rows"][0]["accuracy"]) == (0, 1.0)

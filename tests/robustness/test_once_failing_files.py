@@ -106,7 +106,7 @@ FAULTS: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
     "ragged poses": (
         array_file("map/parts-*/frames/pose.npy", lambda poses: poses.ravel()[:-1]),
         LOCALIZE,
-        r"pose\.npy has values of shape \(14,\), expected the number of values in .*columns\.json",
+        r"pose\.npy has values of shape \(14,\), expected \(\d+,\) according to .*columns\.json",
     ),
     "poses of text": (
         array_file("map/parts-*/frames/pose.npy", lambda poses: poses.astype("U9")),
@@ -140,12 +140,12 @@ FAULTS: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
     "shuffled edges": (
         array_file("ways/parts-*/edges/azimuth_rad.npy", lambda azimuth: azimuth + 1.0),
         ROUTE,
-        "does not match their positions",
+        "does not match the positions of these nodes",
     ),
     "swapped edges": (
         array_file("ways/parts-*/edges/start.npy", lambda start: start[::-1]),
         ROUTE,
-        "does not match their positions|expected nodes",
+        "does not match the positions of these nodes|expected nodes",
     ),
     "edges of bool": (
         array_file("ways/parts-*/edges/length_m.npy", lambda lengths: lengths > 0),

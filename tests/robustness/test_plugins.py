@@ -51,7 +51,7 @@ MODULES = {
         "from salframe.framework.component import ComponentConfig\nclass Careless(Reader):\n    name = 'careless'\n"
         "    class Config(ComponentConfig):\n        depth: int",
         "Careless",
-        "Careless.Config has no default for depth, expected one for every setting",
+        "Careless.Config has no default for depth, expected a default for every setting",
     ),
     "wild": (
         "class Wild(Reader):\n    name = 'wild'\n    Config = 3",

@@ -457,7 +457,7 @@ def test_one_line_says_what_does_not_fit(models, tmp_path, monkeypatch):
             build(folder, **settings)
         assert "\n" not in str(caught.value)
 
-    with pytest.raises(WeightsError, match="the detector 'transformers' has no network, expected the folder"):
+    with pytest.raises(WeightsError, match="the detector 'transformers' has no network: set `model` to the folder"):
         TransformersDetector(configure("detector", "transformers", {}))
     refused(
         tmp_path / "gone", r"gone does not exist, expected a folder with config\.json and model\.safetensors, or hf:"
@@ -466,7 +466,7 @@ def test_one_line_says_what_does_not_fit(models, tmp_path, monkeypatch):
     folder = tmp_path / "model"
     shutil.copytree(models(tiny.segformer), folder)
     tiny.edit_config(folder, architectures=["ViTForImageClassification"])
-    refused(folder, r"has the architectures \['ViTForImageClassification'\], expected one for this task")
+    refused(folder, r"has the architectures \['ViTForImageClassification'\], expected an architecture for this task")
     tiny.edit_config(folder, architectures=["DetrForObjectDetection"])
     refused(
         folder,

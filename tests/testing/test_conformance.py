@@ -37,7 +37,7 @@ BROKEN = [
     *BROKEN_DETECTORS,
     *BROKEN_STAGES,
     *BROKEN_LOCALIZERS,
-    (int, "<class 'int'> is not a component: it must subclass one of Dataset"),
+    (int, "<class 'int'> is not a component, expected a subclass of one of Dataset"),
 ]
 REAL = Path(os.environ.get("SALFRAME_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data")) / "matterport3d"
 
@@ -322,7 +322,7 @@ def test_every_rule_is_checked_and_a_broken_one_names_the_setting_that_mends_it(
     assert [result.rule for result in conformance.failed] == ["detections rotate with the panorama"]
     assert {result.rule: result.message for result in conformance.skipped} == {
         "detections rotate between column steps": (
-            "the column_step of the detector is 1: no rotation lies between its steps"
+            "the column_step of the detector is 1, so no rotation lies between two steps"
         )
     }
     assert len(conformance.rules) == len(conformance.passed) + 2 == 11

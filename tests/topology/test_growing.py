@@ -242,9 +242,9 @@ def test_what_does_not_fit_is_one_line_and_changes_nothing(rooms):
         (
             lambda: add_to_map("bare", "doored"),
             DataError,
-            "bare has no localizer: it was built from data without reference frames",
+            "bare has no localizer, because its data have no reference frames",
         ),
-        (lambda: add_to_map("map", "frameless"), DataError, "at least one reference frame, received none"),
+        (lambda: add_to_map("map", "frameless"), DataError, "received no reference frame, expected at least one"),
         (lambda: add_to_map("map", "doored", overrides=("offset=1",)), ConfigError, r"expected data\.KEY"),
         (
             lambda: add_to_map("map", "upstairs", overrides=(same_ids,)),

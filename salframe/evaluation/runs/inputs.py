@@ -74,10 +74,11 @@ def check_needs(method: Component, dataset: Dataset) -> None:
         if absent & needs_of(inner):
             able = [n for n in registry().names(role) if why_unfit(registry().get(role, n), dataset.provides) is None]
             hint = " or ".join(f"--set {slot}.kind={name}" for name in able)
-            advice = f"use another {role}: {hint}" if able else f"no installed {role} works without it"
-            advice += f"; or estimate it: {estimate}" if estimate else ""
+            remedies = [f"use another {role} ({hint})"] if able else []
+            remedies += [f"estimate the range ({estimate})"] if estimate else []
+            advice = ", or ".join(remedies) or f"no installed {role} works without {words}"
             raise InputMissing(
                 f"the {role} {inner.kind!r} of the method needs {words}, which the dataset "
-                f"{dataset.name} does not have; {advice}"
+                f"{dataset.name} does not have: {advice}"
             )
     raise InputMissing(f"the method needs {words}, which the dataset {dataset.name} does not have")

@@ -78,7 +78,7 @@ class Request:
 
     def __post_init__(self) -> None:
         if isinstance(self.methods, str):
-            raise ConfigError(f"received the methods {self.methods!r}, expected a sequence of names")
+            raise ConfigError(f"methods is {self.methods!r}, expected a list of names: pass [{self.methods!r}]")
         if not 0 <= self.seed <= MAX_INTEGER:
             raise ConfigError(f"received the seed {self.seed}, expected an integer from 0 to {MAX_INTEGER}")
         object.__setattr__(self, "methods", tuple(self.methods))

@@ -156,7 +156,7 @@ class Run:
             roles = {label: config.component.role for label, config in resolved.methods.items()}
             methods = {label: run.method(label, roles[label]) for label in run.labels if label in roles}
             if run.labels != list(roles) or _fingerprint(run.task, run.seed, run.data(), methods) != key:
-                raise ConfigError(f"{path} was edited since the run began: restore it, or remove {directory}")
+                raise ConfigError(f"{path} was edited since the run began: restore the file, or remove {directory}")
             return run
         return cls(directory, content)
 
@@ -255,8 +255,8 @@ class Run:
             write_json(path, {"date": date.today().isoformat(), "dataset_fingerprint": fingerprint, **environment()})
         elif self.environment().get("dataset_fingerprint") != fingerprint:
             raise DataError(
-                f"the dataset of {self.directory} has changed since the run began: "
-                "give the run another --name, or remove it"
+                f"the dataset of {self.directory} has changed since the run began: choose another --name, "
+                "or remove this run folder"
             )
 
     def environment(self) -> Mapping[str, Any]:

@@ -84,7 +84,10 @@ class Tuning:
         config = merge(self.localizer.config.model_dump(mode="json"), changes)
         localizer: Localizer = type(self.localizer)(validate(type(self.localizer).Config, config, ""))
         if localizer.describe_identity() != self.localizer.describe_identity():
-            raise ConfigError(f"received {dict(changes)} to try, expected settings that affect matching only")
+            raise ConfigError(
+                f"the settings {dict(changes)} change the descriptions of panoramas, expected settings "
+                "that affect only matching"
+            )
         for fold in self.dataset.folds():
             places = [self.dataset.truth(query.id).place for query in fold.queries]
             here = [any(frame.place == place for frame in fold.references) for place in places]
@@ -96,7 +99,9 @@ class Tuning:
                 if (description := self.descriptions[frame.id]) is not None
             ]
             if not usable:
-                raise DataError(f"fold {fold.id} has no reference frame that {localizer.name} can use")
+                raise DataError(
+                    f"fold {fold.id} has no reference frame that {localizer.name} can use, expected at least one"
+                )
             frames, described = [frame for frame, _ in usable], [description for _, description in usable]
             fold_map = LocalizationMap.from_descriptions(localizer, described, frames, self.dataset.floors())
             for query, place, is_here in zip(fold.queries, places, here, strict=True):
@@ -148,7 +153,9 @@ def fit_method(
     if not data:
         raise ConfigError("received no tuning data, expected at least one dataset")
     if posterior_only and tries:
-        raise ConfigError("received settings to try and `posterior_only`, which keeps all settings: omit one of them")
+        raise ConfigError(
+            "received both settings to try (--try) and posterior_only, which keeps all settings: leave out one of them"
+        )
     tunings = [_describe(one, method, data_dir, overrides, progress, tell) for one in data]
     fields = type(tunings[0].localizer.config).model_fields
     content: dict[str, Any] = {}
@@ -164,7 +171,9 @@ def fit_method(
             f"weights: mean -ln(probability of the query's place) {after:.3f}, {before:.3f} for a uniform distribution"
         )
     elif tries:
-        raise ConfigError(f"{method} has no setting `weights`, which --try needs: use another method")
+        raise ConfigError(
+            f"{method} has no setting `weights`, which --try needs: use another method, or leave out --try"
+        )
     answers = [answer for tuning in tunings for answer in _scored(tuning, content)]
     try:
         fit = fit_posterior(answers)
@@ -201,7 +210,8 @@ def _describe(
     name, dataset, localizer = prepare(data, method, root, [*overrides, HIDE], None, progress, tell)
     if "posterior" not in type(localizer.config).model_fields:
         raise ConfigError(
-            f"{name} is a {localizer.name!r}, which has no setting `posterior`: its answers cannot have probabilities"
+            f"{name} has no setting `posterior`, so its answers cannot have probabilities: use "
+            "another method, such as proposed"
         )
     check_needs(localizer, dataset)
     frames: dict[str, ReferenceFrame | QueryFrame] = {}

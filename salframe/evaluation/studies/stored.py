@@ -53,8 +53,9 @@ class StoredTable(Settings):
         keys = {json.dumps([settings, row.get("method")]) for settings, row in zip(self.settings, self.rows)}  # noqa: B905
         if not len(keys) == len(self.rows) == len(self.settings):
             raise ValueError(
-                f"received {len(self.rows)} rows and {len(self.settings)} settings for {len(keys)} methods, expected "
-                "equal numbers: remove the table to measure it again"
+                f"the table has {len(self.rows)} rows, {len(self.settings)} settings and {len(keys)} "
+                "different pairs of settings and method, expected equal numbers: remove the table to "
+                "measure its rows again"
             )
         return self
 

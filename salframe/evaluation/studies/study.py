@@ -75,10 +75,11 @@ class Study(Settings):
     @model_validator(mode="after")
     def _check(self) -> Study:
         if (self.method is None) == (not self.methods):
-            raise ValueError("received both or none of the keys method and methods, expected exactly one")
+            received = "neither" if self.method is None else "both"
+            raise ValueError(f"the study has {received} of the keys `method` and `methods`, expected exactly one")
         empty = [key for key, values in self.vary.items() if not values]
         if empty:
-            raise ValueError(f"the list vary.{', '.join(empty)} has no value, expected at least one")
+            raise ValueError(f"`vary` has no values for {', '.join(empty)}, expected at least one value for each key")
         try:
             kind = self.kind
         except UnknownName as error:
@@ -141,7 +142,10 @@ class Study(Settings):
         labels = [variant.label for variant in variants]
         twice = [label for label in labels if labels.count(label) > 1]
         if twice:
-            raise ConfigError(f"two rows of `vary` have the label {twice[0]}, expected distinct values")
+            raise ConfigError(
+                f"two variants of the study have the label {twice[0]}, expected different labels: remove "
+                "repeated values from `vary`"
+            )
         return variants, varied
 
     def _methods(self) -> dict[str, StudiedMethod]:

@@ -116,7 +116,9 @@ class Registry:
             key = (item.role, item.name)
             if key in self._components and self._components[key][0] is not item:
                 provider = self._components[key][1]
-                raise SalframeError(f"the {key[0]} {key[1]!r} of {package} is already provided by {provider}")
+                raise SalframeError(
+                    f"the {key[0]} {key[1]!r} of {package} is already provided by {provider}: choose another name"
+                )
             self._components[key] = (item, package)
 
     def _add_role(self, role: type[Role], package: str) -> None:
@@ -127,7 +129,10 @@ class Registry:
             if not (isinstance(value, str) or (attribute == "presets" and value is None)):
                 raise SalframeError(f"{role.__qualname__}.{attribute} of {package} is {value!r}, expected text")
         if role.role in self.roles:
-            raise SalframeError(f"the role {role.role!r} of {package} is already registered: {self.roles[role.role]}")
+            raise SalframeError(
+                f"the role {role.role!r} of {package} has the name of "
+                f"{self.roles[role.role].__qualname__}: choose another name"
+            )
         self.roles[role.role] = role
         for (folder, name), (path, owner) in list(
             self._presets.items()
@@ -140,7 +145,10 @@ class Registry:
         paths = sorted(presets.folder.glob("*/*.yaml"))
         for path in paths:
             if (key := (path.parent.name, path.stem)) in self._presets:
-                raise SalframeError(f"the preset {path} of {package} is already registered: {self._presets[key][0]}")
+                raise SalframeError(
+                    f"the preset {path} of {package} has the name of the preset {self._presets[key][0]}: "
+                    "choose another name"
+                )
         for path in paths:
             self._add_preset(path, package)
 
@@ -202,8 +210,8 @@ class Registry:
             return self._components[role, name][0]
         if name == AUTO and (order := auto_order(role)):
             raise ConfigError(
-                f"the {role} is {AUTO!r}, which needs data to choose from: "
-                f"name a {role} ({', '.join(order)}, ...), or specify the data"
+                f"the {role} is {AUTO!r}, which depends on the data: name a {role} ({', '.join(order)}, "
+                "...), or specify the data"
             )
         for failure in self.failures:
             if name in (failure.plugin, failure.package):
@@ -231,18 +239,18 @@ def check_declaration(component: Any, roles: dict[str, type[Role]]) -> None:
         isinstance(component, type) and issubclass(component, Component) and getattr(component, "role", None) in roles
     ):
         expected = ", ".join(role.__name__ for role in roles.values())
-        raise SalframeError(f"{component!r} is not a component: it must subclass one of {expected}")
+        raise SalframeError(f"{component!r} is not a component, expected a subclass of one of {expected}")
     where = component.__qualname__
     absent = [attribute for attribute in ("name", "version") if not hasattr(component, attribute)]
     if absent:
-        raise SalframeError(f"{where} has no {' and no '.join(absent)}")
+        raise SalframeError(f"{where} has no {' and no '.join(absent)}, expected class attributes with these names")
     if not isinstance(component.name, str) or re.fullmatch(KEBAB, component.name) is None:
         raise SalframeError(
             f"{where}.name is {component.name!r}, expected words of lower-case letters and digits joined by hyphens"
         )
     if component.name == AUTO:
         raise SalframeError(
-            f"{where}.name is {AUTO!r}, which is reserved for settings whose component is chosen by the data"
+            f"{where}.name is {AUTO!r}, which is reserved for the automatic selection: choose another name"
         )
     for attribute in ("version", "extra"):
         if not isinstance(getattr(component, attribute), str):
@@ -257,7 +265,7 @@ def check_declaration(component: Any, roles: dict[str, type[Role]]) -> None:
             raise SalframeError(f"{where}.requires contains {package!r}, expected the name of a top-level package")
     for weights in component.weights:
         if not isinstance(weights, NetworkWeights):
-            raise SalframeError(f"{where}.weights contains {weights!r}, expected Weights")
+            raise SalframeError(f"{where}.weights contains {weights!r}, expected NetworkWeights")
     _check_settings(component, where)
 
 
@@ -267,12 +275,14 @@ def _check_settings(component: type[Component], where: str) -> None:
         raise SalframeError(f"{where}.Config is {model!r}, expected a subclass of ComponentConfig")
     required = [name for name, field in model.model_fields.items() if field.is_required()]
     if required:
-        raise SalframeError(f"{where}.Config has no default for {', '.join(required)}, expected one for every setting")
+        raise SalframeError(
+            f"{where}.Config has no default for {', '.join(required)}, expected a default for every setting"
+        )
     defaults = model.model_construct()
     unordered = [name for name in model.model_fields if _holds_set(getattr(defaults, name))]
     if unordered:
         raise SalframeError(
-            f"{where}.Config has a set for {', '.join(unordered)}, expected a tuple, which has an order"
+            f"{where}.Config has a set as the default of {', '.join(unordered)}, expected a tuple, which has an order"
         )
     try:
         json.dumps(defaults.model_dump(mode="json", warnings=False))
@@ -293,7 +303,7 @@ def _holds_set(value: Any) -> bool:
 
 
 def check_preset(content: Mapping[str, Any], where: str, role: str) -> None:
-    """Raise ConfigError if a preset has no `kind`, or if its `otherwise` is not a name.
+    """Raise ConfigError if `kind` or `otherwise` of a preset is not a name.
 
     Args:
         content: The settings.
@@ -301,7 +311,7 @@ def check_preset(content: Mapping[str, Any], where: str, role: str) -> None:
         role: The role of the component.
     """
     if not isinstance(content.get("kind"), str):
-        raise ConfigError(f"{where} has no `kind`, expected the name of a {role} and its settings")
+        raise ConfigError(f"{where}: `kind` is {content.get('kind')!r}, expected the name of a {role}")
     other = content.get(OTHERWISE)
     if not (other is None or isinstance(other, str)):
         raise ConfigError(f"{where}: {OTHERWISE} is {other!r}, expected the name of another {role}")
@@ -330,10 +340,13 @@ def load_commands() -> tuple[dict[str, tuple[Any, str]], list[Failure]]:
             for name, command in dict(plugins.call(entry_point, "salframe_commands")).items():
                 if not (isinstance(name, str) and re.fullmatch(KEBAB, name) and callable(command)):
                     raise SalframeError(
-                        f"{name!r}: {command!r} is not a command, expected a kebab-case name and a function"
+                        f"the command {name!r} of {package} is {command!r}, expected a kebab-case name and a function"
                     )
                 if name in commands:
-                    raise SalframeError(f"the command {name!r} of {package} is already provided by {commands[name][1]}")
+                    raise SalframeError(
+                        f"the command {name!r} of {package} is already provided by {commands[name][1]}: choose "
+                        "another name"
+                    )
                 commands[name] = command, package
         except KeyboardInterrupt:
             raise

@@ -75,7 +75,7 @@ def slots(role: str, default: tuple[str, ...], description: str) -> Any:
             raise ValueError(f"received {value!r}, expected a list of at least one {role}")
         unnamed = [entry for entry in value if isinstance(entry, Mapping) and "kind" not in entry]
         if unnamed:
-            raise ValueError(f"received {unnamed[0]!r}, expected a `kind` that names a {role}, and its settings")
+            raise ValueError(f"received {unnamed[0]!r}, expected the key `kind` with the name of a {role}")
         return tuple(_fill(role, "", entry, info) for entry in value)
 
     field = Field(
@@ -110,12 +110,12 @@ def _fill(role: str, default: str, value: Any, info: ValidationInfo) -> Componen
         if len(value) > 1:
             keys = ", ".join(f"{role}.{key}" for key in value if key != "kind")
             raise ConfigError(
-                f"received {keys}, but {role} 'auto' needs data to choose from: "
-                f"name one of {', '.join(auto_order(role))}, or specify the data"
+                f"received {keys} for the {role} 'auto', which depends on the data: name one of "
+                f"{', '.join(auto_order(role))}, or specify the data"
             )
         return undecided(role).Config()
     component = choice.choose(role, parts_added(info.data.values()))
     try:
         return validate(component.Config, {**value, "kind": component.name}, role, choice)
     except ConfigError as error:
-        raise ConfigError(f"{error}; auto selected the {role} {component.name!r}") from None
+        raise ConfigError(f"{error} ('auto' selected the {role} {component.name!r})") from None

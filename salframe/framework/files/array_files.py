@@ -166,18 +166,16 @@ def _header(file: BinaryIO, size: int) -> tuple[np.dtype[Any], tuple[int, ...], 
         read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, by_columns, dtype = read(file)
     except Exception as error:  # numpy raises many types of exceptions
-        raise ValueError(f"the header is not that of a numpy array: {' '.join(str(error).split())[:100]}") from None
+        raise ValueError(f"the numpy header is invalid: {' '.join(str(error).split())[:100]}") from None
     if dtype.hasobject or dtype.kind in "mM":
         content = "Python objects" if dtype.hasobject else dtype
         raise ValueError(f"the file has an array of {content}, expected numbers or text")
     count, num_bytes = 1, size - file.tell()
     for length in shape:
         count *= length
-    if (
-        min(shape, default=0) < 0
-        or count * dtype.itemsize != num_bytes
-        or (not num_bytes and max(shape, default=0) > MAX_AXIS)
-    ):
+    if min(shape, default=0) < 0 or (not num_bytes and max(shape, default=0) > MAX_AXIS):
+        raise ValueError(f"the file has an array of shape {shape}, expected lengths from 0 to {MAX_AXIS}")
+    if count * dtype.itemsize != num_bytes:
         raise ValueError(
             f"the file has {num_bytes} bytes of values, expected {count * dtype.itemsize} for {dtype} {shape}"
         )

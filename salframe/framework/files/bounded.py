@@ -46,7 +46,7 @@ def check_regular(path: Path, max_bytes: int = MAX_BYTES) -> int:
     status = path.stat()
     if not stat.S_ISREG(status.st_mode):
         kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe, socket or device"
-        raise ValueError(f"the file is {kind}, expected a regular file")
+        raise ValueError(f"the path is {kind}, expected a regular file")
     if status.st_size > max_bytes:
         raise ValueError(f"the file has {status.st_size} bytes, expected at most {max_bytes}")
     return status.st_size
@@ -108,7 +108,7 @@ def _finite(text: str) -> float:
 
 def _integer(text: str) -> int:
     if len(text) > 20 or not _MIN_INTEGER <= (value := int(text)) < _END_INTEGER:
-        raise ValueError(f"received the integer {shorten(text, 40)}, expected at most 64 bits")
+        raise ValueError(f"received the integer {shorten(text, 40)}, expected an integer of at most 64 bits")
     return value
 
 
@@ -168,4 +168,4 @@ def _check_plain(value: Any) -> None:
     elif isinstance(value, float):
         _finite(str(value))
     elif value is not None:
-        raise ValueError(f"received the {type(value).__name__} {value}, expected text: put it in quotes")
+        raise ValueError(f"received the {type(value).__name__} {value}, expected text: put the value in quotes")

@@ -180,7 +180,9 @@ class _Spool:
             self._contents |= {_content(array) for array in parts}
             if len(self._contents) > 1 or "Python objects" in self._contents:
                 received = " and ".join(sorted(self._contents))
-                raise DataError(f"arrays named {self._name!r} contain {received}, expected numbers or strings")
+                raise DataError(
+                    f"arrays named {self._name!r} contain {received}, expected either only numbers or only strings"
+                )
             self._write(np.concatenate(parts))
 
     def _write(self, values: np.ndarray) -> None:
@@ -251,7 +253,8 @@ def read_columns(folder: Path, expected: Mapping[str, ArrayKind] | None = None) 
             shapes[:, axis] = next(lengths) if length is None else min(length, MAX_AXIS)
         if values.ndim != 1 or shapes.prod(1, dtype=float).sum() != len(values):
             raise DataError(
-                f"{path} has values of shape {values.shape}, expected the number of values in {folder / TABLE}"
+                f"{path} has values of shape {values.shape}, expected "
+                f"({shapes.prod(1, dtype=float).sum():.0f},) according to {folder / TABLE}"
             )
         if expected is not None and column.words is None:
             _check_values(path, values, expected[column.name])
@@ -266,7 +269,10 @@ def _read_lengths(path: Path, shape: tuple[int, int]) -> np.ndarray:
     with reading(path, "a numpy array"):
         lengths = np.asarray(map_array(path))
     if lengths.shape != shape or lengths.dtype.kind != "u" or lengths.max(initial=0) > MAX_AXIS:
-        raise DataError(f"{path} is {lengths.dtype} {lengths.shape}, expected integer lengths of shape {shape}")
+        raise DataError(
+            f"{path} is {lengths.dtype} {lengths.shape}, expected unsigned integers of at most "
+            f"{MAX_AXIS} and of shape {shape}"
+        )
     return lengths.T
 
 
@@ -297,7 +303,7 @@ def _check_columns(path: Path, table: _Table, expected: Mapping[str, ArrayKind])
         if column.absent or not kind.fits("U" if column.words is not None else kind.kinds[0], column.shape):
             raise DataError(
                 f"{path}: the arrays of {column.name} have the shape {column.shape} and are absent in "
-                f"{len(column.absent)} rows, expected {kind}"
+                f"{len(column.absent)} rows, expected {kind} in every row"
             )
 
 
@@ -309,8 +315,10 @@ def _check_values(path: Path, values: np.ndarray, kind: ArrayKind) -> None:
 
 
 def _check_words(path: Path, numbers: np.ndarray, words: Sequence[str]) -> None:
-    if numbers.dtype.kind != "u" or (len(numbers) and numbers.max() >= len(words)):
-        raise DataError(f"{path} contains {numbers.dtype}, expected indices of {len(words)} words")
+    if numbers.dtype.kind != "u":
+        raise DataError(f"{path} contains {numbers.dtype}, expected unsigned integers, the indices of words")
+    if len(numbers) and numbers.max() >= len(words):
+        raise DataError(f"{path} contains the index {numbers.max()}, expected an index below {len(words)}")
 
 
 def _path(folder: Path, name: str) -> Path:

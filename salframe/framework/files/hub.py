@@ -231,8 +231,8 @@ def _select(reference: HubReference, files: Sequence[Any]) -> list[Any]:
     if "config.json" not in names or not weights:
         missing = "no config.json" if "config.json" not in names else "no model.safetensors"
         raise WeightsError(
-            f"{reference} has {missing}, expected a model of the library transformers with safetensors; other formats "
-            "can execute code and are not read: choose a revision that has safetensors, such as @refs/pr/1"
+            f"{reference} has {missing}, expected a transformers model with safetensors, since other "
+            "formats can execute code: choose a revision with safetensors, such as @refs/pr/1"
         )
     texts = {name for name in names if re.fullmatch(r"[\w.-]+", name) and name.endswith(_TEXTS) and name != MANIFEST}
     return sorted((file for file in files if file.rfilename in weights | texts), key=lambda file: file.rfilename)
@@ -256,7 +256,8 @@ def _download(
         received, expected = (hashes[-1], file.lfs.sha256) if file.lfs else (_git_hash(path), file.blob_id)
         if received != expected:
             raise WeightsError(
-                f"{file.rfilename} of {reference} has the hash {received}, the hub states {expected}: try again"
+                f"{file.rfilename} of {reference} has the hash {received}, expected {expected} as the hub "
+                "states: try again"
             )
         before += file.size
     progress(total, total)
@@ -309,7 +310,10 @@ def _explaining(reference: HubReference, endpoint: str) -> Iterator[None]:
             "and set HF_TOKEN"
         ) from None
     except errors.RepositoryNotFoundError:
-        raise WeightsError(f"{endpoint} has no public model {reference.repository}, expected hf:ORG/MODEL") from None
+        raise WeightsError(
+            f"{endpoint} has no public model {reference.repository}, expected hf:ORG/MODEL of a "
+            "public model: check the name"
+        ) from None
     except errors.RevisionNotFoundError:
         raise WeightsError(
             f"{endpoint}/{reference.repository} has no revision {reference.revision!r}, "

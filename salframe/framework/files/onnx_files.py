@@ -55,18 +55,18 @@ def _resolve(path: Path, location: str) -> Path:
     file = path.parent / location
     if is_absolute or ".." in windows.parts or not file.resolve().is_relative_to(path.parent.resolve()):
         raise WeightsError(
-            f"{path} points to {location!r}, which is outside its folder; expected a file in the same folder: save "
-            "the network again with its external data in this folder"
+            f"{path} points to {location!r}, which is outside its folder: save the network again, "
+            "with its external data in the same folder"
         )
     if not file.is_file():
-        raise WeightsError(f"{path} points to {location!r}, which is missing, expected the file {file}")
+        raise WeightsError(f"{path} points to {location!r}, which is missing: put the external data at {file}")
     return file
 
 
 def _locations(message: memoryview, kind: int, depth: int) -> Iterator[str]:
     """Yield the locations in a message. Raises ValueError or IndexError if it is not valid protobuf."""
     if depth > _MAX_DEPTH:
-        raise ValueError(f"the network has {depth} levels of messages, expected at most {_MAX_DEPTH}")
+        raise ValueError(f"the network has {depth} levels of nested messages, expected at most {_MAX_DEPTH}")
     children = _CHILDREN[kind]
     for number, content in _fields(message):
         child = children.get(number)
@@ -91,7 +91,9 @@ def _fields(message: memoryview) -> Iterator[tuple[int, memoryview]]:
         elif kind == _BYTES:
             length, at = _varint(message, at)
             if at + length > len(message):
-                raise ValueError("a field of the network ends after its message, expected its end inside the message")
+                raise ValueError(
+                    "a field of the network extends past the end of its message, expected its end inside the message"
+                )
             yield key >> 3, message[at : at + length]
             at += length
         else:

@@ -107,7 +107,7 @@ def read_lines(path: Path) -> Iterator[Any]:
         try:
             yield parse_json(line)
         except ValueError:
-            raise DataError(f"{path}, line {number}, is not JSON: remove the line to compute it again") from None
+            raise DataError(f"{path}, line {number}, is not JSON: remove this line to compute its row again") from None
 
 
 def whole_lines_bytes(path: Path) -> int:
@@ -149,7 +149,10 @@ def read_table(path: Path, row: type[_Model]) -> list[_Model]:
             names = set(table.schema_arrow.names)
             absent = row.model_fields.keys() - names
             if absent:
-                raise DataError(f"{path} has no column {' and no column '.join(sorted(absent))}")
+                raise DataError(
+                    f"{path} has no column {' and no column '.join(sorted(absent))}, expected the columns "
+                    f"{', '.join(row.model_fields)}"
+                )
             if table.metadata.num_rows > _MAX_ROWS:
                 raise ValueError(f"the table has {table.metadata.num_rows} rows, expected at most {_MAX_ROWS}")
             rows = table.read(columns=list(row.model_fields), use_threads=False).to_pylist()

@@ -218,7 +218,7 @@ class Shipped:
 
     def fetch(self, files: tuple[WeightsFile, ...], directory: Path, progress: ByteProgress) -> None:
         """Raise WeightsError, since the files have no other source."""
-        raise WeightsError(f"{self.folder} has no {', '.join(file.name for file in files)}; install salframe again")
+        raise WeightsError(f"{self.folder} has no {', '.join(file.name for file in files)}: install salframe again")
 
 
 @dataclass(frozen=True)

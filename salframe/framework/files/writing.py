@@ -48,7 +48,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
         ConfigError: `path` has no file name.
     """
     if not path.name:
-        raise ConfigError(f"received {str(path)!r} as the file to write, expected a file name")
+        raise ConfigError(f"the output path is {str(path)!r}, expected a path that ends in a file name")
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.stem}-{os.getpid()}-{time.monotonic_ns()}{path.suffix}")
     try:
@@ -69,7 +69,7 @@ def new_folder(path: Path) -> Iterator[Path]:
         ConfigError: `path` exists.
     """
     if path.exists():
-        raise ConfigError(f"{path} exists already: choose a new folder, or remove it")
+        raise ConfigError(f"{path} already exists: remove it, or choose another folder")
     temporary = path.with_name(f".{path.name}-{os.getpid()}-{time.monotonic_ns()}")
     temporary.mkdir(parents=True)
     try:
@@ -103,7 +103,9 @@ def alone(folder: Path, instead: str) -> Iterator[None]:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise ConfigError(f"another process writes to {folder}: wait for it, or {instead}") from None
+            raise ConfigError(
+                f"another process writes to {folder}: wait until that process ends, or {instead}"
+            ) from None
         except OSError:  # some network file systems have no locks
             pass
         yield

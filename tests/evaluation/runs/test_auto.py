@@ -63,7 +63,8 @@ def test_where_none_can_one_line_says_why_for_each(detectors):
     row = result.row("objects")
     assert not row.available
     assert row.reason == (
-        "no detector for 'auto' can run on furnished: annotations: needs annotations, which the data does not have; "
+        "no detector that 'auto' may select can run on furnished: "
+        "annotations: needs annotations, which the data does not have; "
         "segments: no file ade20k.tflite; get it with: salframe weights fetch ade20k; "
         "panoseg: needs range, which the data does not have"
     )
@@ -77,9 +78,11 @@ def test_settings_go_to_what_it_became_or_are_refused_in_its_name(detectors):
     ABSENT.touch()
     found = resolve(request(settings=(BARE, "detector.min_score=0.5")))
     assert found.methods["objects"].detector.min_score == 0.5
-    with pytest.raises(ConfigError, match=r"unknown key detector\.noise .*; auto selected the detector 'panoseg'"):
+    with pytest.raises(ConfigError, match=r"unknown key detector\.noise .* \('auto' selected the detector 'panoseg'\)"):
         resolve(request(settings=(BARE, "detector.noise=none")))
-    with pytest.raises(ConfigError, match=r"detector\.min_score: received 'x'.*; auto selected the detector 'panoseg'"):
+    with pytest.raises(
+        ConfigError, match=r"detector\.min_score: received 'x'.* \('auto' selected the detector 'panoseg'\)"
+    ):
         resolve(request(settings=(BARE, "detector.min_score=x")))
 
 
@@ -129,7 +132,7 @@ def test_a_map_holds_what_it_became_and_opens_without_the_data(detectors):
     ABSENT.touch()
     refused = salframe("build", "furnished", "-o", "none", "--method", "objects", "--set", BARE, "--set", NO_RANGE)
     assert (refused.code, refused.out, refused.err.count("\n")) == (2, "", 1)
-    assert "no detector for 'auto' can run on furnished: annotations: needs annotations" in refused.err
+    assert "no detector that 'auto' may select can run on furnished: annotations: needs annotations" in refused.err
 
 
 def test_it_is_varied_by_an_ablation(detectors):
@@ -143,12 +146,10 @@ def test_it_is_varied_by_an_ablation(detectors):
 def test_without_data_it_stays_undecided_and_is_not_built(detectors):
     config = configure_default("localizer", "objects")
     assert config.detector.kind == "auto"
-    with pytest.raises(
-        ConfigError, match=r"the detector is 'auto', which needs data to choose from.*\(annotations, seg"
-    ):
+    with pytest.raises(ConfigError, match=r"the detector is 'auto', which depends on the data.*\(annotations, seg"):
         registry().build("localizer", config)
     with pytest.raises(
-        ConfigError, match=r"received detector\.noise, but detector 'auto' needs data .* name one of annotations"
+        ConfigError, match=r"received detector\.noise for the detector 'auto', .* name one of annotations"
     ):
         configure("localizer", "objects", {"detector": {"noise": "none"}})
     choice = Choice("mine", lambda: frozenset({"annotations"}))
@@ -162,7 +163,7 @@ def test_a_listing_says_whether_anything_could_run(detectors, plugins):
     assert entry["available"]
     plugins("salframe_objects")
     (entry,) = [one for one in salframe("methods", "--json").json if one["name"] == "objects"]
-    assert entry["missing"] == "no detector for 'auto' can run on this machine: none is installed"
+    assert entry["missing"] == "no detector that 'auto' may select can run on this machine: none is installed"
     with pytest.raises(RequirementMissing, match="none is installed"):
         registry().build("localizer", configure_default("localizer", "objects"))
 
@@ -170,9 +171,7 @@ def test_a_listing_says_whether_anything_could_run(detectors, plugins):
 def test_no_component_may_be_called_so():
     from auto_plugin import Named
 
-    with pytest.raises(
-        SalframeError, match="name is 'auto', which is reserved for settings whose component is chosen by the data"
-    ):
+    with pytest.raises(SalframeError, match="name is 'auto', which is reserved for the automatic selection"):
         registry().add(type("Auto", (Named,), {"name": "auto"}), "a-package")
 
 
@@ -186,9 +185,7 @@ def test_where_agents_walk_and_topologies_are_made_the_same_is_said(plugins):
         "salframe_trackers",
         folders=(".", "navigation"),
     )
-    reason = (
-        "no detector for 'auto' can run on apartment: annotations: needs annotations, which the data does not have; "
-    )
+    reason = "no detector that 'auto' may select can run on apartment: annotations: needs annotations, "
     walked = navigate(Request(("objects",), "apartment", engine="inline"), episodes=2)
     assert walked.row("objects").reason.startswith(reason)
     made = salframe("map", "build", "apartment", "-o", "map", "--method", "objects")

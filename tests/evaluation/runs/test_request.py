@@ -52,7 +52,7 @@ def test_two_methods_of_the_same_name_are_an_error(fakes):
 
 
 def test_one_name_alone_is_no_list_of_names():
-    with pytest.raises(ConfigError, match="received the methods 'reader', expected a sequence of names"):
+    with pytest.raises(ConfigError, match="methods is 'reader', expected a list of names"):
         Request("reader")
 
 

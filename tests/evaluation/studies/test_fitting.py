@@ -155,10 +155,13 @@ def test_settings_are_tried_and_evidence_is_weighed(fakes, monkeypatch, tmp_path
     assert set(yaml.safe_load((tmp_path / "only.yaml").read_text())) == {"posterior", "provenance"}
     both = run("fit", "weighing", *ROOMS, "-o", "no.yaml", "--posterior-only", "--try", "offset=1")
     assert (both.code, len(both.err.splitlines())) == (2, 1)
-    assert "received settings to try and `posterior_only`" in both.err
+    assert "received both settings to try (--try) and posterior_only" in both.err
     refused = run("fit", "weighing", *ROOMS, "-o", "no.yaml", "--try", "colour=1")
     assert (refused.code, len(refused.err.splitlines())) == (2, 1)
-    assert "received {'colour': 1} to try, expected settings that affect matching only" in refused.err
+    assert (
+        "the settings {'colour': 1} change the descriptions of panoramas, expected settings that affect only matching"
+        in refused.err
+    )
 
 
 WEIGHING = """

@@ -116,8 +116,8 @@ def test_a_yaml_file_is_a_method_and_a_data_set(fakes, tmp_path, suffix):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("offset: 2\n", r"mine\.yaml has no `kind`, expected the name of a localizer and its settings"),
-        ("kind: 3\n", r"mine\.yaml has no `kind`"),
+        ("offset: 2\n", r"mine\.yaml: `kind` is None, expected the name of a localizer"),
+        ("kind: 3\n", r"mine\.yaml: `kind` is 3"),
         ("kind: reader\notherwise: [x]\n", r"mine\.yaml: otherwise is \['x'\], expected the name of another localizer"),
         ("- kind\n", r"mine\.yaml contains list, expected a mapping"),
         ("kind: [\n", r"mine\.yaml is not YAML: "),

@@ -69,9 +69,15 @@ class Nameless(SaliencyModel):
         (declared(extra=None), "Changed.extra is None, expected text"),
         (declared(requires="torch"), "Changed.requires is str, expected a tuple"),
         (declared(weights=[]), "Changed.weights is list, expected a tuple"),
-        (declared(weights=("small.pt",)), "Changed.weights contains 'small.pt', expected Weights"),
-        (declared(Config=config(labels=(frozenset[str], frozenset("ab")))), "Changed.Config has a set for labels"),
-        (declared(Config=config(parts=(dict, {"a": ({1},)}))), "Changed.Config has a set for parts, expected a tuple"),
+        (declared(weights=("small.pt",)), "Changed.weights contains 'small.pt', expected NetworkWeights"),
+        (
+            declared(Config=config(labels=(frozenset[str], frozenset("ab")))),
+            "Changed.Config has a set as the default of labels",
+        ),
+        (
+            declared(Config=config(parts=(dict, {"a": ({1},)}))),
+            "Changed.Config has a set as the default of parts, expected a tuple",
+        ),
         (
             declared(requires=("torch.nn",)),
             "Changed.requires contains 'torch.nn', expected the name of a top-level package",
@@ -79,13 +85,16 @@ class Nameless(SaliencyModel):
         (declared(requires=("opencv-python",)), "Changed.requires contains 'opencv-python'"),
         (
             declared(Config=config(size_m=(float, ...))),
-            "Changed.Config has no default for size_m, expected one for every",
+            "Changed.Config has no default for size_m, expected a default for every",
         ),
         (
             declared(Config=config(tool=(object, object()))),
             "Changed.Config has a default that cannot be written as JSON",
         ),
-        (Path, "is not a component: it must subclass one of Dataset, Importer, RangeModel, Detector, SaliencyModel"),
+        (
+            Path,
+            "is not a component, expected a subclass of one of Dataset, Importer, RangeModel, Detector, SaliencyModel",
+        ),
         (Declared(), "is not a component"),
         (SaliencyModel.score, "is not a component"),
     ],
@@ -111,7 +120,8 @@ def test_a_name_that_is_taken_names_both_packages(found):
     found.add(Declared, "first-package")
     found.add(Declared, "first-package")  # the same class again is no clash
     with pytest.raises(
-        SalframeError, match="the saliency 'declared' of second-package is already provided by first-package"
+        SalframeError,
+        match="the saliency 'declared' of second-package is already provided by first: choose another name-package",
     ):
         found.add(declared(), "second-package")
     assert found.get("saliency", "declared") is Declared
@@ -123,7 +133,7 @@ def test_a_role_that_is_taken_is_refused(found):
 
         role = "saliency"
 
-    with pytest.raises(SalframeError, match=r"the role 'saliency' of a-package is already registered: .*SaliencyModel"):
+    with pytest.raises(SalframeError, match=r"the role 'saliency' of a-package has the name of .*SaliencyModel"):
         found.add(Saliency, "a-package")
 
 
@@ -239,7 +249,7 @@ def test_a_preset_whose_name_is_taken_is_refused(found, tmp_path):
     found.add(Presets(tmp_path / "one"), "one")
     with pytest.raises(
         SalframeError,
-        match=r"the preset .*two/methods/calm\.yaml of two is already registered: .*one/methods/calm\.yaml",
+        match=r"the preset .*two/methods/calm\.yaml of two has the name of the preset .*one/methods/calm\.yaml",
     ):
         found.add(Presets(tmp_path / "two"), "two")
     assert found.list_presets("methods") == {"calm": "one"}
@@ -259,8 +269,8 @@ def write_presets(folder: Path, **content: str) -> Presets:
     [
         ("methods__odd", "[kind", "odd.yaml is not YAML"),
         ("ablations__odd", "- kind", "odd.yaml contains list, expected a mapping"),
-        ("methods__odd", "offset: 1", "odd.yaml has no `kind`, expected the name of a localizer"),
-        ("data__odd", "kind: [rooms]", "odd.yaml has no `kind`, expected the name of a dataset"),
+        ("methods__odd", "offset: 1", "odd.yaml: `kind` is None, expected the name of a localizer"),
+        ("data__odd", "kind: [rooms]", r"odd.yaml: `kind` is \['rooms'\], expected the name of a dataset"),
         ("methods__odd", "kind: even\notherwise: [calm]", r"odd.yaml: otherwise is \['calm'\], expected the name"),
         ("methods__odd", "base: odd.yaml", "odd.yaml is its own base"),
         ("methods__odd", "base: 3", "odd.yaml: base is 3, expected the name of a file"),
@@ -361,7 +371,7 @@ def test_commands_that_fail_cost_only_their_plugin(monkeypatch, plugin):
     assert found == {"greet": (print, "first"), "wave": (print, "last")}
     reasons = {failure.package: failure.reason for failure in failures}
     assert reasons.keys() == {"again", "leaving", "listing", "loud", "hollow"}
-    assert reasons["again"] == "the command 'greet' of again is already provided by first"
+    assert reasons["again"] == "the command 'greet' of again is already provided by first: choose another name"
     assert reasons["leaving"] == "SystemExit: 4"
     assert "expected a kebab-case name and a function" in reasons["loud"]
     assert reasons["hollow"].startswith("'wave': None is not a command")

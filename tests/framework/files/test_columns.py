@@ -75,7 +75,7 @@ def test_a_table_that_lost_its_rows_is_one_line(tmp_path):
     write_columns(tmp_path / "rows", [{"a": np.arange(3)}, {"a": np.arange(4)}])
     table = tmp_path / "rows" / "columns.json"
     table.write_text(table.read_text().replace('"rows":2', '"rows":0'))
-    with pytest.raises(DataError, match=r"a\.npy has values of shape \(7,\), expected the number of values in"):
+    with pytest.raises(DataError, match=r"a\.npy has values of shape \(7,\), expected \(\d+,\) according to"):
         read_columns(tmp_path / "rows")
 
 
@@ -83,7 +83,7 @@ def test_a_table_that_lost_its_words_is_one_line(tmp_path):
     write_columns(tmp_path / "rows", [{"a": np.array("x")}])
     table = tmp_path / "rows" / "columns.json"
     table.write_text(table.read_text().replace('["x"]', "[]"))
-    with pytest.raises(DataError, match=r"a\.npy contains uint8, expected indices of 0 words"):
+    with pytest.raises(DataError, match=r"a\.npy contains the index \d+, expected an index below 0"):
         read_columns(tmp_path / "rows")
 
 
@@ -117,7 +117,9 @@ def test_arrays_of_other_dimensions_are_refused(tmp_path):
 
 @pytest.mark.parametrize("second", [np.arange(3), np.array([None])])
 def test_arrays_that_no_column_holds_are_refused(tmp_path, second):
-    with pytest.raises(DataError, match=r"arrays named 'a' contain .* and strings, expected numbers or strings"):
+    with pytest.raises(
+        DataError, match=r"arrays named 'a' contain .* and strings, expected either only numbers or only strings"
+    ):
         write_columns(tmp_path / "rows", [{"a": np.array(["bed"])}, {"a": second}])
 
 

@@ -33,5 +33,7 @@ class DescriptionRow(PieceRow):
     @model_validator(mode="after")
     def _complete(self) -> DescriptionRow:
         if self.text is not None and None in (self.rank, self.rank_counts, self.rank_labels, self.places):
-            raise ValueError("the row of a description lacks a rank, expected a rank for each kind of description")
+            raise ValueError(
+                "a row with a description lacks a field, expected `rank`, `rank_counts`, `rank_labels` and `places`"
+            )
         return self

@@ -99,9 +99,7 @@ class AskingTask(Task[DescribedRoom, Survey[DescribedRoom], DescriptionRow, Aski
 
     def survey(self, dataset: Dataset) -> Survey[DescribedRoom]:
         if "annotations" not in dataset.provides:
-            raise InputMissing(
-                f"the dataset {dataset.name} has no annotations, from which the task asking makes descriptions"
-            )
+            raise InputMissing(f"the task asking needs annotations, which the dataset {dataset.name} does not have")
         queries = [query for fold in dataset.folds() for query in fold.queries]
         return Survey(dataset, [DescribedRoom(query, dataset.truth(query.id).place) for query in queries])
 
@@ -186,5 +184,5 @@ def _summarize(records: Sequence[Record[DescriptionRow]]) -> AskingRow:
 def _checked(options: TaskOptions) -> AskingOptions:
     """Return the options. Raises TypeError where they are those of another task."""
     if not isinstance(options, AskingOptions):
-        raise TypeError(f"received {type(options).__name__}, expected AskingOptions")
+        raise TypeError(f"options is {type(options).__name__}, expected AskingOptions")
     return options

@@ -26,5 +26,8 @@ class ProgramRow(PieceRow):
     def _complete(self) -> ProgramRow:
         needed = (self.first, self.describe_ms, self.query_ms, self.scenes, self.bytes, self.open_s)
         if self.status == PieceStatus.OK and None in needed:
-            raise ValueError("the row of an answered query lacks a field, expected its times and the size of its map")
+            raise ValueError(
+                "a row with the status ok lacks a field, expected `first`, `describe_ms`, `query_ms`, "
+                "`scenes`, `bytes` and `open_s`"
+            )
         return self

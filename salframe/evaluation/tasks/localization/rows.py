@@ -38,7 +38,7 @@ class AnswerRow(PieceRow):
     @model_validator(mode="after")
     def _complete(self) -> AnswerRow:
         if self.status in PLACED and not self.places:
-            raise ValueError(f"an answer of status {self.status} has no place, expected one")
+            raise ValueError(f"an answer with the status {self.status} has no place, expected at least one place")
         if self.covariance is not None:
             sides = {len(self.covariance), *map(len, self.covariance)}
             if sides not in ({3}, {6}):
@@ -48,7 +48,8 @@ class AnswerRow(PieceRow):
                 )
         if len(self.probabilities or ()) != (0 if self.out_of_map_probability is None else len(self.places)):
             raise ValueError(
-                f"an answer has {len(self.probabilities or ())} probabilities and {len(self.places)} places, expected "
-                "out_of_map_probability and one probability for each place, or none of them"
+                f"an answer has {len(self.probabilities or ())} probabilities, {len(self.places)} places "
+                f"and out_of_map_probability {self.out_of_map_probability}, expected "
+                "out_of_map_probability and one probability for each place, or no probabilities"
             )
         return self

@@ -26,6 +26,7 @@ class PairRow(PieceRow):
         counted = (self.judged, self.within_px) if self.kind == "points" else (self.correct, self.true)
         if self.status == PieceStatus.OK and None in (self.kind, self.matches, *counted):
             raise ValueError(
-                "a row lacks counts of matches, expected all counts of its kind of matches (points or objects)"
+                "a row with the status ok lacks a field, expected `kind`, `matches`, and `judged` and "
+                "`within_px` for points or `correct` and `true` for nodes"
             )
         return self

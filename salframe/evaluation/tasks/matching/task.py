@@ -120,8 +120,8 @@ class _Matching(Worker[FramePair]):
             )
         if self._kind not in (None, type(matches)):
             raise InvalidAnswer(
-                f"correspond returned {type(matches).__name__}, expected the same kind of matches "
-                "(PointMatches or NodeMatches) for all pairs"
+                f"correspond returned {type(matches).__name__} after {self._kind.__name__} for earlier "
+                "pairs, expected one type for all pairs"
             )
         self._kind = type(matches)
         row = check_matches(matches, piece.query.load(), piece.reference.load(), piece.T_reference_query)

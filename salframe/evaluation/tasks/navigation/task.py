@@ -173,7 +173,7 @@ class NavigationTask(PagedTask[Episode, NavigationSurvey, EpisodeRow, Navigation
     @classmethod
     def plan(cls, request: Request, options: TaskOptions) -> tuple[NavigationTask, Resolved]:
         if not isinstance(options, NavigationOptions):
-            raise TypeError(f"received {type(options).__name__}, expected NavigationOptions")
+            raise TypeError(f"options is {type(options).__name__}, expected NavigationOptions")
         return plan_navigation(request, options.episodes, options.positioning)
 
     def view(

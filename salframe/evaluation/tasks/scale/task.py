@@ -92,7 +92,7 @@ class ScaleTask(Task[int, Survey[int], SceneRow, ScaleRow]):
     @classmethod
     def plan(cls, request: Request, options: TaskOptions) -> tuple[ScaleTask, Resolved]:
         if not isinstance(options, ScaleOptions) or len(options.scenes) != 1:
-            raise TypeError(f"received {options!r}, expected ScaleOptions with one number of scenes")
+            raise TypeError(f"options is {options!r}, expected ScaleOptions with one number of scenes")
         return cls(options.scenes[0]), resolve(request)
 
     def asks(self) -> dict[str, Any]:
@@ -126,7 +126,9 @@ def _matcher_config(method: Localizer) -> ComponentConfig:
     for _, config in components_in(method.config):
         if issubclass(config.component, GraphMatcher) and config.component.uses_scene_index:
             return config
-    raise MethodUnavailable("the method does not use a scene index, expected one that does, such as proposed")
+    raise MethodUnavailable(
+        "the method does not use a scene index, expected a method with a scene index, such as proposed"
+    )
 
 
 class _ScaleWorker(Worker[int]):
@@ -238,7 +240,8 @@ def rooms_of(method: Localizer, dataset: Dataset) -> tuple[SaliencyGraph, ...]:
     rooms = tuple(graph for one in completed if len(graph := graph_from_arrays(one)) >= MIN_OBJECTS)
     if not rooms:
         raise DataError(
-            f"the dataset {dataset.name} has no scene frame with {MIN_OBJECTS} objects, expected at least one"
+            f"the dataset {dataset.name} has no scene frame with at least {MIN_OBJECTS} objects, "
+            "expected at least one such frame"
         )
     return rooms
 

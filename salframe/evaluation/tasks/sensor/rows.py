@@ -47,11 +47,12 @@ class LookRow(PieceRow):
             return self
         if self.truth is None or self.detections is None or self.range_m is None or self.hidden_share is None:
             raise ValueError(
-                "the row of a measured panorama lacks a field, expected `truth`, `detections`, `range_m` and `hidden_share`"
+                "a row with the status ok lacks a field, expected `truth`, `detections`, `range_m` and `hidden_share`"
             )
         if not len(self.truth.labels) == len(self.range_m) == len(self.hidden_share):
             raise ValueError(
-                "the lists `range_m` and `hidden_share` differ in length from `truth`, expected one "
-                "value for each annotated object"
+                f"`range_m` has {len(self.range_m)} values and `hidden_share` has "
+                f"{len(self.hidden_share)}, expected {len(self.truth.labels)}, one for each object of "
+                "`truth`"
             )
         return self

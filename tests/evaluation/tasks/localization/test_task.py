@@ -255,9 +255,9 @@ def test_evaluate_measures_again_from_the_answers(fakes):
     [
         (
             {"out_of_map_probability": 0.5},
-            "expected out_of_map_probability and one probability for each place, or none of them",
+            "expected out_of_map_probability and one probability for each place, or no probabilities",
         ),
-        ({"places": []}, "an answer of status ok has no place, expected one"),
+        ({"places": []}, "an answer with the status ok has no place, expected at least one place"),
     ],
 )
 def test_an_answer_that_lacks_a_part_is_one_line(fakes, change, message):

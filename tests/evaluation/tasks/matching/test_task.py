@@ -108,7 +108,7 @@ def test_nodes_without_an_instance_image_cannot_be_judged():
 
 @pytest.mark.parametrize("pairs", [[[0, 3]], [[0, 1], [0, 2]], [[-1, 0]]])
 def test_pairs_of_nodes_that_are_not_there_or_used_twice_are_refused(pairs):
-    with pytest.raises(InvalidAnswer, match="each of 3 query and 3 reference nodes at most once"):
+    with pytest.raises(InvalidAnswer, match="each of 3 query and 3 reference objects at most once"):
         NodeMatches(np.zeros((3, 3)), np.zeros((3, 3)), np.array(pairs))
 
 

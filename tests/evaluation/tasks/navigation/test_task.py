@@ -174,11 +174,11 @@ def test_the_command_prints_the_table_and_the_report(read):
     [
         (
             ("--data", "still"),
-            "error: the dataset still cannot render, and navigation needs panoramas at any position of the agent\n",
+            "error: the dataset still cannot render panoramas at new poses, which navigation needs\n",
         ),
         (
             ("--data", "unmasked"),
-            "error: the dataset unmasked has no floor masks, and navigation needs them to detect collisions\n",
+            "error: the dataset unmasked has no floor masks, which navigation needs to detect collisions\n",
         ),
         (
             ("--data", "apartment", "--episodes", "none.json"),
