@@ -52,7 +52,7 @@ class SegmentsDetector(Detector):
     """
 
     name = "segments"
-    version = "2"
+    version = "3"
     needs: ClassVar[frozenset[str]] = frozenset({"rgb"})
     requires = ("ai_edge_litert",)
     extra = "salframe[tflite]"

@@ -9,6 +9,7 @@ import numpy as np
 
 from salframe.graphs.boxes import detections_where_known
 from salframe.graphs.detections import Detections
+from salframe.graphs.panels import join_panels
 from salframe.graphs.pixels import without_strays
 from salframe.panoramas.geometry import equirectangular_rays, pixel_solid_angles
 from salframe_segments.instances import find_instances
@@ -121,7 +122,7 @@ def find_objects(
     score: Callable[[float], float],
     min_score: float,
 ) -> Detections:
-    """Return the objects of a panorama.
+    """Return the objects of a panorama. The pieces of a flat panel are one object.
 
     Args:
         pixels: Class of each pixel.
@@ -154,7 +155,7 @@ def find_objects(
             points = points_m.reshape(-1, 3)[pixel_indices]
             points = points[np.isfinite(points).all(1)]
             clouds.append(without_strays(points) if len(points) else points)
-    return detections_where_known(
+    pieces = detections_where_known(
         labels,
         np.array(scores),
         None if points_m is None else clouds,
@@ -162,6 +163,7 @@ def find_objects(
         np.array(solid_angle_sr),
         masks,
     )
+    return join_panels(pieces)
 
 
 def _subsample(scores: np.ndarray) -> np.ndarray:

@@ -53,7 +53,7 @@ class TransformersDetector(Detector):
     """
 
     name = "transformers"
-    version = "1"
+    version = "2"
     needs: ClassVar[frozenset[str]] = frozenset({"rgb"})
     requires = ("torch", "transformers")
     extra = EXTRA
