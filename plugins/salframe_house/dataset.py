@@ -43,6 +43,12 @@ CHANGE_SETTINGS = (
     "signs_wrong",
 )
 """Settings that affect only the queries: changes of the building and the range of the queries."""
+MASKS_VERSION = 2
+"""Version of the floor masks. It is part of the fingerprint, so that folders and answers with older masks expire.
+
+Raise it where a change affects the floor masks but no pixel. Rendered panoramas, descriptions and stored results remain
+valid then, which the version of the dataset would discard.
+"""
 
 
 class House(RenderedDataset["HouseFrame"], NavigableDataset):
@@ -59,7 +65,7 @@ class House(RenderedDataset["HouseFrame"], NavigableDataset):
 
     @cached_property
     def fingerprint(self) -> str:
-        fingerprint = super().fingerprint
+        fingerprint = digest([super().fingerprint, {"masks": MASKS_VERSION}])
         if self.config.query_motion != "driven" or self.config.query_views == 1:
             return fingerprint
         return digest([fingerprint, "driven", self.config.query_views])

@@ -11,7 +11,7 @@ import numpy as np
 
 from salframe.framework.errors import FRAME_ERRORS, DataError
 from salframe.panoramas.camera_height import USUAL_M, camera_height
-from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.floors import MAX_PIXELS, SAME_FLOOR_M, FloorMasks, floor_numbers, without_places
 from salframe.panoramas.frames import FrameKind, ReferenceFrame
 from salframe.panoramas.samples import load_samples
 from salframe.topology.free_space import FreeSpace, OccupancyGrid
@@ -120,6 +120,79 @@ def derive_floors(
     sources = TopologySources(free_space=space_from, regions=regions_from)
     placed = tuple(replace(frame, place=places.get(frame.id, frame.place)) for frame in frames)
     return FloorPlan(tuple(floors), placed, sources, tuple(notes))
+
+
+def extend_floors(
+    floors: Sequence[FloorMasks],
+    frames: Sequence[ReferenceFrame],
+    added: Sequence[ReferenceFrame],
+    sources: TopologySources,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[FloorMasks, ...]:
+    """Extend derived floors by reference frames, without the range images that the floors were derived from.
+
+    The free space of the new frames is added to the stored one, unless the stored one is that of a map file. All
+    regions grow again from the places of the frames.
+
+    Args:
+        floors: The derived floors.
+        frames: The reference frames that remain from the map. They need no range.
+        added: The new reference frames. A place of theirs replaces the place of the same name.
+        sources: Where the floors come from.
+        progress: Called as progress(done, total) with numbers of new frames.
+
+    Raises:
+        DataError: The places of the map were derived and the new frames have no places, or `derive_floors` fails.
+        RequirementMissing: scikit-image is not installed.
+    """
+    if sources.regions is PartSource.FREE_SPACE and not has_places(added):
+        raise DataError(
+            "the places of the map are derived from its free space, and the new frames have no places: build the map "
+            "again from all data"
+        )
+    extended = list(floors)
+    if sources.free_space is PartSource.RANGE:
+        extended = list(without_places(floors, {frame.place for frame in added}))
+        for floor in derive_floors(added, progress=progress).floors:
+            same = next((k for k, one in enumerate(extended) if abs(one.z_m - floor.z_m) < SAME_FLOOR_M), None)
+            if same is None:
+                extended.append(floor)
+            else:
+                extended[same] = _unite(extended[same], floor)
+    extended.sort(key=lambda floor: floor.z_m)
+    scenes = [frame for frame in (*frames, *added) if frame.kind is FrameKind.SCENE]
+    xyz_m = np.array([frame.T_world_pano[:3, 3] for frame in scenes]).reshape(-1, 3)
+    numbers = floor_numbers(extended, xyz_m)
+    grown = []
+    for number, floor in enumerate(extended):
+        members = np.flatnonzero(numbers == number)
+        space = FreeSpace(floor.free & ~floor.obstacle, floor.obstacle, floor.origin_m, floor.resolution_m)
+        region, regions = grow_regions(space, xyz_m[members, :2], [scenes[k].place for k in members.tolist()])
+        if region.any():
+            grown.append(replace(floor, region=region, regions=regions))
+    return tuple(grown)
+
+
+def _unite(floor: FloorMasks, other: FloorMasks) -> FloorMasks:
+    """Return the floor with the free space of both floors, which have the same resolution, and without regions."""
+    size_m = floor.resolution_m
+    corners_m = np.array([one.origin_m for one in (floor, other)])
+    left_m, top_m = float(corners_m[:, 0].min()), float(corners_m[:, 1].max())
+    starts = np.round((corners_m - (left_m, top_m)) / (size_m, -size_m)).astype(int)[:, ::-1]
+    shape = tuple(np.max([starts[k] + one.free.shape for k, one in enumerate((floor, other))], axis=0).tolist())
+    if shape[0] * shape[1] > MAX_PIXELS:
+        raise DataError(
+            f"the floors of the map and of the new frames at z = {floor.z_m:.1f} m span {shape[1] * size_m:.0f} x "
+            f"{shape[0] * size_m:.0f} m, expected at most {MAX_PIXELS} cells of {size_m:g} m: use poses in the world "
+            "frame of the map"
+        )
+    walkable, low = np.zeros(shape, bool), np.zeros(shape, bool)
+    for (row, column), one in zip(starts.tolist(), (floor, other), strict=True):
+        window = slice(row, row + one.free.shape[0]), slice(column, column + one.free.shape[1])
+        walkable[window] |= one.free & ~one.obstacle
+        low[window] |= one.obstacle
+    low &= ~walkable
+    return FloorMasks(walkable | low, np.zeros(shape, np.int32), low, size_m, (left_m, top_m), {}, floor.z_m)
 
 
 def _masks(storey: _Storey, region: np.ndarray, regions: Mapping[int, str]) -> FloorMasks:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from salframe.framework.errors import ConfigError, DataError, UnknownName, shorten, unknown
+from salframe.framework.errors import ConfigError, DataError, RequirementMissing, UnknownName, shorten, unknown
 from salframe.framework.files.cache import Cache
 from salframe.localization.calibration import MapCalibration
 from salframe.localization.describing import describe_ahead
@@ -23,8 +23,9 @@ from salframe.panoramas.opening import Progress, find_dataset, reference_frames
 from salframe.topology.build import build_topology
 from salframe.topology.building_map import BuildingMap, by_place
 from salframe.topology.connections import restore_connections
+from salframe.topology.derived_floors import extend_floors
 from salframe.topology.store import TOPOLOGY, read_topology
-from salframe.topology.topological_map import TopologicalMap, TopologySources
+from salframe.topology.topological_map import PartSource, TopologicalMap, TopologySources
 
 _Plan = tuple[Sequence[FloorMasks], TopologySources]
 """Floors, and where they come from."""
@@ -68,8 +69,10 @@ def add_to_map(
     """Add the places of a dataset to the map in the folder `directory`, with the method and settings of the map.
 
     A place that the map already has is replaced, with all its frames. The panoramas of the map are not needed. The
-    floors of the dataset and of the map are joined (`join_floors`), and the topology is computed again. Dataset and map
-    must have the same world frame. The map changes completely or not at all.
+    floors of the dataset and of the map are joined (`join_floors`), and the topology is computed again. If the floors
+    of the map were derived and the dataset has no floor masks, the floors are extended (`extend_floors`). Where this is
+    impossible, `tell` is called with the reason, and the new places have no nodes. Dataset and map must have the same
+    world frame. The map changes completely or not at all.
 
     Args:
         directory: folder of the map.
@@ -98,6 +101,11 @@ def add_to_map(
         _check_ids([(directory, remaining), (Path(data), frames)])
         more = dataset.floors()
         new_floors = join_floors(floors, more)
+        if floors and not more and sources.free_space in (PartSource.RANGE, PartSource.MAP_FILE):
+            try:
+                new_floors = extend_floors(floors, remaining, frames, sources, progress and partial(progress, "floors"))
+            except (DataError, RequirementMissing) as error:
+                tell(f"warning: places without floor masks get no nodes: {error}")
         method_progress = progress and partial(progress, localization.localizer.name)
         describe_ahead(localization.localizer.config, dataset, method_progress)
         localization.extend(

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from salframe_engines import Inline
+from salframe_house.building import Building, generate_building
 from salframe_house.dataset import House
 
+from salframe.framework.components.identity import identity
 from salframe.framework.files.hashes import digest
 
 BASE = {"rooms": 4, "height": 64, "queries_per_room": 1}
@@ -138,3 +140,26 @@ def test_navigation_looks_through_the_settings_of_queries(tmp_path: Path, monkey
     blind = House(House.Config(**base, query_noise={"missed": 1.0})).observe(pose)
     assert whole.annotations.instance_id.any()
     assert not blind.annotations.instance_id.any()
+
+
+def test_a_new_version_of_the_masks_replaces_old_ones_and_renders_no_frame(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
+    monkeypatch.setattr(House, "engine", Inline())
+    settings = {**BASE, "rgb": False}
+    truth = generate_building("home", BASE["rooms"], 0).floor_masks()
+    with monkeypatch.context() as older:
+        older.setattr("salframe_house.dataset.MASKS_VERSION", 1)
+        older.setattr(Building, "floor_masks", lambda self: replace(truth, free=np.zeros_like(truth.free)))
+        old = House(House.Config(**settings))
+        old.prepare(lambda done, total: None)
+        assert not old.floors()[0].free.any()
+    monkeypatch.setattr(House, "render", lambda self, frame: pytest.fail(f"{frame.id} was rendered again"))
+    new = House(House.Config(**settings))
+    new.prepare(lambda done, total: None)
+    np.testing.assert_array_equal(new.floors()[0].free, truth.free)
+    assert identity(new.config) == identity(old.config), "the key of stored results"
+    assert new.content_key != old.content_key, "the key of the answers of runs"
+    references = [dataset.folds()[0].references for dataset in (old, new)]
+    assert [frame.content for frame in references[0]] == [frame.content for frame in references[1]]

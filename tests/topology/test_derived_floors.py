@@ -16,7 +16,8 @@ from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.panorama import Panorama
 from salframe.topology.build import build_topology
 from salframe.topology.building_map import build_map
-from salframe.topology.derived_floors import derive_floors
+from salframe.topology.derived_floors import derive_floors, extend_floors
+from salframe.topology.growing import add_to_map
 from salframe.topology.routes import find_route
 from salframe.topology.store import open_topology
 from salframe.topology.topological_map import NodeKind, PartSource, TopologySources
@@ -130,18 +131,27 @@ def test_frames_without_range_are_noted_and_data_without_range_are_refused():
         derive_floors([blind])
 
 
-def test_a_folder_without_masks_gets_a_map_with_routes(tmp_path):
-    write_objects(tmp_path / "objects.parquet", {"instance_id": [1], "label": ["table"]})
+def write_folder(folder, frames, with_range: bool = True):
+    """Write frames as a folder without floor masks, in which all surfaces are a table."""
+    folder.mkdir(exist_ok=True)
+    write_objects(folder / "objects.parquet", {"instance_id": [1], "label": ["table"]})
     entries = []
-    for frame in two_rooms([TABLE]):
+    for frame in frames:
         range_m = frame.load().range_m
         ids = np.ones(range_m.shape, np.int32)
         pose = tuple(frame.T_world_pano.ravel().tolist())
-        files = {"range": f"{frame.id}.range.png", "instances": f"{frame.id}.instances.png"}
+        files = {"instances": f"{frame.id}.instances.png"}
+        if with_range:
+            files["range"] = f"{frame.id}.range.png"
         entry = FrameEntry(id=frame.id, role="map", place=frame.place, pose=pose, **files)
-        write_panorama(tmp_path, entry, None, range_m, ids)
+        write_panorama(folder, entry, None, range_m if with_range else None, ids)
         entries.append(entry)
-    write_manifest(tmp_path, entries, {}, objects="objects.parquet")
+    write_manifest(folder, entries, {}, objects="objects.parquet")
+    return folder
+
+
+def test_a_folder_without_masks_gets_a_map_with_routes(tmp_path):
+    write_folder(tmp_path, two_rooms([TABLE]))
     built = build_map(tmp_path, tmp_path / "map", "saliency-graph")
     read = open_topology(tmp_path / "map")
     assert read == built.topology
@@ -161,3 +171,85 @@ def test_a_strip_that_no_camera_sees_is_walkable_if_it_is_narrower_than_a_robot(
         (floor,) = derive_floors([range_frame("b", "west", -1.0, 1.0, [*two_room_walls(), box])]).floors
         assert at(floor, floor.free & ~floor.obstacle, -2.8, 1.0) == is_walkable
         assert at(floor, floor.obstacle, -1.96, 1.0)
+
+
+def overlap(floor: FloorMasks, place: str, low_m, high_m) -> float:
+    """Return the intersection over union of the region of a place and a rectangle, on the cells of the floor."""
+    row, column = np.indices(floor.region.shape)
+    x_m = floor.origin_m[0] + (column + 0.5) * floor.resolution_m
+    y_m = floor.origin_m[1] - (row + 0.5) * floor.resolution_m
+    inside = (x_m > low_m[0]) & (x_m < high_m[0]) & (y_m > low_m[1]) & (y_m < high_m[1])
+    (label,) = [label for label, name in floor.regions.items() if name == place]
+    return float((inside & (floor.region == label)).sum() / (inside | (floor.region == label)).sum())
+
+
+def test_a_room_that_is_added_to_a_map_with_derived_floors_gets_nodes_and_routes(tmp_path):
+    frames = two_rooms()
+    build_map(write_folder(tmp_path / "west", frames[:2]), tmp_path / "map", "saliency-graph")
+    lines: list[str] = []
+    change = add_to_map(tmp_path / "map", write_folder(tmp_path / "east", frames[2:]), tell=lines.append)
+    assert change.added == ("east",)
+    assert not [line for line in lines if "nodes" in line]
+    topology = open_topology(tmp_path / "map")
+    assert topology.sources.free_space is PartSource.RANGE
+    (floor,) = topology.floors
+    # Each room has 3.9 x 4 m, and the doorway is at x = 0.
+    assert overlap(floor, "west", (-4.0, -2.0), (-0.1, 2.0)) > 0.96
+    assert overlap(floor, "east", (0.1, -2.0), (4.0, 2.0)) > 0.96
+    (door,) = [node for node in topology.nodes if node.kind is NodeKind.TRANSITION]
+    assert np.hypot(*door.xyz_m[:2]) <= 0.15
+    assert find_route(topology, "west", "east").length_m == pytest.approx(2 * np.hypot(1.0, 1.0), abs=0.1)
+
+
+def test_a_place_that_is_added_again_replaces_its_floor(tmp_path):
+    frames = two_rooms()
+    build_map(write_folder(tmp_path / "both", frames), tmp_path / "map", "saliency-graph")
+    (before,) = open_topology(tmp_path / "map").floors
+    add_to_map(tmp_path / "map", write_folder(tmp_path / "east", two_rooms([TABLE])[2:]))
+    (after,) = open_topology(tmp_path / "map").floors
+    assert at(before, before.free & ~before.obstacle, 2.1, 1.0)
+    assert not at(after, after.free & ~after.obstacle, 2.1, 1.0), "the new table stands here"
+    assert at(after, after.free & ~after.obstacle, -2.5, -0.5)
+
+
+def test_a_storey_that_is_added_to_derived_floors_has_its_height(tmp_path):
+    build_map(write_folder(tmp_path / "lower", two_rooms()), tmp_path / "map", "saliency-graph")
+    add_to_map(tmp_path / "map", write_folder(tmp_path / "upper", two_rooms(floor_m=3.0, prefix="up-")))
+    floors = open_topology(tmp_path / "map").floors
+    assert [floor.z_m for floor in floors] == pytest.approx([0.0, 3.0], abs=0.02)
+    assert [set(floor.regions.values()) for floor in floors] == [{"west", "east"}, {"up-west", "up-east"}]
+
+
+def test_places_without_range_are_added_without_nodes_and_a_line_says_so(tmp_path):
+    frames = two_rooms()
+    build_map(write_folder(tmp_path / "west", frames[:2]), tmp_path / "map", "objects")
+    lines: list[str] = []
+    blind = write_folder(tmp_path / "east", frames[2:], with_range=False)
+    assert add_to_map(tmp_path / "map", blind, tell=lines.append).places == 2
+    (line,) = [line for line in lines if "nodes" in line]
+    assert line == (
+        "warning: places without floor masks get no nodes: the data have no floor masks and no range images to derive "
+        "floors from, expected one of them"
+    )
+    topology = open_topology(tmp_path / "map")
+    assert {node.regions for node in topology.nodes} == {("west",)}
+
+
+def test_derived_places_are_not_extended_by_frames_without_places():
+    frames = [replace(frame, place=frame.id) for frame in two_rooms()]
+    plan = derive_floors(frames)
+    assert plan.sources.regions is PartSource.FREE_SPACE
+    new = [replace(frame, id=f"new-{frame.id}", place=f"new-{frame.id}") for frame in two_rooms()]
+    with pytest.raises(DataError, match="have no places: build the map again from all data"):
+        extend_floors(plan.floors, plan.frames, new, plan.sources)
+
+
+def test_regions_of_a_map_file_grow_again_from_frames_without_range():
+    (floor,) = derive_floors(two_rooms()).floors
+    one_region = replace(floor, region=floor.free.astype(np.int32), regions={1: "west"})
+    blind = [replace(frame, load=lambda: pytest.fail("the range was read")) for frame in two_rooms()]
+    sources = TopologySources(free_space=PartSource.MAP_FILE, regions=PartSource.PLACES)
+    (extended,) = extend_floors([one_region], blind[:2], blind[2:], sources)
+    np.testing.assert_array_equal(extended.free, floor.free)
+    assert overlap(extended, "west", (-4.0, -2.0), (-0.1, 2.0)) > 0.96
+    assert overlap(extended, "east", (0.1, -2.0), (4.0, 2.0)) > 0.96
