@@ -320,4 +320,6 @@ def test_where_no_detector_can_look_that_is_said(data, monkeypatch):
     registry.cache_clear()
     (row,) = compare("./data", "--json", "--set", "detector.kind=annotations").json["rows"]
     registry.cache_clear()
-    assert row["reason"].endswith("which the dataset folder does not have: no installed detector works without range")
+    assert row["reason"].endswith(
+        "which the dataset folder does not have: no installed detector works without annotations"
+    )
