@@ -304,7 +304,7 @@ def test_a_detector_that_lacks_something_is_named_and_others_that_could_look(dat
     (row,) = done.json["rows"]
     assert (done.code, row["available"]) == (1, False)
     needs = "the detector 'annotations' of the method needs annotations, which the dataset folder does not have"
-    hint = re.fullmatch(f"{needs}; use another detector: (.*)", row["reason"])
+    hint = re.fullmatch(rf"{needs}: use another detector \((.*)\)", row["reason"])
     assert hint, row["reason"]
     offered = hint[1].split(" or ")
     assert "--set detector.kind=panoseg" in offered
