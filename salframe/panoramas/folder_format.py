@@ -95,10 +95,7 @@ class FrameEntry(RangeKeys):
                 f"the query {self.id} has a pose or place in the manifest, expected both only in the truth file"
             )
         if self.role != "query" and not (has_pose and has_place):
-            raise ValueError(
-                f"the reference frame {self.id} has no {'place' if has_pose else 'pose'}, expected both a "
-                "pose and a place"
-            )
+            raise ValueError(f"the reference frame {self.id} has no {'place' if has_pose else 'pose'}")
         if self.sequence is not None and self.role != "query":
             raise ValueError(f"the reference frame {self.id} has a sequence, expected it only in queries")
         if self.sequence is not None and self.t_s is None:

@@ -304,7 +304,7 @@ def test_a_detector_that_lacks_something_is_named_and_others_that_could_look(dat
     (row,) = done.json["rows"]
     assert (done.code, row["available"]) == (1, False)
     needs = "the detector 'annotations' of the method needs annotations, which the dataset folder does not have"
-    hint = re.fullmatch(f"{needs}; use another detector: (.*)", row["reason"])
+    hint = re.fullmatch(rf"{needs}: use another detector \((.*)\)", row["reason"])
     assert hint, row["reason"]
     offered = hint[1].split(" or ")
     assert "--set detector.kind=panoseg" in offered
@@ -320,4 +320,6 @@ def test_where_no_detector_can_look_that_is_said(data, monkeypatch):
     registry.cache_clear()
     (row,) = compare("./data", "--json", "--set", "detector.kind=annotations").json["rows"]
     registry.cache_clear()
-    assert row["reason"].endswith("which the dataset folder does not have: no installed detector works without range")
+    assert row["reason"].endswith(
+        "which the dataset folder does not have: no installed detector works without annotations"
+    )

@@ -221,7 +221,7 @@ def test_valid_mask_marks_a_partial_field_of_view(folder: Path) -> None:
         (lambda m: m["frames"][0].update(depth="a.png"), r"unknown key .*frames.0.depth"),
         (lambda m: m["frames"][0].update(pose=[2.0] * 16), r"not a rigid motion"),
         (lambda m: m["frames"][0].update(pose=[1.0, 2.0]), r"frames.0.pose"),
-        (lambda m: m.pop("objects"), r"expected `objects`"),
+        (lambda m: m.pop("objects"), r"expected the table with the labels"),
         (lambda m: [m["frames"][2].pop(part) for part in ("rgb", "range", "instances")], r"the frame q names no image"),
     ],
 )
@@ -293,5 +293,5 @@ def test_a_folder_without_truth_is_a_dataset(folder: Path) -> None:
     assert not (folder / "truth.json").exists()
     done = run("data", "info", str(folder), "--json").json
     assert (done["queries"], done["queried_places"], done["queries_without_truth"]) == (1, 0, 1)
-    with pytest.raises(DataError, match=r"manifest\.json has no truth of the query 'q', expected its place"):
+    with pytest.raises(DataError, match=r"manifest\.json has no truth of the query 'q', which an evaluation needs"):
         dataset(folder).truth("q")

@@ -69,7 +69,7 @@ def test_where_none_can_one_line_says_why_for_each(detectors):
         "panoseg: needs range, which the data does not have"
     )
     assert result.row("named").measured
-    with pytest.raises(InputMissing, match=r"no detector for 'auto' .*; segments: no file"):
+    with pytest.raises(InputMissing, match=r"no detector that 'auto' may select .*; segments: no file"):
         resolve(request(settings=(BARE, NO_RANGE, "detector.noise=none")))
 
 

@@ -121,7 +121,7 @@ def test_a_name_that_is_taken_names_both_packages(found):
     found.add(Declared, "first-package")  # the same class again is no clash
     with pytest.raises(
         SalframeError,
-        match="the saliency 'declared' of second-package is already provided by first: choose another name-package",
+        match="the saliency 'declared' of second-package is already provided by first-package: choose another name",
     ):
         found.add(declared(), "second-package")
     assert found.get("saliency", "declared") is Declared
@@ -374,7 +374,7 @@ def test_commands_that_fail_cost_only_their_plugin(monkeypatch, plugin):
     assert reasons["again"] == "the command 'greet' of again is already provided by first: choose another name"
     assert reasons["leaving"] == "SystemExit: 4"
     assert "expected a kebab-case name and a function" in reasons["loud"]
-    assert reasons["hollow"].startswith("'wave': None is not a command")
+    assert reasons["hollow"].startswith("the command 'wave' of hollow is None")
 
 
 def test_an_interrupt_passes_while_commands_are_loaded(monkeypatch, plugin):
