@@ -482,7 +482,7 @@ def test_one_line_says_what_does_not_fit(models, tmp_path, monkeypatch):
     refused(folder, "has no usable ImageProcessor: ")
     (folder / "model.safetensors").rename(folder / "pytorch_model.bin")
     refused(folder, r"model\.safetensors does not exist, expected .* other formats of weights can execute code")
-    message = "the setting device is 'cuda', which this machine does not have, expected cpu"
+    message = "the setting device is 'cuda', which this machine does not have, expected one of cpu"
     if not tiny.torch.cuda.is_available():
         refused(models(tiny.segformer), message, ConfigError, device="cuda")
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
