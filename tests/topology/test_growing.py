@@ -254,7 +254,7 @@ def test_what_does_not_fit_is_one_line_and_changes_nothing(rooms):
         (
             lambda: add_to_map("upstairs", "upstairs", overrides=(same_ids,)),  # of the same name as the data
             DataError,
-            "two frames have the id map-0: of room-0 in upstairs, and of upper-room-0 in upstairs; expected",
+            "two frames have the id map-0 .room-0 in upstairs, upper-room-0 in upstairs., expected",
         ),
         (
             lambda: add_to_map("map", "upstairs", overrides=(at_zero,)),
