@@ -73,7 +73,8 @@ class AnnotationDetector(Detector):
             if isinstance(value, str) and value not in words and not Path(value).is_file():
                 choices = ", ".join(map(repr, words))
                 raise ValueError(
-                    f"received {value!r}, expected {choices}, error rates, or a file written by `salframe sensor`"
+                    f"noise is {value!r}, expected one of {choices}, a mapping of error rates, or a file written by "
+                    "`salframe sensor`"
                 )
             return value
 

@@ -86,8 +86,9 @@ class OnnxDepth(MonocularDepth):
             for file_size, setting in zip(self._model.inputs[0].shape[2:], (height, width), strict=True)
         )
         if width is None or height is None:
+            example = "[1024, 512]" if settings.input == "equirectangular" else "[518, 518]"
             raise ConfigError(
-                f"{settings.model} accepts images of any size, expected a size in the setting size_px: [518, 518]"
+                f"{settings.model} has no fixed input size: set size_px to width and height, such as {example}"
             )
         if settings.input == "equirectangular" and width != 2 * height:
             raise ConfigError(

@@ -191,7 +191,9 @@ class _Pictures:
     def posed(self, picture: ModelPicture) -> PosedImage:
         """Return a picture with its pose. Raises DataError if it is equirectangular, or if its depth is missing."""
         if picture.camera is None:
-            raise DataError(f"the picture {picture.name} is equirectangular, expected group_by=frame")
+            raise DataError(
+                f"the picture {picture.name} is equirectangular, expected a perspective picture: set group_by=frame"
+            )
         path = self.folder / picture.name
         depth = self._depth_file(Path(picture.name), ("bin", "png"))
         return PosedImage(

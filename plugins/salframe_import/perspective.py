@@ -209,7 +209,7 @@ def _camera(path: Path, content: _Transforms, frame: _FrameOfFile, picture: Path
         DistortionModel.PLUMB_BOB: (k1, k2, p1, p2, k3),
     }[model]
     if model is DistortionModel.PLUMB_BOB and k4:
-        raise DataError(f"{path} has k4 {k4:g} for the camera_model OPENCV, expected k1, k2, p1, p2 and k3")
+        raise DataError(f"{path} has k4 = {k4:g} for the camera_model OPENCV, expected k4 = 0")
     try:
         return Camera(width, height, fx, fy, cx - 0.5, cy - 0.5, model, distortion)
     except DataError as error:

@@ -213,8 +213,8 @@ def group_by_motion(
     if not groups:
         raise DataError(
             f"no part of the recording shows {config.min_view_deg:g} deg within {config.max_move_m:g} m; the largest "
-            f"field of view is {max(int(view.sum()) for view in views)} deg: turn the camera at each place, or set "
-            "min_view_deg or max_move_m"
+            f"field of view is {max(int(view.sum()) for view in views)} deg: turn the camera at each place, decrease "
+            "min_view_deg, or increase max_move_m"
         )
     num_unused = len(images) - sum(map(len, groups))
     if not num_unused:

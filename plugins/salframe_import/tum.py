@@ -89,7 +89,7 @@ class TumImporter(Importer):
             raise DataError(
                 f"no image of {source / COLOR} has a pose{'' if depths is None else ' and a depth image'} within "
                 f"{self.config.max_time_s:g} s (the nearest is {gap_s.min():.3g} s away), expected times of the same "
-                "clock: set pose_offset_s or max_time_s"
+                "clock: correct pose_offset_s, or increase max_time_s"
             )
         lens, note = self._camera(source)
         encoding = RangeEncoding(self.config.depth_unit_m, kind=RangeKind.Z)

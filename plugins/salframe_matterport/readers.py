@@ -131,7 +131,9 @@ def read_ways(path: Path) -> set[tuple[str, str]]:
     ways = set()
     for viewpoint in listed:
         if viewpoint.unobstructed is None:
-            raise DataError(f"{path} has no key 'unobstructed', expected one for every viewpoint")
+            raise DataError(
+                f"{path} has a viewpoint without the key 'unobstructed', expected the key in every viewpoint"
+            )
         if len(viewpoint.unobstructed) != len(listed):
             raise DataError(
                 f"{path}: 'unobstructed' of {viewpoint.image_id} has {len(viewpoint.unobstructed)} values, "

@@ -328,7 +328,9 @@ def _object_id(named: Any, where: str) -> str:
     integer as text, "None" or null."""
     is_typed = isinstance(named, int | str | None) and not isinstance(named, bool)
     if not is_typed or not re.fullmatch("-?[0-9]{1,9}|None", str(named)):
-        raise DataError(f"{where} names the object {named!r:.60}, expected its id, an integer, or null for none")
+        raise DataError(
+            f"{where} names the object {named!r:.60}, expected an integer id of at most 9 digits, or null for no object"
+        )
     return str(named)
 
 

@@ -35,7 +35,7 @@ class Input(Settings):
     def _bytes_stay(self) -> Input:
         if self.dtype == "uint8" and (self.scale, self.mean, self.std) != (1.0, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)):
             raise ValueError(
-                "the input dtype is uint8 and the card has scale, mean or std, expected none of them for uint8"
+                "the input dtype is uint8 and the card sets scale, mean or std: remove scale, mean and std"
             )
         return self
 

@@ -174,7 +174,8 @@ def _labels(labels: tuple[str, ...] | UserFile | None) -> tuple[str, ...]:
     names = map_labels(labels) if isinstance(labels, UserFile) else labels
     if not names or not all(name.strip() for name in names) or len(set(names)) < len(names):
         raise ConfigError(
-            f"received {len(names)} labels, expected at least one; all labels must be different and not empty"
+            f"received {len(names)} labels of which {len({name for name in names if name.strip()})} are distinct and "
+            "not empty, expected at least one label, all distinct and not empty"
         )
     return names
 
