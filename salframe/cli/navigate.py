@@ -35,7 +35,7 @@ def navigate(
     ] = "100",
     positioning: Annotated[
         Literal["on", "off", "both", "all"],
-        typer.Option(help="Whether the agent uses the poses of the method; both and all: see above"),
+        typer.Option(help="Use the poses of the method: on, off, both or all (see above)"),
     ] = "on",
     *,
     options: CommonOptions,
