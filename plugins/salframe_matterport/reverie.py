@@ -98,8 +98,8 @@ class Reverie(Scorer):
         return rows
 
     def episodes(self, split: str, root: Path) -> Sequence[EpisodeRequest]:
-        """See Scorer. All instructions to the same object along the same path share one episode. Its goal is the end of the
-        path."""
+        """See Scorer. All instructions to the same object along the same path share one episode, whose goal is the end
+        of the path."""
         return [
             EpisodeRequest(
                 world=episode.scan,

@@ -169,7 +169,7 @@ def import_(
         str | None, typer.Option(metavar="Nm|Ns", help="Minimum distance or time between panoramas, such as 0.5m or 2s")
     ] = None,
     floors: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="YAML file of floor masks that define places and routes")
+        Path | None, typer.Option(metavar="FILE", help="YAML file of floor masks, used for places and routes")
     ] = None,
     overrides: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a setting of the importer")
