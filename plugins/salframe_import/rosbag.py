@@ -184,8 +184,8 @@ class RosBagImporter(Importer):
             raise ConfigError(f"num_views is {config.num_views} with group_by=motion, expected group_by=time")
         if config.num_views >= config.sequence_period:
             raise ConfigError(
-                f"num_views is {config.num_views} and sequence_period is {config.sequence_period}, expected fewer "
-                "views than the period"
+                f"num_views is {config.num_views} and sequence_period is {config.sequence_period}, expected "
+                "num_views < sequence_period"
             )
 
     def _kind(self, cameras: Sequence[BagCamera]) -> RangeKind:

@@ -129,7 +129,9 @@ class TumImporter(Importer):
         try:
             numbers = np.array([row[:7] for row in poses.words], np.float64)
         except ValueError as error:
-            raise DataError(f"{path} has a row that does not start with seven numbers: {error}") from None
+            raise DataError(
+                f"{path} has a row without the numbers tx ty tz qx qy qz qw after the time: {error}"
+            ) from None
         for row in numbers:
             quaternion_matrix(row[3:], f"{path}: the quaternion {row[3:].tolist()}")
         return numbers

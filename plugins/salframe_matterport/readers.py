@@ -186,7 +186,7 @@ def read_room_types(path: Path) -> dict[str, dict[int, str]]:
         types[scan] = {}
         for region in viewpoints.values():
             if region.label is None:
-                raise DataError(f"{path} has no label for region {region.region_index} of {scan}, expected one")
+                raise DataError(f"{path} has no label for region {region.region_index} of {scan}, expected a label")
             if region.label != NO_LABEL:
                 word = content.label_info.label_name.get(region.label, region.label)
                 types[scan][region.region_index] = word.partition(" (")[0]

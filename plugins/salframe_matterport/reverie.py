@@ -230,7 +230,9 @@ def score_episode(name: str, episode: ReverieEpisode, answer: Answer, building: 
         raise DataError(f"{name}: the trajectory begins at {answer.path[0]}, expected the start {episode.path[0]}")
     walked_m = sum(building.distance_m(a, b) for a, b in zip(answer.path, answer.path[1:], strict=False))
     if not np.isfinite(walked_m):
-        raise DataError(f"{name}: the trajectory jumps between viewpoints of {episode.scan} that no path connects")
+        raise DataError(
+            f"{name}: the trajectory jumps between viewpoints of {episode.scan} that no path connects, expected adjacent ones"
+        )
     shortest_m = building.distance_m(episode.path[0], episode.path[-1])
     directness = shortest_m / max(walked_m, shortest_m, MIN_LENGTH_M)
     success = building.shows(answer.path[-1], episode.object_id)
@@ -257,7 +259,7 @@ def read_episodes(root: Path) -> dict[str, dict[str, ReverieEpisode]]:
             splits[path.stem.removeprefix("REVERIE_")] = episodes
     if not splits:
         raise DataError(
-            f"{root} has no episodes, expected it to contain reverie/REVERIE_<split>.json, reverie/BBox/*.json "
+            f"{root} has no episodes, expected a folder with reverie/REVERIE_<split>.json, reverie/BBox/*.json "
             "and connectivity/*.json"
         )
     return splits

@@ -138,6 +138,6 @@ def shipped_card(model: Path) -> Card:
         if card.sha256 == sha256:
             return card
     raise WeightsError(
-        f"no model card for {model}: salframe ships none for its sha256 {sha256[:12]}..., expected "
-        f"{model.with_suffix('.yaml')}, or another path as detector.card=PATH (see `salframe docs segments`)"
+        f"{model} (sha256 {sha256[:12]}...) has no model card, expected {model.with_suffix('.yaml')}: write this card, "
+        "or set detector.card=PATH (see `salframe docs segments`)"
     )

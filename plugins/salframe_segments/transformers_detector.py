@@ -86,7 +86,7 @@ class TransformersDetector(Detector):
         zero_shot = any(known.get(name) is NetworkTask.ZERO_SHOT for name in content.get("architectures") or ())
         if self.config.labels is not None and not zero_shot:
             raise ConfigError(
-                f"the network in {folder} has fixed labels, expected labels=null; only zero-shot networks accept a "
+                f"the network in {folder} has fixed labels, expected labels=null: only zero-shot networks accept a "
                 f"list of labels"
             )
         takes_text = zero_shot or content.get("model_type") in TEXT_MODELS

@@ -260,7 +260,7 @@ def test_a_network_of_any_size_is_given_the_declared_one(tmp_path):
         (
             {"labels": ["red"]},
             WeightsError,
-            r"the output of the network is \(3, 8\) for each image; the decoder 'yolov5' expects \(\*, 6\)",
+            r"the output of the network is \(3, 8\) for each image, expected \(\*, 6\) for the decoder 'yolov5'",
         ),
         (
             {"size_px": [640, 640]},
