@@ -146,6 +146,9 @@ class OnnxDepth(MonocularDepth):
         if not points and (len(shape) == 3 or (len(shape) == 4 and 1 in (shape[1], shape[3]))):
             image = output if len(shape) == 3 else output[:, 0] if shape[1] == 1 else output[..., 0]
             return image.astype(np.float32, order="C")
-        h_w = "height, width"
-        expected = f"points (1, 3, {h_w}) or (1, {h_w}, 3)" if points else f"(1, {h_w}), (1, 1, {h_w}) or (1, {h_w}, 1)"
+        expected = (
+            "(1, 3, height, width) or (1, height, width, 3) of points"
+            if points
+            else "(1, height, width), (1, 1, height, width) or (1, height, width, 1)"
+        )
         raise WeightsError(f"{self.config.model} returned {shape} as its first output, expected {expected}")

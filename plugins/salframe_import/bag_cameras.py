@@ -172,5 +172,6 @@ def _names(value: str | None) -> list[str]:
 def _check_count(option: str, topics: Sequence[object], images: Sequence[object]) -> None:
     if len(topics) != len(images):
         raise DataError(
-            f"{option} names {len(topics)} topics and image names {len(images)}, expected one {option} topic for each image topic"
+            f"{option} names {len(topics)} topics and image names {len(images)}, expected one {option} topic "
+            "for each image topic"
         )

@@ -180,7 +180,7 @@ class _Pictures:
         if len(pictures) > 1:
             raise DataError(
                 f"the rig of the pictures {', '.join(name.as_posix() for name in names)} has an equirectangular camera "
-                f"and {len(pictures)} cameras in total, expected no other camera in this rig"
+                "and other cameras, expected the equirectangular camera alone"
             )
         encoding = RangeEncoding(self.config.depth_unit_m, (), self.config.depth_kind or RangeKind.RAY)
         encoding.check_panorama()
@@ -251,7 +251,7 @@ def _image_folder(images: Path | None, model: Path) -> Path:
     folder = next((parent / "images" for parent in parents if (parent / "images").is_dir()), None)
     if folder is None:
         raise DataError(
-            f"{model} and the two folders above have no folder `images`, expected the pictures of the model there: pass "
+            f"{model} and the two folders above have no folder `images`, expected the pictures of the model: pass "
             "--set images=FOLDER"
         )
     return folder

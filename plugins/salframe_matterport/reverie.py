@@ -231,7 +231,8 @@ def score_episode(name: str, episode: ReverieEpisode, answer: Answer, building: 
     walked_m = sum(building.distance_m(a, b) for a, b in zip(answer.path, answer.path[1:], strict=False))
     if not np.isfinite(walked_m):
         raise DataError(
-            f"{name}: the trajectory jumps between viewpoints of {episode.scan} that no path connects, expected adjacent ones"
+            f"{name}: the trajectory jumps between viewpoints of {episode.scan} that no path connects, "
+            "expected connected viewpoints"
         )
     shortest_m = building.distance_m(episode.path[0], episode.path[-1])
     directness = shortest_m / max(walked_m, shortest_m, MIN_LENGTH_M)
