@@ -136,7 +136,7 @@ class OwnNetwork(OnnxImageNetwork):
         """See OnnxImageNetwork."""
         if config.model is None or not config.model.is_file():
             received = "no model" if config.model is None else f"{config.model}, which is not a file"
-            raise WeightsError(f"the image network 'onnx' received {received}; set model to the path of an ONNX file")
+            raise WeightsError(f"the image network 'onnx' received {received}: set model to the path of an ONNX file")
         return config.model
 
     def outputs(self) -> tuple[str, ...]:

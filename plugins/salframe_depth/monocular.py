@@ -83,8 +83,8 @@ class MonocularDepth(RangeModel):
         """
         if not (self.metric or self.config.camera_height_m):
             raise ConfigError(
-                f"the range model {self.name!r} has no metric scale, expected {metric_network}, or the setting "
-                "camera_height_m, the height of the camera above the floor in metres"
+                f"the range model {self.name!r} has no metric scale: choose {metric_network}, or set camera_height_m "
+                "to the height of the camera above the floor in metres"
             )
 
     @from_bright_side

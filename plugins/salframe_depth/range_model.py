@@ -86,8 +86,9 @@ class OnnxDepth(MonocularDepth):
             for file_size, setting in zip(self._model.inputs[0].shape[2:], (height, width), strict=True)
         )
         if width is None or height is None:
+            example = "[1024, 512]" if settings.input == "equirectangular" else "[518, 518]"
             raise ConfigError(
-                f"{settings.model} accepts images of any size, expected a size in the setting size_px: [518, 518]"
+                f"{settings.model} has no fixed input size: set size_px to width and height, such as {example}"
             )
         if settings.input == "equirectangular" and width != 2 * height:
             raise ConfigError(
@@ -145,5 +146,9 @@ class OnnxDepth(MonocularDepth):
         if not points and (len(shape) == 3 or (len(shape) == 4 and 1 in (shape[1], shape[3]))):
             image = output if len(shape) == 3 else output[:, 0] if shape[1] == 1 else output[..., 0]
             return image.astype(np.float32, order="C")
-        expected = "(1, 3, height, width) of points" if points else "(1, height, width) or (1, 1, height, width)"
+        expected = (
+            "(1, 3, height, width) or (1, height, width, 3) of points"
+            if points
+            else "(1, height, width), (1, 1, height, width) or (1, height, width, 1)"
+        )
         raise WeightsError(f"{self.config.model} returned {shape} as its first output, expected {expected}")

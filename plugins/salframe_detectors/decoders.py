@@ -138,8 +138,8 @@ def _select_outputs(name: str, outputs: Sequence[np.ndarray], *shapes: tuple[int
         if not candidates:
             received = ", ".join(_format_shape(output.shape[1:]) for output in outputs)
             raise WeightsError(
-                f"the output of the network is {received} for each image; the decoder {name!r} expects "
-                f"{', '.join(map(_format_shape, shapes))}"
+                f"the output of the network is {received} for each image, expected "
+                f"{', '.join(map(_format_shape, shapes))} for the decoder {name!r}"
             )
         remaining.remove(candidates[0])
         matches.append(outputs[candidates[0]])

@@ -115,7 +115,7 @@ class OnnxDetector(Detector):
         )
         if width is None or height is None:
             raise ConfigError(
-                f"{self._path} accepts images of any size, expected a size in the setting size_px: [640, 640]"
+                f"{self._path} has no fixed input size: set size_px to width and height, such as [640, 640]"
             )
         self._request = DecodeRequest(width, height, len(self._labels), self.config.min_score)
         self._rig = Rig(width, height, np.radians(self.config.fov_deg))

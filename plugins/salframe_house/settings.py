@@ -142,7 +142,8 @@ class HouseConfig(QueryView):
     def _turns_about_the_vertical(self) -> HouseConfig:
         if self.query_views > 1 and self.query_motion == "turned" and self.query_tilt_deg:
             raise ValueError(
-                f"query_tilt_deg is {self.query_tilt_deg:g} and query_motion is turned, which turns a level camera; "
-                "expected query_tilt_deg=0 or query_motion=driven"
+                f"query_tilt_deg is {self.query_tilt_deg:g} with query_views={self.query_views} and "
+                "query_motion=turned, expected query_tilt_deg=0, query_motion=driven or query_views=1: a turned camera "
+                "stays level"
             )
         return self

@@ -101,7 +101,7 @@ class MessageStore(ABC):
             return name
         if len(candidates) != 1:
             count = "no topic" if not candidates else f"{len(candidates)} topics"
-            listed = f"such as {self._all_topics()}" if not candidates else f"{_listed(candidates)}"
+            listed = f"all topics: {self._all_topics()}" if not candidates else f"{_listed(candidates)}"
             fix = "expected one" if not candidates else f"expected one: select it with --set {option}=TOPIC"
             raise DataError(f"{self.path} has {count} of the type {expected} ({listed}), {fix}")
         return next(iter(candidates))
@@ -193,7 +193,7 @@ class Bag(MessageStore):
 
 def _bag_files(path: Path) -> list[Path]:
     """Return the files of a bag. Raises DataError if there is none."""
-    expected = "expected a ROS bag: a .bag, .mcap or .db3 file, a folder of .bag files, or one with metadata.yaml"
+    expected = "expected a ROS bag: a .bag, .mcap or .db3 file, a folder of .bag files, or a folder with metadata.yaml"
     if not path.exists():
         raise DataError(f"{path} does not exist, {expected}")
     if not path.is_dir():

@@ -78,7 +78,8 @@ def find_cameras(
         for topic in topics:
             if topic is not None and shown[topic] != expects_depth:
                 received, expected = ("pictures", "depth") if expects_depth else ("depth", "pictures")
-                raise DataError(f"the topic {topic} has {received}, expected {expected}")
+                option = "depth" if expects_depth else "image"
+                raise DataError(f"the topic {topic} has {received}, expected {expected}: correct the setting {option}")
     cameras = []
     for color, depth, info in zip(color_topics, depth_topics, info_topics, strict=True):
         images_of_color = _images(bag, color, info, projection)
@@ -131,8 +132,8 @@ def _camera(info: Any, info_topic: str | None, topic: str, width: int, height: i
     """
     if (info.width, info.height) != (width, height):
         raise DataError(
-            f"the topic {topic} has images of {width} x {height}, and {info_topic} the intrinsics of {info.width} x "
-            f"{info.height}, expected equal sizes"
+            f"the topic {topic} has images of {width} x {height}, and {info_topic} has intrinsics for "
+            f"{info.width} x {info.height}, expected equal sizes"
         )
     K, P, D = _intrinsics(info)
     is_rectified = "rect" in _base_name(topic).split("_")
@@ -171,5 +172,6 @@ def _names(value: str | None) -> list[str]:
 def _check_count(option: str, topics: Sequence[object], images: Sequence[object]) -> None:
     if len(topics) != len(images):
         raise DataError(
-            f"{option} names {len(topics)} topics and image names {len(images)}, expected one {option} topic for each"
+            f"{option} names {len(topics)} topics and image names {len(images)}, expected one {option} topic "
+            "for each image topic"
         )

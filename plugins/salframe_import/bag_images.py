@@ -59,7 +59,7 @@ def color_image(message: Any, topic: str) -> np.ndarray:
     if _is_compressed(message):
         image = _decompress(message, topic)
         if image.dtype != np.uint8:
-            raise DataError(f"the topic {topic} has images of {image.dtype}, expected colour of 8 bits")
+            raise DataError(f"the topic {topic} has colour images of type {image.dtype}, expected uint8")
         codes = {2: cv2.COLOR_GRAY2RGB, 3: cv2.COLOR_BGR2RGB}
         return cv2.cvtColor(image, codes[image.ndim])
     if message.encoding not in _CHANNELS:
@@ -84,13 +84,14 @@ def depth_image(message: Any, topic: str, unit_m: float) -> np.ndarray:
     """
     encoding = _encoding(message)
     if encoding not in _DEPTH:
-        raise DataError(
-            f"the topic {topic} has the encoding {encoding!r}, expected an encoding of depth: {', '.join(_DEPTH)}"
-        )
+        raise DataError(f"the topic {topic} has the encoding {encoding!r}, expected one of {', '.join(_DEPTH)}")
     if _is_compressed(message):
         values = _decompress(message, topic)
         if values.dtype != np.uint16 or values.ndim != 2:
-            raise DataError(f"the topic {topic} has images of {values.dtype}, expected depth of 16 bits")
+            raise DataError(
+                f"the topic {topic} has depth images of type {values.dtype} and {values.ndim} axes, expected uint16 "
+                "and 2 axes"
+            )
     else:
         values = _pixels(message, _DEPTH[encoding], 1, topic)
     if encoding != "32FC1":
@@ -116,8 +117,9 @@ def _pixels(message: Any, dtype: Any, channels: int, topic: str) -> np.ndarray:
     data = np.asarray(message.data, np.uint8)
     if message.step < width or len(data) < message.step * message.height or not width:
         raise DataError(
-            f"the topic {topic} has an image of {message.width} x {message.height} {message.encoding} with "
-            f"{len(data)} bytes in rows of {message.step}, expected rows of at least {width} bytes"
+            f"the topic {topic} has an image of {message.width} x {message.height} {message.encoding} with step "
+            f"{message.step} and {len(data)} bytes of data, expected a width over 0, step >= {width}, and at least "
+            "step * height bytes"
         )
     rows = data[: message.step * message.height].reshape(message.height, message.step)[:, :width]
     order = ">" if message.is_bigendian else "<"

@@ -224,9 +224,11 @@ class BagRig:
         return notes
 
     def _posed(self, images: BagImages, T_world_frame: np.ndarray, stamp_ns: int) -> PosedCamera:
-        """Return the camera of a topic in the world. Raises DataError if its transform is unknown."""
+        """Return the camera of a topic in the world. Raises DataError without a pinhole camera or its transform."""
         T_frame_camera = self.tree.pose(self.frame, images.frame, stamp_ns, self.tolerance_s)
-        if T_frame_camera is None or images.camera is None:
+        if images.camera is None:
+            raise DataError(f"the topic {images.topic} is equirectangular, expected images with pinhole intrinsics")
+        if T_frame_camera is None:
             raise DataError(
                 f"the transform from {images.frame} to {self.frame} is unknown at {stamp_ns / 1e9:.3f} s, expected a "
                 "transform in /tf_static"

@@ -102,7 +102,7 @@ class ColmapImporter(Importer):
         if (config.scale is None) == (config.camera_height is None):
             received = "neither scale nor" if config.scale is None else "both scale and"
             raise ConfigError(
-                f"received {received} camera_height, expected one of them: a COLMAP model has no unit. Measure the "
+                f"received {received} camera_height, expected exactly one: a COLMAP model has no unit. Measure the "
                 "height of the camera and pass --set camera_height=METRES, or pass --set scale=METRES_PER_UNIT"
             )
         poses = [picture.T_model_camera for picture in model.pictures]
@@ -179,8 +179,8 @@ class _Pictures:
             return replace(record, places=places)
         if len(pictures) > 1:
             raise DataError(
-                f"the pictures {', '.join(name.as_posix() for name in names)} of a rig include an equirectangular "
-                "picture, expected an equirectangular camera to be the only camera of its rig"
+                f"the rig of the pictures {', '.join(name.as_posix() for name in names)} has an equirectangular camera "
+                "and other cameras, expected the equirectangular camera alone"
             )
         encoding = RangeEncoding(self.config.depth_unit_m, (), self.config.depth_kind or RangeKind.RAY)
         encoding.check_panorama()
@@ -191,7 +191,9 @@ class _Pictures:
     def posed(self, picture: ModelPicture) -> PosedImage:
         """Return a picture with its pose. Raises DataError if it is equirectangular, or if its depth is missing."""
         if picture.camera is None:
-            raise DataError(f"the picture {picture.name} is equirectangular, expected group_by=frame")
+            raise DataError(
+                f"the picture {picture.name} is equirectangular, expected a perspective picture: set group_by=frame"
+            )
         path = self.folder / picture.name
         depth = self._depth_file(Path(picture.name), ("bin", "png"))
         return PosedImage(
@@ -249,8 +251,8 @@ def _image_folder(images: Path | None, model: Path) -> Path:
     folder = next((parent / "images" for parent in parents if (parent / "images").is_dir()), None)
     if folder is None:
         raise DataError(
-            f"{model} has no folder images beside or above it, expected the pictures of the model: pass --set "
-            "images=FOLDER"
+            f"{model} and the two folders above have no folder `images`, expected the pictures of the model: pass "
+            "--set images=FOLDER"
         )
     return folder
 

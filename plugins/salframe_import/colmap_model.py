@@ -78,7 +78,7 @@ def find_model(source: Path) -> Path:
                 )
             return folder
     raise DataError(
-        f"{source} has no COLMAP model, expected cameras, images and points3D as .bin or .txt there or in sparse/0"
+        f"{source} has no COLMAP model, expected cameras and images as .bin or .txt in this folder, sparse/0 or sparse"
     )
 
 

@@ -199,7 +199,11 @@ def _camera(path: Path, content: _Transforms, frame: _FrameOfFile, picture: Path
     )
     kind = values["camera_model"] or "OPENCV"
     if kind not in _MODELS:
-        other = "; import equirectangular pictures with the format pictures" if kind == "EQUIRECTANGULAR" else ""
+        other = (
+            ": import equirectangular pictures with `salframe data import pictures`"
+            if kind == "EQUIRECTANGULAR"
+            else ""
+        )
         raise DataError(f"{path} has the camera_model {kind!r}, expected one of {', '.join(_MODELS)}{other}")
     k1, k2, k3, k4, p1, p2 = (float(values[name] or 0.0) for name in ("k1", "k2", "k3", "k4", "p1", "p2"))
     model = _MODELS[kind]
@@ -209,7 +213,7 @@ def _camera(path: Path, content: _Transforms, frame: _FrameOfFile, picture: Path
         DistortionModel.PLUMB_BOB: (k1, k2, p1, p2, k3),
     }[model]
     if model is DistortionModel.PLUMB_BOB and k4:
-        raise DataError(f"{path} has k4 {k4:g} for the camera_model OPENCV, expected k1, k2, p1, p2 and k3")
+        raise DataError(f"{path} has k4 = {k4:g} for the camera_model {kind}, expected k4 = 0")
     try:
         return Camera(width, height, fx, fy, cx - 0.5, cy - 0.5, model, distortion)
     except DataError as error:

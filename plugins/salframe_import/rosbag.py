@@ -141,7 +141,7 @@ class RosBagImporter(Importer):
         `poses` where these are not the odometry.
         """
         if self.config.group_by == "motion":
-            raise ConfigError("group_by is motion for a sequence of views, expected group_by=time")
+            raise ConfigError("group_by is motion, expected group_by=time for a sequence of views")
         bag, rig = self._open(source)
         poses = find_poses(bag, rig.tree, rig.frame, self.config.poses, self.config.world)
         motion = self._motion(bag, poses)
@@ -184,8 +184,8 @@ class RosBagImporter(Importer):
             raise ConfigError(f"num_views is {config.num_views} with group_by=motion, expected group_by=time")
         if config.num_views >= config.sequence_period:
             raise ConfigError(
-                f"num_views is {config.num_views} and sequence_period is {config.sequence_period}, expected fewer "
-                "views than the period"
+                f"num_views is {config.num_views} and sequence_period is {config.sequence_period}, expected "
+                "num_views < sequence_period"
             )
 
     def _kind(self, cameras: Sequence[BagCamera]) -> RangeKind:
@@ -193,10 +193,11 @@ class RosBagImporter(Importer):
         is_equirectangular = any(camera.color.camera is None for camera in cameras)
         if is_equirectangular and len(cameras) > 1:
             raise ConfigError(
-                f"image has {len(cameras)} topics, and one of them is equirectangular; expected only this topic"
+                f"image names {len(cameras)} topics including an equirectangular topic, expected the equirectangular "
+                "topic alone"
             )
         if is_equirectangular and self.config.group_by == "motion":
-            raise ConfigError("group_by is motion for equirectangular images, expected group_by=time")
+            raise ConfigError("group_by is motion, expected group_by=time for equirectangular images")
         kinds = [RangeKind.RAY, RangeKind.CUBE] if is_equirectangular else [RangeKind.Z, RangeKind.RAY]
         kind = kinds[0] if self.config.depth_kind is None else RangeKind(self.config.depth_kind)
         if kind not in kinds:

@@ -165,7 +165,7 @@ def group_by_station(images: Sequence[PosedImage]) -> dict[str, list[PosedImage]
     groups: dict[str, list[PosedImage]] = {}
     for image in images:
         if image.station is None:
-            raise DataError(f"the image {image.name} has no key station, expected one for every image")
+            raise DataError(f"the image {image.name} has no key station, expected the key for every image")
         groups.setdefault(image.station, []).append(image)
     return groups
 
@@ -173,7 +173,7 @@ def group_by_station(images: Sequence[PosedImage]) -> dict[str, list[PosedImage]
 def group_by_time(images: Sequence[PosedImage], max_gap_s: float) -> dict[str, list[PosedImage]]:
     """Return groups of images without a gap of more than `max_gap_s` seconds. Raises DataError without times."""
     if without := [image.name for image in images if image.t_s is None]:
-        raise DataError(f"the image {without[0]} has no time, expected one for every image")
+        raise DataError(f"the image {without[0]} has no time, expected a time for every image")
     groups: list[list[PosedImage]] = []
     for image in sorted(images, key=lambda image: image.t_s or 0.0):
         if not groups or (image.t_s or 0.0) - (groups[-1][-1].t_s or 0.0) > max_gap_s:
@@ -213,8 +213,8 @@ def group_by_motion(
     if not groups:
         raise DataError(
             f"no part of the recording shows {config.min_view_deg:g} deg within {config.max_move_m:g} m; the largest "
-            f"field of view is {max(int(view.sum()) for view in views)} deg: turn the camera at each place, or set "
-            "min_view_deg or max_move_m"
+            f"field of view is {max(int(view.sum()) for view in views)} deg: turn the camera at each place, decrease "
+            "min_view_deg, or increase max_move_m"
         )
     num_unused = len(images) - sum(map(len, groups))
     if not num_unused:

@@ -89,7 +89,7 @@ class TumImporter(Importer):
             raise DataError(
                 f"no image of {source / COLOR} has a pose{'' if depths is None else ' and a depth image'} within "
                 f"{self.config.max_time_s:g} s (the nearest is {gap_s.min():.3g} s away), expected times of the same "
-                "clock: set pose_offset_s or max_time_s"
+                "clock: correct pose_offset_s, or increase max_time_s"
             )
         lens, note = self._camera(source)
         encoding = RangeEncoding(self.config.depth_unit_m, kind=RangeKind.Z)
@@ -129,7 +129,9 @@ class TumImporter(Importer):
         try:
             numbers = np.array([row[:7] for row in poses.words], np.float64)
         except ValueError as error:
-            raise DataError(f"{path} has a row that does not start with seven numbers: {error}") from None
+            raise DataError(
+                f"{path} has a row without the numbers tx ty tz qx qy qz qw after the time: {error}"
+            ) from None
         for row in numbers:
             quaternion_matrix(row[3:], f"{path}: the quaternion {row[3:].tolist()}")
         return numbers

@@ -40,7 +40,8 @@ def diagnose(run: Run, method: str) -> dict[str, list[str]]:
         for query in fold.queries:
             if (fold.id, query.id) not in answers:
                 raise DataError(
-                    f"{run.directory} has no answer of {method!r} to {query.id}, expected a complete run: resume it"
+                    f"{run.directory} has no answer of {method!r} to {query.id}, expected a complete run: "
+                    "resume the run"
                 )
             places = answers[fold.id, query.id]
             truth = dataset.truth(query.id)

@@ -64,7 +64,7 @@ class HabitatMaps(MatterportAnnotations):
         if not scans:
             raise DataError(
                 f"{self._root} has no folder habitat_map/<scan>/ of any building, "
-                "expected one with region.png and cat.png of Object2HabitatMap"
+                "expected this folder with region.png and cat.png of Object2HabitatMap"
             )
         if len(scans) > 1:  # each building has its own world frame
             raise DataError(

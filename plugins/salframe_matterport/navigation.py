@@ -178,7 +178,7 @@ def viewpoint_world(
         viewpoint.image_id: viewpoint.height for viewpoint in read_viewpoints(path) if viewpoint.height is not None
     }
     if not poses.keys() <= height_m.keys():
-        raise DataError(f"{path} has no key 'height', expected one for every viewpoint")
+        raise DataError(f"{path} has a viewpoint without the key 'height', expected the key in every viewpoint")
     name = {viewpoint: f"{scan}/{viewpoint}" for viewpoint in poses}
     scene_by_id = {scene.id: scene for scene in scenes}
     nodes = [

@@ -131,7 +131,9 @@ def read_ways(path: Path) -> set[tuple[str, str]]:
     ways = set()
     for viewpoint in listed:
         if viewpoint.unobstructed is None:
-            raise DataError(f"{path} has no key 'unobstructed', expected one for every viewpoint")
+            raise DataError(
+                f"{path} has a viewpoint without the key 'unobstructed', expected the key in every viewpoint"
+            )
         if len(viewpoint.unobstructed) != len(listed):
             raise DataError(
                 f"{path}: 'unobstructed' of {viewpoint.image_id} has {len(viewpoint.unobstructed)} values, "
@@ -184,7 +186,7 @@ def read_room_types(path: Path) -> dict[str, dict[int, str]]:
         types[scan] = {}
         for region in viewpoints.values():
             if region.label is None:
-                raise DataError(f"{path} has no label for region {region.region_index} of {scan}, expected one")
+                raise DataError(f"{path} has no label for region {region.region_index} of {scan}, expected a label")
             if region.label != NO_LABEL:
                 word = content.label_info.label_name.get(region.label, region.label)
                 types[scan][region.region_index] = word.partition(" (")[0]

@@ -98,8 +98,8 @@ class Reverie(Scorer):
         return rows
 
     def episodes(self, split: str, root: Path) -> Sequence[EpisodeRequest]:
-        """See Scorer. All instructions to the same object along the same path share one episode. Its goal is the end of the
-        path."""
+        """See Scorer. All instructions to the same object along the same path share one episode, whose goal is the end
+        of the path."""
         return [
             EpisodeRequest(
                 world=episode.scan,
@@ -230,7 +230,10 @@ def score_episode(name: str, episode: ReverieEpisode, answer: Answer, building: 
         raise DataError(f"{name}: the trajectory begins at {answer.path[0]}, expected the start {episode.path[0]}")
     walked_m = sum(building.distance_m(a, b) for a, b in zip(answer.path, answer.path[1:], strict=False))
     if not np.isfinite(walked_m):
-        raise DataError(f"{name}: the trajectory jumps between viewpoints of {episode.scan} that no path connects")
+        raise DataError(
+            f"{name}: the trajectory jumps between viewpoints of {episode.scan} that no path connects, "
+            "expected connected viewpoints"
+        )
     shortest_m = building.distance_m(episode.path[0], episode.path[-1])
     directness = shortest_m / max(walked_m, shortest_m, MIN_LENGTH_M)
     success = building.shows(answer.path[-1], episode.object_id)
@@ -257,7 +260,7 @@ def read_episodes(root: Path) -> dict[str, dict[str, ReverieEpisode]]:
             splits[path.stem.removeprefix("REVERIE_")] = episodes
     if not splits:
         raise DataError(
-            f"{root} has no episodes, expected it to contain reverie/REVERIE_<split>.json, reverie/BBox/*.json "
+            f"{root} has no episodes, expected a folder with reverie/REVERIE_<split>.json, reverie/BBox/*.json "
             "and connectivity/*.json"
         )
     return splits
@@ -328,7 +331,9 @@ def _object_id(named: Any, where: str) -> str:
     integer as text, "None" or null."""
     is_typed = isinstance(named, int | str | None) and not isinstance(named, bool)
     if not is_typed or not re.fullmatch("-?[0-9]{1,9}|None", str(named)):
-        raise DataError(f"{where} names the object {named!r:.60}, expected its id, an integer, or null for none")
+        raise DataError(
+            f"{where} names the object {named!r:.60}, expected an integer id of at most 9 digits, or null for no object"
+        )
     return str(named)
 
 

@@ -102,7 +102,7 @@ def read_scenes(
     if unplaced:
         raise DataError(
             f"vp2room_label.json has no region for {len(unplaced)} viewpoints of {scan}, "
-            f"expected one for each; the first is {unplaced[0]}"
+            f"expected a region for each viewpoint; the first viewpoint without a region is {unplaced[0]}"
         )
 
     origin_m = np.array([poses[viewpoint][:3, 3] for viewpoint, objects in visible.items() for _ in objects]).reshape(

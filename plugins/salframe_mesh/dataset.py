@@ -92,7 +92,7 @@ class MeshDataset(RenderedDataset[FrameSpec]):
         if len(meshes) != 1:
             names = ", ".join(path.name for path in meshes) or "none"
             raise DataError(
-                f"{self._source} has {len(meshes)} meshes ({names}), expected one; choose one with --set data.mesh=FILE"
+                f"{self._source} has {len(meshes)} meshes ({names}), expected one: set data.mesh to the file to use"
             )
         return meshes[0]
 
@@ -157,7 +157,7 @@ class MeshDataset(RenderedDataset[FrameSpec]):
                 references.append(FrameSpec(name, "map", place, x_m, y_m, z_m, yaw_rad=0.0))
         if not references:
             raise DataError(
-                f"{houses[0]} has no panorama in a region, expected lines that begin with P, or frames.csv beside it"
+                f"{houses[0]} has no panorama in a region, expected at least one, or frames.csv in the same folder"
             )
         return references
 

@@ -106,24 +106,24 @@ def _check_counts(path: Path, size: int) -> None:
     for count in re.findall(rb"^\s*element\s+\S+\s+(\S+)", header, re.MULTILINE):
         if not count.isdigit() or len(count) > 12 or int(count) > size:
             raise ValueError(
-                f"its header states {count.decode(errors='replace')[:20]} elements, more than the "
-                f"{size} bytes of the file"
+                f"its header states {count.decode(errors='replace')[:20]} elements, expected an "
+                f"integer of at most {size}, the number of bytes of the file"
             )
 
 
 def _check(surface: MeshSurface, path: Path) -> None:
     """Raise DataError on values that would crash the renderer."""
     if not (np.isfinite(surface.vertices_m).all() and np.isfinite(surface.uv).all()):
-        raise DataError(f"{path} has a vertex that is not finite in single precision, expected finite numbers")
+        raise DataError(
+            f"{path} has a vertex or texture coordinate that is not finite in float32, expected finite numbers"
+        )
     for name, numbers, count in (
         ("corner", surface.triangles, len(surface.vertices_m)),
         ("material", surface.paint, len(surface.textures)),
     ):
         if numbers.min() < 0 or numbers.max() >= count:
-            raise DataError(
-                f"{path} has a face with the {name} index {max(numbers.max(), -numbers.min())}, expected a "
-                f"non-negative index below {count}"
-            )
+            index = numbers.min() if numbers.min() < 0 else numbers.max()
+            raise DataError(f"{path} has a face with the {name} index {index}, expected 0 to {count - 1}")
 
 
 def _uniform_texture(rgb) -> np.ndarray:

@@ -59,7 +59,8 @@ class Ray(WorkerEngine):
         processors = int(ray.cluster_resources().get("CPU", 0))
         if (self.workers or 1) > processors:
             raise ConfigError(
-                f"received engine.workers={self.workers}, expected at most {processors}, the processors of the cluster"
+                f"engine.workers requests {self.workers or 1} processes, expected at most {processors}, the number of "
+                "processors of the Ray cluster"
             )
         return self.workers or processors
 

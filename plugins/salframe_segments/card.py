@@ -35,7 +35,7 @@ class Input(Settings):
     def _bytes_stay(self) -> Input:
         if self.dtype == "uint8" and (self.scale, self.mean, self.std) != (1.0, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)):
             raise ValueError(
-                "the input dtype is uint8 and the card has scale, mean or std, expected none of them for uint8"
+                "the input dtype is uint8 and the card sets scale, mean or std: remove scale, mean and std"
             )
         return self
 
@@ -138,6 +138,6 @@ def shipped_card(model: Path) -> Card:
         if card.sha256 == sha256:
             return card
     raise WeightsError(
-        f"no model card for {model}: salframe ships none for its sha256 {sha256[:12]}..., expected "
-        f"{model.with_suffix('.yaml')}, or another path as detector.card=PATH (see `salframe docs segments`)"
+        f"{model} (sha256 {sha256[:12]}...) has no model card, expected {model.with_suffix('.yaml')}: write this card, "
+        "or set detector.card=PATH (see `salframe docs segments`)"
     )

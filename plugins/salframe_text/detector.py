@@ -56,8 +56,8 @@ class TextDetector(Detector):
         def _views_cover_the_horizon(self) -> Any:
             if self.views * self.fov_deg < 360:
                 raise ValueError(
-                    f"{self.views} views of {self.fov_deg:g} deg do not cover the horizon, expected views * fov_deg of "
-                    "at least 360"
+                    f"views * fov_deg is {self.views} * {self.fov_deg:g} = {self.views * self.fov_deg:g} deg, expected "
+                    "at least 360 deg to cover the horizon"
                 )
             return self
 

@@ -24,7 +24,7 @@ def build(
     central_nodes: Annotated[
         bool,
         typer.Option(
-            "--central-nodes", help="Place one node in the widest part of each room, not at each reference frame"
+            "--central-nodes", help="Put one node in the widest part of each room (default: one per reference frame)"
         ),
     ] = False,
     calibrate: Annotated[
@@ -32,7 +32,9 @@ def build(
     ] = True,
     floor_map: Annotated[
         Path | None,
-        typer.Option(metavar="MAP.yaml", help="Occupancy map of a robot (ROS map_server), if there are no floor masks"),
+        typer.Option(
+            metavar="MAP.yaml", help="Occupancy map (ROS map_server) to use if the dataset has no floor masks"
+        ),
     ] = None,
     data_dir: DataDir = None,
     overrides: Set = None,

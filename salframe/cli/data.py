@@ -157,7 +157,7 @@ def import_(
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Folder to write the dataset to")],
     place_from: Annotated[
         Literal["column", "region", "folder", "none"] | None,
-        typer.Option(help="Source of the names of places (default: the first one that the recording has)"),
+        typer.Option(help="Source of the place names (default: the first source in the recording)"),
     ] = None,
     queries: Annotated[
         str | None,
@@ -169,7 +169,7 @@ def import_(
         str | None, typer.Option(metavar="Nm|Ns", help="Minimum distance or time between panoramas, such as 0.5m or 2s")
     ] = None,
     floors: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="YAML file with floor masks, for places and routes")
+        Path | None, typer.Option(metavar="FILE", help="YAML file of floor masks, used for places and routes")
     ] = None,
     overrides: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a setting of the importer")

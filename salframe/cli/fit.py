@@ -21,7 +21,7 @@ def fit(
         typer.Option(
             "--try",
             metavar="KEY.PATH=VALUE,VALUE",
-            help="Values to try for a setting; the best one is used; repeatable",
+            help="Values of a setting to try; the best value is used; repeatable",
         ),
     ] = None,
     posterior_only: Annotated[

@@ -63,7 +63,7 @@ def localize(
         typer.Option(
             parser=number_parser("--max-false-accept", float, 0.001, 0.999),
             metavar="SHARE",
-            help="Maximum share of out-of-map queries to accept (conformal test)",
+            help="Maximum false accept rate for out-of-map queries (conformal test)",
         ),
     ] = None,
     trajectory: Annotated[

@@ -36,7 +36,7 @@ Heading = Annotated[
     typer.Option(
         parser=number_parser("--heading", float, -MAX_ANGLE_DEG, MAX_ANGLE_DEG),
         metavar="DEG",
-        help="Heading at the start in degrees, counter-clockwise from the world x axis",
+        help="Heading at the start (degrees, counter-clockwise from the world x axis)",
     ),
 ]
 

@@ -35,16 +35,16 @@ def navigate(
     ] = "100",
     positioning: Annotated[
         Literal["on", "off", "both", "all"],
-        typer.Option(help="Whether the agent uses the poses of the method; both and all: see above"),
+        typer.Option(help="Whether the agent uses the poses of the method (both, all: see above)"),
     ] = "on",
     *,
     options: CommonOptions,
 ) -> None:
     """Measure how well an agent navigates with each method.
 
-    The agent walks from room to room and localizes with the method. With --positioning off, it uses only the places of
-    the answers, not the poses. "both" runs each method once with and once without its poses. "all" also runs an agent
-    that knows its true place. Run the same command again to resume an interrupted run.
+    The agent walks from room to room and localizes with the method. With --positioning off, the agent uses only the
+    places of the answers, not the poses. "both" runs each method once with and once without its poses. "all" also
+    runs an agent that knows its true place. Run the same command again to resume an interrupted run.
     """
     from salframe.evaluation.tasks.navigation.options import Positioning
     from salframe.evaluation.tasks.navigation.task import NavigationTask

@@ -130,9 +130,7 @@ RangeUnit = Annotated[
 ]
 RangeMissing = Annotated[
     list[int] | None,
-    typer.Option(
-        metavar="VALUE", min=0, max=65535, help="Pixel value that means an unknown range, besides 0; repeatable"
-    ),
+    typer.Option(metavar="VALUE", min=0, max=65535, help="Pixel value of unknown range, in addition to 0; repeatable"),
 ]
 
 Fov = Annotated[

@@ -239,7 +239,7 @@ def test_a_network_of_any_size_is_given_the_declared_one(tmp_path):
     anything = write_network(tmp_path / "any.onnx", side_px=None)
     panorama, (points,) = scene(("red", 20, 0, 20, 20, 2.0))
     assert build(anything, size_px=(128, 128)).detect(panorama).centroid_m[0] == pytest.approx(points.mean(0), abs=0.02)
-    with pytest.raises(ConfigError, match=r"any.onnx accepts images of any size, expected .* size_px: \[640, 640\]"):
+    with pytest.raises(ConfigError, match=r"any.onnx has no fixed input size: set size_px .* \[640, 640\]"):
         build(anything)
 
 
@@ -260,7 +260,7 @@ def test_a_network_of_any_size_is_given_the_declared_one(tmp_path):
         (
             {"labels": ["red"]},
             WeightsError,
-            r"the output of the network is \(3, 8\) for each image; the decoder 'yolov5' expects \(\*, 6\)",
+            r"the output of the network is \(3, 8\) for each image, expected \(\*, 6\) for the decoder 'yolov5'",
         ),
         (
             {"size_px": [640, 640]},

@@ -180,10 +180,10 @@ def test_missing_and_damaged_weights_say_how_to_get_them(monkeypatch, tmp_path):
 
 
 def test_without_a_file_the_users_own_network_says_what_it_wants(tmp_path):
-    with pytest.raises(WeightsError, match="received no model; set model to the path of an ONNX file"):
+    with pytest.raises(WeightsError, match="received no model: set model to the path of an ONNX file"):
         ImageFeatures(ImageFeatures.Config(network="onnx"))
     with pytest.raises(
-        WeightsError, match=r"received \S+none\.onnx, which is not a file; set model to the path of an ONNX file"
+        WeightsError, match=r"received \S+none\.onnx, which is not a file: set model to the path of an ONNX file"
     ):
         ImageFeatures(ImageFeatures.Config(network={"kind": "onnx", "model": tmp_path / "none.onnx"}))
 

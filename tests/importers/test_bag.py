@@ -67,7 +67,7 @@ def test_topics_are_chosen(tmp_path):
         bag.choose("image", "/up", [IMAGE])
     with pytest.raises(DataError, match=r"the topic /odom has the type nav_msgs/msg/Odometry, expected sensor_msgs"):
         bag.choose("image", "/odom", [IMAGE])
-    with pytest.raises(DataError, match=r"no topic .*CameraInfo \(such as /left \[sensor_msgs/msg/Image\]"):
+    with pytest.raises(DataError, match=r"no topic .*CameraInfo \(all topics: /left \[sensor_msgs/msg/Image\]"):
         bag.choose("camera_info", None, [CAMERA_INFO])
 
 

@@ -198,7 +198,7 @@ def test_a_scale_that_the_floor_contradicts_is_named(tmp_path):
 
 @pytest.mark.parametrize("settings", [[], ["scale=1", "camera_height=1"]])
 def test_the_unit_is_needed_once(tmp_path, settings):
-    with pytest.raises(ConfigError, match=r"scale .* camera_height, expected one of them: a COLMAP model has no unit"):
+    with pytest.raises(ConfigError, match=r"scale .* camera_height, expected exactly one: a COLMAP model has no unit"):
         read(equirectangular(tmp_path), *settings)
 
 
@@ -218,7 +218,7 @@ def test_a_missing_depth_image_is_named(tmp_path):
 
 def test_missing_pictures_are_named(tmp_path):
     equirectangular(tmp_path).joinpath("images").rename(tmp_path / "pictures")
-    with pytest.raises(DataError, match="has no folder images beside or above it"):
+    with pytest.raises(DataError, match="and the two folders above have no folder `images`"):
         read(tmp_path, SCALE)
     assert len(read(tmp_path, SCALE, f"images={tmp_path / 'pictures'}").records) == 4
 

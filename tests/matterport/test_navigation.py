@@ -141,7 +141,7 @@ def test_an_unknown_viewpoint_is_one_line(world, tmp_path, entry, line):
 
 
 def test_a_building_without_neighbours_is_malformed(building):
-    with pytest.raises(DataError, match=r"fake_connectivity\.json has no key 'unobstructed'"):
+    with pytest.raises(DataError, match=r"fake_connectivity\.json has a viewpoint without the key 'unobstructed'"):
         MatterportAnnotations(MatterportAnnotations.Config(root=building.root)).worlds()
 
 

@@ -150,7 +150,7 @@ def test_a_step_without_two_angles_is_refused(root, angles):
 def test_what_is_no_object_id_is_refused(root, named):
     answers = official(ANSWERS)
     answers[0]["predObjId"] = named
-    with pytest.raises(DataError, match=r"names the object .*, expected its id, an integer, or null"):
+    with pytest.raises(DataError, match=r"names the object .*, expected an integer id of at most 9 digits, or null"):
         score(root, answers)
 
 

@@ -137,7 +137,7 @@ def test_where_the_range_has_holes_the_rest_is_found(detector, panoramas):
 
 def test_what_it_lacks_is_named(detector, panoramas):
     with pytest.raises(
-        InputMissing, match="has no range, which the detector 'panoseg' needs; the detector 'onnx' needs only colour"
+        InputMissing, match="has no range, which the detector 'panoseg' needs: choose the detector 'onnx'"
     ):
         detector.detect(replace(panoramas[0], range_m=None))
     with pytest.raises(InputMissing, match="has no rgb, which the detector 'panoseg' needs"):

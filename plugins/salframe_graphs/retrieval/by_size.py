@@ -67,7 +67,8 @@ class BySize(SceneIndex):
         kind = read_model(folder / _CHOICE, _Choice).kind
         if kind not in _KINDS:
             raise DataError(
-                f"{folder} has a scene index of the kind {kind!r}, expected one of {', '.join(_KINDS)}: build it again"
+                f"{folder} has a scene index of the kind {kind!r}, expected one of {', '.join(_KINDS)}: "
+                "build the index again"
             )
         self._index = _KINDS[kind]()
         self._index.open(folder / _INDEX)

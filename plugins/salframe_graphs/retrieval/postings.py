@@ -100,7 +100,7 @@ def read_postings(folder: Path) -> Postings:
         raise DataError(f"{folder} has no scene index: build it with SceneIndex.build")
     index = read_model(folder / _INDEX, _Index)
     if index.format != _FORMAT:
-        raise DataError(f"{folder} has scene index format {index.format}, expected {_FORMAT}: build it again")
+        raise DataError(f"{folder} has scene index format {index.format}, expected {_FORMAT}: build the index again")
     try:
         start, rarity = np.asarray(map_array(folder / _LISTS))
         scene, code, weight = (np.asarray(map_array(folder / name)) for name in (_SCENE, _CODE, _WEIGHT))
