@@ -99,7 +99,9 @@ class Yolov8Seg(DetectionDecoder):
 
 
 class Detr(DetectionDecoder):
-    """DETR: logits (B, queries, classes + 1) with softmax, and boxes (B, queries, 4) as shares: centre and size.
+    """DETR: logits (B, queries, classes + 1) with softmax, and boxes (B, queries, 4).
+
+    Boxes are centre and size, divided by the image size.
 
     The last class is "no object".
     """

@@ -74,8 +74,8 @@ class NodeMatcherConfig(ComponentConfig):
     )
     size_scale: tuple[float, float] | None = Field(
         (0.8, 0.5),
-        description="log ratios of two box lengths and of two box heights at which the similarity of two nodes is "
-        "halved; null: sizes are ignored",
+        description="the similarity of two nodes is halved if the logarithm of the ratio of their box lengths is the "
+        "first value, or that of their box heights the second; null: sizes are ignored",
     )
     ring_edges_m: Annotated[tuple[float, ...], AfterValidator(_ascending)] = Field(
         (1.0, 2.0, 4.0), description="list of the outer radii (m) of the distance rings around a node, ascending"

@@ -33,8 +33,8 @@ class PanoramaScoresConfig(ComponentConfig):
     agreement: float = match_only(
         0.5,
         ge=0,
-        description="factor on the scores of agreeing matches (which give a similar query pose in the world) that "
-        "are added to the score of a match; 0: off",
+        description="the score of a match increases by this factor times the scores of the matches that give a similar "
+        "query pose in the world; 0: off",
     )
     agreement_radius_m: float = match_only(
         1.5, gt=0, description="maximum distance (m) between the query poses of two agreeing matches"

@@ -74,7 +74,8 @@ class HouseConfig(QueryView):
     )
     changes: Literal["uniform", "by-class"] = added(
         "uniform",
-        description="objects that change. uniform: all with equal probability, fixed ones such as fittings last; "
+        description="objects that change. uniform: all movable objects with equal probability, and fittings only "
+        "after them; "
         "by-class: movable objects more often (chairs and bins 10 times as often as wardrobes, fittings never)",
     )
     change_kinds: tuple[Literal["removed", "moved", "added"], ...] = added(

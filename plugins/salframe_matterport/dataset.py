@@ -85,8 +85,8 @@ class MatterportAnnotations(NavigableDataset):
         )
         one_map: bool = match_only(
             False,
-            description="true: all buildings are in one map, 1 km apart along x, and each map is used for one query "
-            "per building; false: each building has maps of its own",
+            description="true: a map contains all buildings, 1 km apart along x, except for one viewpoint of each "
+            "building, which is a query; false: each building has separate maps",
         )
         map_share: float | None = added(
             None,

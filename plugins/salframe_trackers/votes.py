@@ -61,7 +61,9 @@ class VoteTracker(Tracker):
     version = "1"
 
     class Config(ComponentConfig):
-        fade: float = Field(0.7, ge=0, le=1, description="factor of a vote for each later answer; 1: votes do not fade")
+        fade: float = Field(
+            0.7, ge=0, le=1, description="factor of all older votes at each new answer; 1: votes do not fade"
+        )
         agreement_m: float = Field(0.5, gt=0, description="maximum distance of poses that agree (m)")
         agreement_deg: float = Field(
             30.0, gt=0, le=180, description="maximum difference of the headings of poses that agree (degrees)"

@@ -77,7 +77,7 @@ Set = Annotated[
     typer.Option(
         "--set",
         metavar="KEY.PATH=VALUE",
-        help="Change a setting: KEY (all methods), METHOD.KEY, data.KEY, engine.KEY (workers)",
+        help="Change a setting: KEY (all methods), METHOD.KEY, data.KEY or engine.KEY",
     ),
 ]
 Name = Annotated[str | None, typer.Option(help="Name of the run folder (default: name of the dataset)")]

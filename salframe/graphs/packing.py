@@ -99,7 +99,7 @@ def unpack_graph(packed: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def texts_of(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the array of the texts of a graph or packed graph by its name; {} if no node has a text."""
+    """Return {name: array} with the texts of a graph or packed graph; {} if no node has a text."""
     return {TEXTS: arrays[TEXTS]} if TEXTS in arrays else {}
 
 

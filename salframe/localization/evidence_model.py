@@ -94,7 +94,7 @@ class PlaceHypotheses:
 
 
 class EvidenceModel(Role):
-    """Computes columns of numbers that support hypotheses of the place of a query.
+    """Computes numbers that measure how well each candidate place fits a query, one column for each kind of number.
 
     A component sets `columns` and implements `score`. A component that stores arrays of each panorama also sets
     `arrays` and implements `describe` and `index`. All other methods have a default. If a panorama lacks the parts that

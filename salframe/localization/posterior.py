@@ -35,13 +35,14 @@ class Head(Settings):
     """
 
     absent_mean: float = Field(
-        description="mean contrast (of the first place with the others) of the answers to out-of-map queries"
+        description="mean contrast of the answers to out-of-map queries: how much the score of the first place exceeds "
+        "those of the others"
     )
     absent_deviation: float = Field(
         gt=0, description="standard deviation of the contrast of the answers to out-of-map queries"
     )
     bias: float = Field(
-        description="log likelihood ratio, correct answer against answer to an out-of-map query, of an answer with the "
+        description="logarithm of the likelihood ratio of a correct answer to an answer to an out-of-map query, at the "
         "contrast `absent_mean`"
     )
     slope: float = Field(
@@ -114,7 +115,8 @@ class Posterior(Settings):
     )
     calibrate: bool = Field(
         True,
-        description="true: the head is calibrated with the reference frames of each map; false: it is used as fitted",
+        description="true: the out-of-map probability is calibrated with the reference frames of each map; false: it "
+        "is used as fitted",
     )
     query_distance_m: float = Field(
         1.0,

@@ -74,7 +74,7 @@ class QueryView(ComponentConfig):
         "stretch",
         match_only=True,
         description="simulated detection errors of an object in the views of a query. stretch: the same errors in "
-        "all views; view: different errors in each view",
+        "all views of a walk; view: different errors in each view",
     )
 
 

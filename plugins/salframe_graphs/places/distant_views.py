@@ -23,11 +23,14 @@ class DistantViews(Settings):
     near_m: float = Field(
         2.5,
         ge=0,
-        description="maximum distance (m) of a view from the last view of its group; all views of a group are in one "
-        "place",
+        description="maximum distance (m) of a view from the last view of its group of views; a group is assumed to be "
+        "in one place",
     )
     window_m: float = Field(
-        5.0, gt=0, description="maximum distance (m) of the objects of a place's window from the place's frames"
+        5.0,
+        gt=0,
+        description="maximum distance (m) from the frames of a place to the objects that distant views are compared "
+        "with",
     )
     same_place_m: float = Field(
         2.0, gt=0, description="distance (m) at which two views are in the same place with a probability of 1/e"
@@ -40,7 +43,7 @@ class ViewGroup:
 
     Attributes:
         description: The joined description, in the frame of the last view of the group.
-        T_last_group: (4, 4) transform from the frame of the last view of the group to that of the last view of the query.
+        T_last_group: (4, 4) transform from the frame of the group's last view to that of the query's last view.
     """
 
     description: Mapping[str, np.ndarray]
@@ -52,8 +55,13 @@ class ViewGroup:
         return float(np.linalg.norm(self.T_last_group[:3, 3]))
 
     def poses(self, shift_m: np.ndarray, yaw_rad: float, count: int) -> Poses:
-        """Return the pose of the group in each of `count` places, where (2,) `shift_m` and `yaw_rad` are the pose of
-        the last view in the world."""
+        """Return the world pose of the group, repeated for `count` places.
+
+        Args:
+            shift_m: (2,) world position of the last view, in metres.
+            yaw_rad: World yaw of the last view.
+            count: Number of places.
+        """
         offset = np.exp(1j * yaw_rad) * as_complex(self.T_last_group[None, :2, 3])
         moved_m = shift_m + np.array([offset[0].real, offset[0].imag])
         yaw = yaw_rad + pose_yaw(self.T_last_group)

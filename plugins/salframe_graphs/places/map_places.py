@@ -162,7 +162,7 @@ class MapPlaces:
         return np.where(region_name >= 0, region_name, matched)
 
     def heights_m(self, name: int) -> np.ndarray:
-        """Return the heights of the scene frames with a name of a place, in ascending order, (N,)."""
+        """Return the heights (N,) in metres of the scene frames of the place number `name`, ascending."""
         return np.sort(self._frames_m[self.shown.of_name(name), 2])
 
     def camera_z_m(self, place: int, camera_height_m: float) -> float:

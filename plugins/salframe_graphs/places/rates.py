@@ -75,8 +75,8 @@ class BearingErrors(Settings):
     side_error_share: float = Field(
         0.09,
         ge=0,
-        description="standard deviation of the visible centre of an object, relative to its mean side, because the "
-        "visible part changes with the viewpoint",
+        description="standard deviation of the position of the visible centre of an object, divided by the mean side "
+        "of its box; the visible part changes with the viewpoint",
     )
     size_error_log: float = Field(
         0.7, gt=0, description="standard deviation of ln(solid angle) of an object of known size and distance"
@@ -95,7 +95,7 @@ class BearingErrors(Settings):
         7.5, gt=0, description="solid angle (sr) over which the bearings of clutter are uniform"
     )
     detection_logit: float = Field(
-        -0.76, description="log-odds of the detection of an object with log-odds of 0 by the rates of the detector"
+        -0.76, description="log-odds of the detection of an object to which `rates` give the log-odds 0"
     )
     detection_per_logit: float = Field(
         1.62,
@@ -135,19 +135,18 @@ class Likelihood(Settings):
         "object in the map) are uniform",
     )
     unplaced_share: float = Field(
-        0.33, gt=0, le=1, description="factor on the odds of each object in the likelihood of a place without a pose"
+        0.33, gt=0, le=1, description="factor on the odds of each object if no pose in the place is assumed"
     )
     scale_error: float = Field(
         0.1,
         gt=0,
-        description="standard deviation of the factor from the ranges of a query to true ranges, the same factor for "
-        "all objects of a query",
+        description="standard deviation of true range / measured range, which is the same for all objects of a query",
     )
     camera_height_error_m: float = Field(
         0.15,
         gt=0,
-        description="standard deviation (m) of the height of the query's camera above its expected height, which "
-        "queries without range estimate",
+        description="standard deviation (m) of the camera height of a query around its expected value; the method "
+        "estimates this height if the query has no range",
     )
     bearings: BearingErrors = Field(BearingErrors(), description="constants for query objects without range")
 

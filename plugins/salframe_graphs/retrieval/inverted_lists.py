@@ -32,8 +32,8 @@ class InvertedLists(SceneIndex):
         )
         size_scale: tuple[float, float] = match_only(
             (0.8, 0.5),
-            description="log ratios of two box lengths and of two box heights at which the similarity of two objects "
-            "is halved",
+            description="the similarity of two objects is halved if the logarithm of the ratio of their box lengths is "
+            "the first value, or that of their box heights the second",
         )
 
     def build(self, graphs: Iterable[SaliencyGraph], folder: Path) -> None:

@@ -81,7 +81,7 @@ def score_tables(rows: Sequence[NavigationRow], leading: Mapping[str, Sequence[s
     if not scored:
         return []
     columns: list[Column[NavigationRow]] = [INPUT, *map(_score_column, scored[0].scores)]
-    title = "metrics of the benchmark. The agent knows its goals, so they are upper bounds"
+    title = "metrics of the benchmark. They are upper bounds, because the agent knows its goals"
     return [draw_table(columns, scored, select_leading(leading, rows, scored), title)]
 
 
