@@ -109,10 +109,12 @@ def test_candidates_that_score_less_are_left_out_and_boxes_end_at_the_border():
 
 
 def test_other_shapes_are_told():
-    with pytest.raises(WeightsError, match=r"is \(8, 100\) for each image; the decoder 'yolox' expects \(126, 8\)"):
+    with pytest.raises(
+        WeightsError, match=r"is \(8, 100\) for each image, expected \(126, 8\) for the decoder 'yolox'"
+    ):
         decoder("yolox").decode([np.zeros((1, 8, 100), np.float32)], REQUEST)
     with pytest.raises(
-        WeightsError, match=r"is \(100, 3\) for each image; the decoder 'detr' expects \(\*, 4\), \(\*, 4\)"
+        WeightsError, match=r"is \(100, 3\) for each image, expected \(\*, 4\), \(\*, 4\) for the decoder 'detr'"
     ):
         decoder("detr").decode([np.zeros((1, 100, 3), np.float32)], REQUEST)
 

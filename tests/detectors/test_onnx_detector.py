@@ -255,7 +255,7 @@ def test_a_network_of_any_size_is_given_the_declared_one(tmp_path):
         (
             {"decoder": "yolov8"},
             WeightsError,
-            r"colours.onnx: the output of .* is \(3, 8\) for each image; the decoder 'yolov8' expects \(7, \*\)",
+            r"colours.onnx: the output of .* is \(3, 8\) for each image, expected \(7, \*\) for the decoder 'yolov8'",
         ),
         (
             {"labels": ["red"]},

@@ -110,7 +110,9 @@ def test_a_bag_without_poses_is_named(tmp_path):
 
 
 def test_a_frame_that_is_missing_is_named(tmp_path):
-    with pytest.raises(DataError, match=r"has no frame world in /tf and /tf_static, expected one of base_link, "):
+    with pytest.raises(
+        DataError, match=r"has no frame world in /tf and /tf_static, expected a frame of the bag: base_link, "
+    ):
         source(write(tmp_path / "bag"), world="world")
 
 
