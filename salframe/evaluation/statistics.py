@@ -162,7 +162,7 @@ def false_accept_rate(correct: np.ndarray, absent: np.ndarray, share: float = AC
     Args:
         correct: (R,) evidence of the correct answers.
         absent: (A,) evidence of the answers to out-of-map queries.
-        share: Share of the correct answers that the threshold accepts. The threshold is the highest that does.
+        share: Minimum share of the correct answers to accept. The highest threshold that accepts this share is used.
     """
     if not len(correct) or not len(absent):
         return None

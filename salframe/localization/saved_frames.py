@@ -28,7 +28,7 @@ class SavedFrames(Sequence[ReferenceFrame]):
     """The S reference frames of a saved map, each created when it is first read.
 
     Attributes:
-        is_scene: (S,) bool, whether each frame is a scene.
+        is_scene: (S,) bool, whether each frame is in a room, and not in a doorway.
 
     Raises:
         DataError: A frame has an unknown kind, or a pose that is not a rigid motion.

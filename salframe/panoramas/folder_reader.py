@@ -131,7 +131,8 @@ class Folder:
         return queries
 
     def view_frames(self, entries: Sequence[FrameEntry], contents: Mapping[str, str]) -> list[QueryFrame]:
-        """Return query frames of the manifest, each alone. `contents` is as in `query_frames`."""
+        """Return one query frame for each entry, without the other views of its query. `contents` is as in
+        `query_frames`."""
         return [QueryFrame(entry.id, partial(self.load, entry), contents.get(entry.id, "")) for entry in entries]
 
     @cached_property

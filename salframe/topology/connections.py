@@ -109,7 +109,7 @@ def restore_connections(topology: TopologicalMap, connections: Iterable[Connecti
 
 
 def apart_note(floors: Sequence[FloorMasks], edges: Sequence[MapEdge]) -> str | None:
-    """Return a line on floors that no edge connects, None if all are connected."""
+    """Return a note about floors that no edge connects, None if all are connected."""
     pairs = np.array([edge.storeys for edge in edges if edge.storeys], int).reshape(-1, 2) - 1
     count = len(set(components(len(floors), pairs).tolist()))
     if count == 1:

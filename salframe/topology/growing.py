@@ -45,7 +45,7 @@ class MapChange:
         removed: Places that were removed.
         places: Number of places of the changed map.
         frames: Number of reference frames of the changed map.
-        notes: Notes of the changed topology.
+        notes: Warnings about the changed topology, such as a connection that was dropped.
     """
 
     added: tuple[str, ...]

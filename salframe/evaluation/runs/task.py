@@ -171,7 +171,7 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
         """Return the key of a piece: a value for each of `key_fields`."""
 
     def total(self, survey: Surveyed) -> int:
-        """Return the number of lines that the files `counted` have when the work is complete."""
+        """Return the number of lines of all files in `counted` when the work is complete."""
         return len(survey.pieces)
 
     def mode(self, label: str) -> str:

@@ -316,7 +316,9 @@ def _check_values(path: Path, values: np.ndarray, kind: ArrayKind) -> None:
 
 def _check_words(path: Path, numbers: np.ndarray, words: Sequence[str]) -> None:
     if numbers.dtype.kind != "u":
-        raise DataError(f"{path} contains {numbers.dtype}, expected unsigned integers, the indices of words")
+        raise DataError(
+            f"{path} contains {numbers.dtype}, expected unsigned integers that index the list of strings of this column"
+        )
     if len(numbers) and numbers.max() >= len(words):
         raise DataError(f"{path} contains the index {numbers.max()}, expected an index below {len(words)}")
 
