@@ -87,8 +87,7 @@ class Commands(TyperGroup):
             *_, last = traceback.extract_tb(stop.__traceback__)
             where = f"{last.filename} line {last.lineno}"
             raise SalframeError(
-                f"{where} ended the process with {describe_error(stop)}: raise an exception such as "
-                "SalframeError instead"
+                f"{where} ended the process ({describe_error(stop)}); raise an exception such as SalframeError instead"
             ) from stop
 
 

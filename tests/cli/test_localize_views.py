@@ -38,7 +38,7 @@ def test_views_without_motion_are_fused(tiny):
     [
         (("a", "b"), "received 2 frames without --views"),
         (("a", "--motion", "motion.csv"), "received --motion without --views"),
-        (("--views",), "received neither a frame nor images"),
+        (("--views",), "received --views without a view"),
         (("--views", "--rgb", "a.jpg"), "received --views with --rgb"),
     ],
 )

@@ -222,7 +222,10 @@ def test_a_dataset_without_frames_has_one_scene_node_a_region_and_no_localizer(r
     assert ", 5 scene nodes, 4 transition nodes, " in done.out.splitlines()[0]
     assert run("map", "route", "map", "room-0", "room-4", "--json").json["nodes"][0] == "room-0"
     done = run("map", "query", "map", "query-1-0", "--data", "doored")
-    message = "error: map has no localizer, because its data have no reference frames\n"
+    message = (
+        "error: map has no localizer, because its data have no reference frames: build the map from data with "
+        "reference frames\n"
+    )
     assert (done.code, done.err) == (2, message)
 
 

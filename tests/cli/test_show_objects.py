@@ -122,7 +122,7 @@ def test_a_bad_image_costs_its_own_answer_alone(pictures):
     assert done.out.count("\n") == 1
     torn, desk, gone = done.err.splitlines()
     assert torn.startswith("error: torn.png is not a readable image")
-    assert desk.startswith("error: desk.png is 640 x 480, expected a panorama")
+    assert desk.startswith("error: desk.png is 640 x 480, expected width = 2 x height (a panorama)")
     assert "--fov" in desk
     assert gone == "error: cannot read gone.png: No such file or directory, expected a readable image"
     again = run("show-objects", "torn.png", "hall.jpg", *DETECTOR, "--json")

@@ -160,12 +160,12 @@ def test_what_cannot_be_fitted_is_told():
     here, gone = ScoredAnswer(np.array([2.0, 1.0]), 0, True, ""), ScoredAnswer(np.array([1.0]), None, False, "")
     with pytest.raises(
         DataError,
-        match=r"received 2 answers that rank the true place of a query in the map, and 0 answers to out-of-map queries",
+        match=r"received 2 answers that rank the true place of their query and 0 answers to out-of-map queries",
     ):
         fit_posterior([here, here])
     with pytest.raises(
         DataError,
-        match=r"received 0 answers that rank the true place of a query in the map, and 1 answers to out-of-map queries",
+        match=r"received 0 answers that rank the true place of their query and 1 answers to out-of-map queries",
     ):
         fit_posterior([gone])
     flat = ScoredAnswer(np.array([1.0, 1.0]), 0, True, "")

@@ -140,7 +140,7 @@ def test_a_window_joins_its_latest_views(map):
 
 
 def test_a_window_without_views_is_refused(map):
-    with pytest.raises(ConfigError, match="received 0 views, expected at least 1"):
+    with pytest.raises(ConfigError, match="num_views is 0, expected at least 1"):
         TrackedCamera(map, num_views=0)
 
 

@@ -210,7 +210,9 @@ def test_a_frame_whose_process_dies_is_rendered_by_another() -> None:
 
 
 def test_a_frame_whose_process_always_dies_is_one_line() -> None:
-    with pytest.raises(SalframeError, match=r"died on the same frame, after 2 of 3: run the command again to resume"):
+    with pytest.raises(
+        SalframeError, match=r"died on the same frame, after 2 of 3 frames: run the command again to resume"
+    ):
         Dying(Dying.Config(always=True)).prepare(lambda done, total: None)
 
 

@@ -39,7 +39,7 @@ WORDS = {
         ("map", "route", "map", "a", "b", "--heading", "nan"),
         "--heading 'nan', expected a number from -3600.0 to 3600.0",
     ),
-    "pipe": (("ablate", "pipe.yaml", "--data", "./data"), "pipe.yaml: the file is a pipe.*expected a regular file"),
+    "pipe": (("ablate", "pipe.yaml", "--data", "./data"), "pipe.yaml: the path is a pipe.*expected a regular file"),
     "device": (("ablate", "/dev/zero", "--data", "./data"), "expected a regular file"),
     "base of itself": (("ablate", "self.yaml"), "self.yaml is its own base"),
     "base is a list": (("ablate", "list.yaml"), r"base is \['a'\], expected the name of a file"),

@@ -101,7 +101,7 @@ FAULTS: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
     "745 GiB": (
         lambda root: (next(root.glob("ways/parts-*/edges/length_m.npy")).write_bytes(HUGE), reseal(root / "ways")),
         ROUTE,
-        r"length_m\.npy is not .*: the file has 0 bytes of values, expected 800000000000",
+        r"length_m\.npy is not .*: the file has an array of shape \(100000000000,\), expected lengths from 0 to \d+",
     ),
     "ragged poses": (
         array_file("map/parts-*/frames/pose.npy", lambda poses: poses.ravel()[:-1]),
@@ -210,7 +210,7 @@ FAULTS: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
             lambda results: results["whole"]["half"]["rows"].append(results["whole"]["half"]["rows"][0]),
         ),
         ("experiment", "experiment.yaml", "--engine", "inline", "--results", "results"),
-        r"experiment\.json: whole\.half: received 2 rows and 1 settings for 1 methods",
+        r"experiment\.json: whole\.half: the table has 2 rows, 1 settings and 1 different pairs of settings and method, expected .*",
     ),
     "complex outlines": (
         array_file("building/parts-*/scenes/outline_mm.npy", lambda outlines: outlines.astype(np.complex64)),

@@ -91,7 +91,7 @@ def test_a_websocket_streams_the_belief(service):
     with connect(f"ws://127.0.0.1:{service.port}/sessions/{session}/stream") as socket:
         with pytest.raises(ConnectionClosed) as closed:
             socket.recv()
-        assert "no such session" in closed.value.rcvd.reason
+        assert "no session has this id" in closed.value.rcvd.reason
 
 
 def test_pages_of_other_sites_are_refused(service):

@@ -111,7 +111,7 @@ def test_a_method_without_the_setting_is_refused(fakes, monkeypatch, tmp_path):
 
     registry.cache_clear()
     done = run("fit", "mute", "--data", "rooms", "-o", "out.yaml")
-    assert "mute is a 'mute', which has no setting `posterior`" in done.err
+    assert "mute has no setting `posterior`" in done.err
     done = run("fit", "constant", "--data", "rooms", "-o", "out.yaml")
     assert "constant cannot be fitted: all places of each answer have the same score" in done.err
 
