@@ -101,12 +101,12 @@ def test_a_floor_on_the_pixels_of_another_one():
 
 
 def test_the_agreement_of_regions_uses_the_pixels_of_both_floors():
-    given = masks(np.array([[1, 1, 2, 2, 0]]), (0.0, 0.5))
-    derived = masks(np.array([[2, 2, 2, 1, 0, 2]]), (-0.5, 0.5))  # on the pixels of `given`: 2, 2, 1, 0, 2
-    assert region_agreement(given, derived) == pytest.approx(1.0)
+    exact = masks(np.array([[1, 1, 2, 2, 0]]), (0.0, 0.5))
+    derived = masks(np.array([[2, 2, 2, 1, 0, 2]]), (-0.5, 0.5))  # on the pixels of `exact`: 2, 2, 1, 0, 2
+    assert region_agreement(exact, derived) == pytest.approx(1.0)
     # Labels 1, 1, 2, 2 and 1, 1, 1, 2: one pair is together in both, as expected by chance (2 x 3 of 6 pairs).
     shifted = masks(np.array([[1, 1, 1, 2, 2]]), (0.0, 0.5))
-    assert region_agreement(given, shifted) == pytest.approx(0.0)
+    assert region_agreement(exact, shifted) == pytest.approx(0.0)
 
 
 def test_a_pose_is_raised_to_the_upper_storey_only():
