@@ -1,10 +1,11 @@
-"""Write docs/reference/cli.md and components.md from the code: `python docs/generate_reference.py`. A test fails when
-they are out of date."""
+"""Write the generated pages of docs/reference from the code: `python docs/generate_reference.py`. A test fails when they
+are out of date."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
@@ -113,26 +114,51 @@ def _usage(parameter: Any) -> str:
     return spelling if has_value else f"{spelling} {parameter.name.upper()}"
 
 
-def write_components() -> str:
-    """The page of the components: role, name, summary and settings of each."""
+def write_component_index() -> str:
+    """Return the page that lists the roles and their components."""
+    rows = [
+        (f"[{role}]({role}.md)", _summary(role), ", ".join(f"[{c.name}]({role}.md#{c.name})" for c in components))
+        for role, components in _components()
+    ]
     page = [
         "# Components",
-        "Generated from the registry by docs/generate_reference.py. `salframe show NAME` prints the same with the "
-        "values of a preset. `salframe plugins` lists the missing requirements of each component on your machine. "
-        "Change a setting with `--set KEY=VALUE`: see [Ablate](../how-to/ablate.md). If the type of a setting is a "
-        "role, its value is the name of another component. The settings of this component follow after a dot, as in "
-        "`matcher.rarity`.",
+        "docs/generate_reference.py generates these pages from the registry. `salframe show NAME` prints the same "
+        "settings with the values of a preset. `salframe plugins` lists the missing requirements of each component on "
+        "your machine. Change a setting with `--set KEY=VALUE`: see [Ablate](../../how-to/ablate.md). If the type of a "
+        "setting is a role, its value is the name of another component. The settings of this component follow after a "
+        "dot, as in `matcher.rarity`.",
+        _table(("role", "purpose", "components"), rows),
     ]
-    for role, base in registry().roles.items():
-        components = [component for component, package in registry() if component.role == role and package == PACKAGE]
-        if components:
-            page += [f"## {role}", (base.__doc__ or "").strip().partition("\n")[0]]
-            page += [_component(component) for component in components]
     return "\n\n".join(page) + "\n"
 
 
-def _component(component: type[Component]) -> str:
-    paragraphs = [f"### {component.name}", " ".join((component.__doc__ or "").split())]
+def write_role(role: str, components: list[type[Component]]) -> str:
+    """Return the page of a role: the summary and the settings of each of its components."""
+    rows = {component: _setting_rows(component) for component in components}
+    first, *others = rows.values()
+    common = [row for row in first if others and all(row in other for other in others)]
+    page = [f"# Components: {role}", _summary(role)]
+    if common:
+        page += ["## Settings of all components", "All components on this page have these settings.", _settings(common)]
+    for component in components:
+        page += _component(component, [row for row in rows[component] if row not in common], bool(common))
+    return "\n\n".join(page) + "\n"
+
+
+def _components() -> Iterator[tuple[str, list[type[Component]]]]:
+    """Yield each role that has components in this package, with these components."""
+    for role in registry().roles:
+        if components := [c for c, package in registry() if c.role == role and package == PACKAGE]:
+            yield role, components
+
+
+def _summary(role: str) -> str:
+    return (registry().roles[role].__doc__ or "").strip().partition("\n")[0]
+
+
+def _component(component: type[Component], rows: list[tuple[str, ...]], has_common: bool) -> list[str]:
+    """Return the paragraphs of a component. `rows` are its settings without those of all components."""
+    paragraphs = [f"## {component.name}", " ".join((component.__doc__ or "").split())]
     presets = [
         name
         for name in names(component.role)
@@ -140,8 +166,16 @@ def _component(component: type[Component]) -> str:
     ]
     if presets:
         paragraphs.append(f"Presets: {', '.join(f'`{name}`' for name in presets)}.")
-    rows = [(f"`{s.key}`", s.type, _value(s.default), s.help) for s in _own_settings(component.Config())]
-    return "\n\n".join([*paragraphs, _table(("setting", "type", "default", ""), rows) if rows else "No settings."])
+    nothing = "No other settings." if has_common else "No settings."
+    return [*paragraphs, _settings(rows) if rows else nothing]
+
+
+def _settings(rows: list[tuple[str, ...]]) -> str:
+    return _table(("setting", "type", "default", "meaning"), rows)
+
+
+def _setting_rows(component: type[Component]) -> list[tuple[str, ...]]:
+    return [(f"`{s.key}`", s.type, _value(s.default), s.help) for s in _own_settings(component.Config())]
 
 
 def _own_settings(config: ComponentConfig) -> Iterator[Setting]:
@@ -182,8 +216,15 @@ def write_credits() -> str:
     return "\n\n".join(page) + "\n"
 
 
-PAGES = {"cli.md": write_cli, "components.md": write_components, "furniture-credits.md": write_credits}
+PAGES: dict[str, Callable[[], str]] = {
+    "cli.md": write_cli,
+    "components/index.md": write_component_index,
+    **{f"components/{role}.md": partial(write_role, role, components) for role, components in _components()},
+    "furniture-credits.md": write_credits,
+}
 
 if __name__ == "__main__":
     for name, write in PAGES.items():
-        (REFERENCE / name).write_text(write())
+        page = REFERENCE / name
+        page.parent.mkdir(exist_ok=True)
+        page.write_text(write())
