@@ -1,5 +1,6 @@
-"""Write the generated pages of docs/reference from the code: `python docs/generate_reference.py`. A test fails when they
-are out of date."""
+"""Write the generated pages of docs/reference from the code: `python docs/generate_reference.py`.
+
+A test fails when they are out of date."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from salframe.cli.options import Json
-from salframe.cli.output import print_json
+from salframe.cli.output import print_json, tell
 
 SECTIONS = ("index", "tutorials", "how-to", "results", "explanation", "reference")
 """Order in which pages are listed, and in which a short name is looked up."""
@@ -37,9 +37,12 @@ def docs(
         for name, title in titles.items():
             print(f"{name:{width}}  {title}")
         return
-    match = next((name for name in pages if page in (name, name.rpartition("/")[2])), None)
-    if match is None:
+    matches = [name for name in pages if page in (name, name.rpartition("/")[2])]
+    if not matches:
         raise UnknownName(unknown("page", page, [name.rpartition("/")[2] for name in pages]))
+    match, *others = matches
+    if others:
+        tell(f"other pages with this name: {', '.join(others)}")
     path = folder / f"{match}.md"
     text = read_text(path)
     if as_json:

@@ -18,7 +18,10 @@ def test_every_page_is_listed_with_its_title():
 def test_a_page_is_printed_by_its_name_or_its_path():
     assert run("docs", "maps").out == (DOCS / "how-to/maps.md").read_text()
     assert run("docs", "results/matching").out == (DOCS / "results/matching.md").read_text()
-    assert run("docs", "matching").out == (DOCS / "how-to/matching.md").read_text()
+    matching = run("docs", "matching")
+    assert matching.out == (DOCS / "how-to/matching.md").read_text()
+    assert matching.err == "other pages with this name: results/matching\n"
+    assert not run("docs", "results/matching").err
     assert run("docs", "maps", "--json").json["page"] == "how-to/maps"
 
 
