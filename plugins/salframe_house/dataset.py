@@ -11,7 +11,7 @@ import numpy as np
 from salframe.framework.components.identity import identity
 from salframe.framework.files.hashes import digest
 from salframe.navigation.world import NavigableDataset, World, floor_worlds
-from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.floors import Connection, FloorMasks
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.query_view import as_query
 from salframe.panoramas.rendered import RenderedDataset
@@ -118,19 +118,25 @@ class House(RenderedDataset["HouseFrame"], NavigableDataset):
         return render_frame(self.config, frame)
 
     def list_objects(self) -> Mapping[str, Sequence[Any]]:
-        from salframe_house.rendering import buildings_of, object_table
+        from salframe_house.rendering import object_table
 
-        return object_table(*buildings_of(self.config))
+        return object_table(self.config)
 
     def list_floors(self) -> Mapping[str, FloorMasks]:
-        from salframe_house.rendering import buildings_of
+        from salframe_house.rendering import floors_of
 
-        return {"floor": buildings_of(self.config)[0].floor_masks()}
+        floors, _ = floors_of(self.config)
+        return {"floor" if len(floors) == 1 else f"floor-{number}": floor for number, floor in enumerate(floors, 1)}
+
+    def connections(self) -> Sequence[Connection]:
+        from salframe_house.rendering import stairs_of
+
+        return stairs_of(self.config)
 
     def room_types(self) -> Mapping[str, str]:
-        from salframe_house.rendering import buildings_of
+        from salframe_house.rendering import room_types_of
 
-        return {room.id: room.kind for room in buildings_of(self.config)[0].rooms}
+        return room_types_of(self.config)
 
     def observe(self, T_world_pano: np.ndarray) -> Panorama:
         """Render the panorama at a pose in the changed building, in the lighting of the queries.
@@ -146,6 +152,6 @@ class House(RenderedDataset["HouseFrame"], NavigableDataset):
 
         Objects that were moved or added block the agent although the map does not contain them there.
         """
-        from salframe_house.rendering import buildings_of
+        from salframe_house.rendering import floors_of
 
-        return floor_worlds(self, [buildings_of(self.config)[1].floor_masks()])
+        return floor_worlds(self, floors_of(self.config)[1])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
@@ -10,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from salframe.panoramas.floors import Connection, FloorMasks
 from salframe.panoramas.geometry import pose_yaw
 from salframe.panoramas.panorama import Annotations, Panorama
 from salframe_house.assets import Catalogue
@@ -28,6 +30,16 @@ from salframe_house.lighting import Lighting
 from salframe_house.render import HouseRenderer
 from salframe_house.settings import HouseConfig
 from salframe_house.signs import change_signs, place_signs
+from salframe_house.storeys import (
+    STOREY_M,
+    lower_pose,
+    name_on,
+    raise_frame,
+    raise_masks,
+    stairs_between,
+    storey_at,
+    storey_configs,
+)
 
 
 @cache
@@ -51,7 +63,7 @@ def buildings(
 
 
 def buildings_of(config: HouseConfig) -> tuple[Building, Building]:
-    """Return the `buildings` of a dataset."""
+    """Return the `buildings` of a dataset of one storey, or of one of the `storey_configs` of a dataset."""
     return buildings(
         config.style,
         config.rooms,
@@ -65,10 +77,53 @@ def buildings_of(config: HouseConfig) -> tuple[Building, Building]:
     )
 
 
+def floors_of(config: HouseConfig) -> tuple[list[FloorMasks], list[FloorMasks]]:
+    """Return the floor masks of each storey at the time of mapping and at the time of the queries."""
+    storeys = [
+        [raise_masks(config, number, building.floor_masks()) for building in buildings_of(storey)]
+        for number, storey in enumerate(storey_configs(config))
+    ]
+    before, after = zip(*storeys, strict=True)
+    return list(before), list(after)
+
+
+def stairs_of(config: HouseConfig) -> list[Connection]:
+    """Return the stairs between the storeys of a dataset."""
+    return stairs_between(config, [buildings_of(storey)[0] for storey in storey_configs(config)])
+
+
+def room_types_of(config: HouseConfig) -> dict[str, str]:
+    """Return the type of each room of a dataset."""
+    return {
+        name_on(config, number, room.id): room.kind
+        for number, storey in enumerate(storey_configs(config))
+        for room in buildings_of(storey)[0].rooms
+    }
+
+
 @cache
 def frames_of(config: HouseConfig) -> tuple[HouseFrame, ...]:
-    """Return the frames of a dataset (see `choose_frames`), with the lighting of its settings. Earlier views of driven
-    queries come before their query."""
+    """Return the frames of a dataset, storey by storey (see `choose_frames`), with the lighting of its settings.
+    Earlier views of driven queries come before their query."""
+    if config.storeys == 1:
+        return _frames_of_storey(config)
+    frames: list[HouseFrame] = []
+    for number, storey in enumerate(storey_configs(config)):
+        before = len(frames)  # ids of queries continue to count, because the storey would reveal their position
+        for frame in _frames_of_storey(storey):
+            id = _count_on(frame.id, before) if frame.is_query else name_on(config, number, frame.id)
+            frames.append(raise_frame(config, number, frame, id))
+    return tuple(frames)
+
+
+def _count_on(query_id: str, count: int) -> str:
+    """Return the id of a query whose number is larger by a count."""
+    name, number, *view = query_id.split("-")
+    return "-".join([name, f"{int(number) + count:04d}", *view])
+
+
+def _frames_of_storey(config: HouseConfig) -> tuple[HouseFrame, ...]:
+    """Return the frames of one storey."""
     frames = choose_frames(
         *buildings_of(config),
         config.seed,
@@ -103,25 +158,36 @@ def sequences_of(config: HouseConfig) -> dict[str, list[str]]:
     return {views[-1]: views[:-1] for views in groups}
 
 
-def object_table(building: Building, changed: Building) -> dict[str, Sequence[Any]]:
+def object_table(config: HouseConfig) -> dict[str, Sequence[Any]]:
     """Return the columns of the table of objects.
 
-    The objects of the mapped building come first, then the objects that were added later.
+    On each storey, the objects of the mapped building come first, then the objects that were added later.
     """
-    objects = [*building.objects, *building.signs]
-    original_ids = {obj.instance_id for obj in objects}
-    later = (*changed.objects, *changed.signs)
-    objects += [obj for obj in later if obj.instance_id not in original_ids]
-    centre = np.array([obj.bounds_m.mean(axis=0) for obj in objects])
-    size = np.array([obj.size_m for obj in objects])
-    return {
-        "instance_id": [obj.instance_id for obj in objects],
-        "label": [obj.label for obj in objects],
-        "room": [obj.room for obj in objects],
-        **dict(zip(("x_m", "y_m", "z_m"), centre.T, strict=True)),
-        **dict(zip(("length_m", "width_m", "height_m"), size.T, strict=True)),
-        "yaw_rad": [obj.yaw_rad for obj in objects],
-    }
+    columns: dict[str, list[Any]] = defaultdict(list)
+    first_ids = first_ids_of(config)
+    for number, storey in enumerate(storey_configs(config)):
+        building, changed = buildings_of(storey)
+        objects = [*building.objects, *building.signs]
+        original_ids = {obj.instance_id for obj in objects}
+        objects += [obj for obj in (*changed.objects, *changed.signs) if obj.instance_id not in original_ids]
+        for obj in objects:
+            centre_m = obj.bounds_m.mean(axis=0) + np.array([0.0, 0.0, number * STOREY_M])
+            columns["instance_id"].append(obj.instance_id + first_ids[number])
+            columns["label"].append(obj.label)
+            columns["room"].append(name_on(config, number, obj.room))
+            for name, value in zip(("x_m", "y_m", "z_m"), centre_m, strict=True):
+                columns[name].append(value)
+            for name, value in zip(("length_m", "width_m", "height_m"), obj.size_m, strict=True):
+                columns[name].append(value)
+            columns["yaw_rad"].append(obj.yaw_rad)
+    return dict(columns)
+
+
+def first_ids_of(config: HouseConfig) -> list[int]:
+    """Return the number that is added to the instance ids of each storey, so that they differ between storeys."""
+    storeys = [buildings_of(storey) for storey in storey_configs(config)]
+    max_ids = [max({**before.labels, **after.labels}, default=0) for before, after in storeys]
+    return [0, *np.cumsum(max_ids)[:-1].tolist()]
 
 
 def render_frame(config: HouseConfig, frame: HouseFrame) -> Panorama:
@@ -141,15 +207,18 @@ def render_pose(config: HouseConfig, T_world_pano: np.ndarray) -> Panorama:
 
 def _render(config: HouseConfig, T_world_pano: np.ndarray, changed: bool, lighting: Lighting, id: str) -> Panorama:
     """Render a panorama with annotations and the channels of the settings."""
-    renderer = _renderer(config, changed, lighting)
-    before, after = buildings_of(config)
-    labels = {**before.labels, **after.labels}
+    number = storey_at(config, T_world_pano[2, 3])
+    storey, T_storey_pano = storey_configs(config)[number], lower_pose(T_world_pano, number)
+    renderer = _renderer(storey, changed, lighting)
+    before, after = buildings_of(storey)
+    first_id = first_ids_of(config)[number]
+    labels = {instance_id + first_id: label for instance_id, label in {**before.labels, **after.labels}.items()}
     if config.rgb:
-        rendering = renderer.render(T_world_pano)
+        rendering = renderer.render(T_storey_pano)
         rgb, range_m, instance_id = rendering.rgb, rendering.range_m, rendering.instance_id
     else:
-        rgb, (range_m, instance_id) = None, renderer.geometry(T_world_pano)
-    annotations = Annotations(instance_id, labels, rendered=True)
+        rgb, (range_m, instance_id) = None, renderer.geometry(T_storey_pano)
+    annotations = Annotations(np.where(instance_id > 0, instance_id + first_id, 0), labels, rendered=True)
     shown_m = _query_range(config, range_m, id) if changed else range_m if config.map_range else None
     return Panorama(id, rgb, shown_m, annotations=annotations)
 

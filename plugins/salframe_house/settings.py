@@ -20,6 +20,13 @@ class HouseConfig(QueryView):
 
     style: Literal["home", "office", "hotel"] = Field("home", description="style of the generated building")
     rooms: int = Field(12, ge=4, le=MAX_ROOMS, description="number of rooms of the building, including corridors")
+    storeys: int = added(
+        1,
+        ge=1,
+        le=9,
+        description="number of storeys, connected by stairs; each has `rooms` rooms, and the seed of the storey below "
+        "plus 1",
+    )
     seed: int = Field(0, ge=0, description="random seed of the building and of the changes of its objects")
     queries_per_room: int = Field(3, ge=0, description="number of queries per room")
     frames_per_room: int | None = added(

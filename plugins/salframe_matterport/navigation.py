@@ -90,7 +90,7 @@ class ViewpointWorld(World):
     def stand_at(self, node: MapNode, yaw_rad: float) -> np.ndarray:
         return self._pose_at(self._viewpoints.map.nodes.index(node), yaw_rad)
 
-    def stand(self, x_m: float, y_m: float, yaw_rad: float) -> np.ndarray:
+    def stand(self, x_m: float, y_m: float, yaw_rad: float, floor: int | None = None) -> np.ndarray:
         raise DataError(
             f"building {self.id}: received the start ({x_m:.2f}, {y_m:.2f}) m, "
             "expected a viewpoint: panoramas exist only at viewpoints"

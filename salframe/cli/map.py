@@ -139,9 +139,9 @@ def connect(
     """
     from salframe.framework.errors import ConfigError
     from salframe.framework.validation import validate
+    from salframe.panoramas.floors import Connection
     from salframe.topology.connections import read_connections
     from salframe.topology.store import connect_map
-    from salframe.topology.topological_map import Connection
 
     if file is not None and start is None:
         connections = read_connections(file)

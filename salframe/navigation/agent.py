@@ -11,6 +11,7 @@ from salframe.localization.answers import Localization
 from salframe.localization.tracker import Tracker
 from salframe.navigation.guide import Guide, Way
 from salframe.panoramas.geometry import pose_yaw, wrap_angle
+from salframe.topology.topological_map import MapEdge
 
 MIN_SAVING_M = 1.0
 """Minimum saving in length for which the agent takes a path without a safety margin."""
@@ -19,10 +20,17 @@ SAME_OBSTACLE_M = 0.3
 
 
 class Move(NamedTuple):
-    """A turn (radians, positive to the left), then a walk straight ahead (metres)."""
+    """A turn, then a walk straight ahead, or a ride by stairs or a lift.
+
+    Attributes:
+        turn_rad: Turn in radians, positive to the left.
+        length_m: Length of the walk in metres.
+        stairs: Edge of the stairs or lift to take instead; None: a walk.
+    """
 
     turn_rad: float
     length_m: float
+    stairs: MapEdge | None = None
 
 
 class Located(NamedTuple):
@@ -75,6 +83,7 @@ class Agent:
         self._guides: tuple[Guide, ...] = self._initial_guides
         self._goal, self._arrival_m, self._rng = goal, arrival_m, rng
         self._off_path = False
+        self._takes_stairs = False
         self._stops_m: list[np.ndarray] = []
         self._max_turns, self._num_turns = max_turns, 0
         self._answer: Localization | None = None
@@ -102,13 +111,13 @@ class Agent:
 
         Args:
             odometry: (4, 4), the motion measured by odometry: the pose after it in the frame of the pose before.
-            stopped: Whether an obstacle stopped the move.
+            stopped: Whether an obstacle stopped the move, or there were no stairs to take.
         """
         self._tracker.move(odometry)
         self.yaw_rad += pose_yaw(odometry)
         self._off_path = stopped
         pose = self.pose
-        if not stopped or pose is None:
+        if not stopped or pose is None or self._takes_stairs:
             return
         again = any(np.linalg.norm(pose[:2, 3] - stop_m) <= SAME_OBSTACLE_M for stop_m in self._stops_m)
         self._stops_m.append(pose[:2, 3])
@@ -121,9 +130,11 @@ class Agent:
         """Return the next move, None if the agent estimates that it has arrived.
 
         Where the last answer is not accepted, it first turns on the spot. After a collision with an obstacle of its
-        chart, which means that the agent was off its path, it steps aside before it tries again. Without a pose, or
+        chart, or where there are no stairs to take, which means that the agent was off its path, it steps aside before
+        it tries again. Without a pose, or
         without a path from there, it moves to look from another position.
         """
+        self._takes_stairs = False
         turn_rad = self._next_turn_rad()
         if turn_rad is not None:
             self._num_turns += 1
@@ -138,9 +149,12 @@ class Agent:
         if self._off_path:
             return self._aside()
         chart = self._guides[0].chart
-        leg_m = way.leg(chart.spot(pose[:3, 3]))
-        turn_rad = float(wrap_angle(np.arctan2(leg_m[1], leg_m[0]) - pose_yaw(pose)))
-        return Move(turn_rad, min(float(np.linalg.norm(leg_m)), chart.max_move_m))
+        leg = way.leg(chart.spot(pose[:3, 3]))
+        if isinstance(leg, MapEdge):
+            self._takes_stairs = True
+            return Move(0.0, 0.0, leg)
+        turn_rad = float(wrap_angle(np.arctan2(leg[1], leg[0]) - pose_yaw(pose)))
+        return Move(turn_rad, min(float(np.linalg.norm(leg)), chart.max_move_m))
 
     def _next_turn_rad(self) -> float | None:
         """Return the turn to the next view; None where the agent does not turn on the spot."""

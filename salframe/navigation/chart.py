@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 
+from salframe.panoramas.floors import FloorMasks, find_floor, floor_numbers
 from salframe.panoramas.geometry import pose_yaw
 from salframe.topology.edges import components, joining_paths, make_edge, sight_pairs
 from salframe.topology.grid import FloorGrid, cell, nearest_pixel, sees
-from salframe.topology.topological_map import TopologicalMap
+from salframe.topology.topological_map import MapEdge, MapNode, TopologicalMap
 
 ROOM_M = 0.07
 """Safety margin that is added to the agent's radius where possible, because an agent deviates slightly from its
@@ -67,55 +69,89 @@ class Chart(ABC):
 
 
 class FloorChart(Chart):
-    """The masks of a floor, and discs around collisions that the agent avoids."""
+    """The masks of the floors of a building, and discs around collisions that the agent avoids.
+
+    Args:
+        map: The topological map of the floors.
+        grids: The pixels of each floor of the map, in the order of `map.floors`.
+        radius_m: Radius of the agent.
+    """
 
     max_move_m = 2.0
     aside_m = 0.3
 
-    def __init__(self, map: TopologicalMap, grid: FloorGrid, radius_m: float) -> None:
+    def __init__(self, map: TopologicalMap, grids: Sequence[FloorGrid], radius_m: float) -> None:
         self.map = map
-        self._grid, self._radius_m = grid, radius_m
+        self._grids, self._radius_m = tuple(grids), radius_m
+        self._floors = [grid.floor for grid in grids]
 
     def reach(self, position_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:
-        """See Chart. A position that is not clear, which estimates may be, is replaced by the nearest clear pixel."""
-        clear = self._grid.clear
-        start = nearest_pixel(clear, np.clip(self._grid.to_pixel(position_m[:2]), 0, np.array(clear.shape) - 0.5))
-        ends = self._grid.to_pixel(points_m[:, :2])
-        visible = False if start is None else sees(clear, np.broadcast_to(start, ends.shape), ends)
-        return np.where(visible, np.linalg.norm(points_m[:, :2] - position_m[:2], axis=1), np.inf)
+        """See Chart. A position that is not clear, which estimates may be, is replaced by the nearest clear pixel of
+        its floor."""
+        number = nearest_floor(self._floors, position_m)
+        grid = self._grids[number]
+        lengths_m = np.full(len(points_m), np.inf)
+        start = nearest_pixel(grid.clear, np.clip(grid.to_pixel(position_m[:2]), 0, np.array(grid.clear.shape) - 0.5))
+        there = np.flatnonzero(floor_numbers(self._floors, points_m) == number)
+        if start is not None:
+            ends = grid.to_pixel(points_m[there, :2])
+            there = there[sees(grid.clear, np.broadcast_to(start, ends.shape), ends)]
+            lengths_m[there] = np.linalg.norm(points_m[there, :2] - position_m[:2], axis=1)
+        return lengths_m
 
     def roomy(self) -> FloorChart:
-        return self._restrict(self._grid.clearance_m >= self._radius_m + ROOM_M)
+        return self._restrict([grid.clearance_m >= self._radius_m + ROOM_M for grid in self._grids])
 
     def stopped(self, T_world_pano: np.ndarray, again: bool) -> FloorChart:
         """See Chart. A first collision near a wall or obstacle of the masks may result from a small deviation from the
         path, and changes nothing. Other collisions are with obstacles that are not in the masks; the edges of the map
         are computed again around them."""
-        yaw_rad = pose_yaw(T_world_pano)
+        number = nearest_floor(self._floors, T_world_pano[:3, 3])
+        grid, yaw_rad = self._grids[number], pose_yaw(T_world_pano)
         ahead = np.array([np.cos(yaw_rad), np.sin(yaw_rad)])
         next_pixel, centre = (
-            self._grid.to_pixel(T_world_pano[:2, 3] + distance_m * ahead) for distance_m in (AHEAD_M, BUMP_AHEAD_M)
+            grid.to_pixel(T_world_pano[:2, 3] + distance_m * ahead) for distance_m in (AHEAD_M, BUMP_AHEAD_M)
         )
-        inside = ((next_pixel >= 0) & (next_pixel < self._grid.clear.shape)).all()
-        if not inside or (not again and self._grid.clearance_m[cell(next_pixel)] < CLEAR_M):
+        if not grid.inside(next_pixel) or (not again and grid.clearance_m[cell(next_pixel)] < CLEAR_M):
             return self
-        row, column = np.indices(self._grid.clear.shape)
-        distance_m = np.hypot(row + 0.5 - centre[0], column + 0.5 - centre[1]) * self._grid.floor.resolution_m
-        return self._restrict(distance_m >= BUMP_M)
+        row, column = np.indices(grid.clear.shape)
+        distance_m = np.hypot(row + 0.5 - centre[0], column + 0.5 - centre[1]) * grid.floor.resolution_m
+        free = [np.ones(other.clear.shape, bool) for other in self._grids]
+        free[number] = distance_m >= BUMP_M
+        return self._restrict(free)
 
-    def _restrict(self, free: np.ndarray) -> FloorChart:
-        """Return the chart with the clear pixels that are free, the map's nodes on them, and new edges."""
-        grid = copy(self._grid)
-        grid.clear = grid.clear & free
-        return FloorChart(_rebuild(self.map, grid), grid, self._radius_m)
+    def _restrict(self, free: Sequence[np.ndarray]) -> FloorChart:
+        """Return the chart with the clear pixels of each floor that are free, the map's nodes on them, and new
+        edges."""
+        grids = [copy(grid) for grid in self._grids]
+        for grid, mask in zip(grids, free, strict=True):
+            grid.clear = grid.clear & mask
+        return FloorChart(_rebuild(self.map, grids), grids, self._radius_m)
 
 
-def _rebuild(map: TopologicalMap, grid: FloorGrid) -> TopologicalMap:
-    """Return the map with its nodes on clear pixels of the grid, and edges over clear pixels."""
-    pixels = grid.to_pixel(np.array([node.xyz_m[:2] for node in map.nodes]))
-    clear = [number for number, pixel in enumerate(pixels) if grid.clear[cell(pixel)]]
-    names, pixels = [map.nodes[number].id for number in clear], pixels[clear]
-    pairs = sight_pairs(grid, pixels)
-    paths = [(i, j, pixels[[i, j]]) for i, j in pairs] + joining_paths(grid, pixels, components(len(pixels), pairs))
-    edges = tuple(make_edge(grid, names[i], names[j], corners) for i, j, corners in paths)
-    return replace(map, nodes=tuple(map.nodes[number] for number in clear), edges=edges)
+def nearest_floor(floors: Sequence[FloorMasks], position_m: np.ndarray) -> int:
+    """Return the index of the floor that an agent is on; where no mask covers its position (3,), of the highest floor
+    below it, or of the lowest floor. `floors` are sorted by height."""
+    number = find_floor(floors, position_m)
+    below = [index for index, floor in enumerate(floors) if floor.z_m <= position_m[2]]
+    return max(below, default=0) if number is None else number
+
+
+def _rebuild(map: TopologicalMap, grids: Sequence[FloorGrid]) -> TopologicalMap:
+    """Return the map with its nodes on clear pixels of the grids, edges over clear pixels, and the stairs and lifts
+    whose ends are left."""
+    floors = floor_numbers(map.floors, np.array([node.xyz_m for node in map.nodes]))
+    nodes: list[MapNode] = []
+    edges: list[MapEdge] = []
+    for number, grid in enumerate(grids):
+        on_floor = [node for node, floor in zip(map.nodes, floors, strict=True) if floor == number]
+        pixels = grid.to_pixel(np.array([node.xyz_m[:2] for node in on_floor]).reshape(-1, 2))
+        clear = [index for index, pixel in enumerate(pixels) if grid.clear[cell(pixel)]]
+        on_floor, pixels = [on_floor[index] for index in clear], pixels[clear]
+        pairs = sight_pairs(grid, pixels)
+        paths = [(i, j, pixels[[i, j]]) for i, j in pairs] + joining_paths(grid, pixels, components(len(pixels), pairs))
+        nodes += on_floor
+        edges += [make_edge(grid, on_floor[i].id, on_floor[j].id, corners) for i, j, corners in paths]
+    left = {node.id for node in nodes}
+    edges += [edge for edge in map.edges if edge.storeys and {edge.start, edge.end} <= left]
+    return replace(map, nodes=tuple(nodes), edges=tuple(edges))

@@ -50,6 +50,12 @@ class EpisodeRequest(Settings):
     start: str | tuple[float, float] = Field(
         description="start of the episode: id of a node of the map, or x and y in the world frame (m)"
     )
+    floor: int | None = Field(
+        None,
+        ge=1,
+        description="number of the floor of a start by x and y, from 1 for the lowest one; required if the world has "
+        "several",
+    )
     goal: str = Field(description="id of a node")
     yaw_deg: float | None = Field(
         None, description="heading at the start in degrees, counter-clockwise from the world's x axis; null: random"
@@ -176,7 +182,7 @@ def _place(request: EpisodeRequest, sites: Mapping[str, Site], rng: np.random.Ge
     start = (
         world.stand_at(world.node(request.start), yaw_rad)
         if isinstance(request.start, str)
-        else world.stand(*request.start, yaw_rad)
+        else world.stand(*request.start, yaw_rad, request.floor)
     )
     if not world.joined(start, world.stand_at(goal, 0.0)):
         raise DataError(f"obstacles in the world {name} block every path from the start to {goal.id}")

@@ -17,6 +17,8 @@ from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, Topolo
 
 REACHED_M = 0.1
 """Distance at which a corner of the path counts as reached."""
+ENTERED_M = 0.3
+"""Distance at which the start of stairs or of a lift counts as reached."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,16 +29,24 @@ class Way:
         length_m: Length in metres.
         corners_m: (K, 3), corners on the floor. The first is the node where the path enters the map, the last is the
             goal.
+        edges: The K - 1 edges between the corners.
     """
 
     length_m: float
     corners_m: np.ndarray
+    edges: tuple[MapEdge, ...]
 
-    def leg(self, position_m: np.ndarray) -> np.ndarray:
+    def leg(self, position_m: np.ndarray) -> np.ndarray | MapEdge:
         """Return the horizontal vector (2,) from a position (3,) to the first corner that is not reached; to the goal
-        where all are."""
+        where all are. Return the edge of stairs or of a lift if the position is at its start."""
         legs_m = self.corners_m[:, :2] - position_m[:2]
-        return next((leg_m for leg_m in legs_m if np.linalg.norm(leg_m) > REACHED_M), legs_m[-1])
+        for leg_m, edge in zip(legs_m, (*self.edges, None), strict=True):
+            takes_stairs = edge is not None and bool(edge.storeys)
+            if np.linalg.norm(leg_m) > (ENTERED_M if takes_stairs else REACHED_M):
+                return leg_m
+            if edge is not None and takes_stairs:
+                return edge
+        return legs_m[-1]
 
 
 class Guide:
@@ -74,7 +84,7 @@ class Guide:
                 continue
             length_m = float(straight_m[number]) + route.length_m
             if best is None or length_m < best.length_m:
-                best = Way(length_m, np.array([self._point_m[name] for name in route.nodes]))
+                best = Way(length_m, np.array([self._point_m[name] for name in route.nodes]), route.legs)
         if best is None:
             x, y, _ = position_m
             raise NoRoute(f"no path leads from ({x:.2f}, {y:.2f}) m to {goal}")

@@ -107,12 +107,15 @@ def walk(site: Site, look: Look, episode: Episode, config: NavigationConfig, see
             break
         turn_noise, length_noise, odometry_turn_noise, odometry_length_noise = rng.standard_normal(4)
         turn_rad = move.turn_rad + np.radians(config.turn_noise_deg) * turn_noise
-        before, (T, stopped) = (
-            T,
-            world.move(T, turn_rad, max(move.length_m * (1 + config.length_noise * length_noise), 0.0)),
-        )
-        stopped &= move.length_m > 0
-        travelled_m += float(np.linalg.norm(T[:3, 3] - before[:3, 3]))
+        before = T
+        if move.stairs is None:
+            T, stopped = world.move(T, turn_rad, max(move.length_m * (1 + config.length_noise * length_noise), 0.0))
+            stopped &= move.length_m > 0
+            travelled_m += float(np.linalg.norm(T[:3, 3] - before[:3, 3]))
+        else:
+            T, stopped = world.take_stairs(T, move.stairs)
+            T, _ = world.move(T, turn_rad, 0.0)
+            travelled_m += 0.0 if stopped else move.stairs.length_m
         if move.length_m > config.slip_m > 0 and not stopped:
             before_slip, T = T, _slip(world, T, slips.uniform(-np.pi, np.pi), config.slip_m)
             travelled_m += float(np.linalg.norm(T[:3, 3] - before_slip[:3, 3]))
@@ -123,7 +126,7 @@ def walk(site: Site, look: Look, episode: Episode, config: NavigationConfig, see
             1 + config.odometry_length_noise * odometry_length_noise,
         )
         agent.add_motion(motion, stopped)
-        turn = None if move.length_m > 0 else motion
+        turn = motion if move.length_m == 0 and move.stairs is None else None
         collisions += stopped
         path.append(_flat(T))
     left_m = [_remaining_m(guide, np.array(pose[:3]), episode.goal) for pose in path]

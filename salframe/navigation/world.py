@@ -8,19 +8,23 @@ from collections.abc import Sequence
 import numpy as np
 
 from salframe.framework.errors import DataError, InputMissing, UnknownName, unknown
-from salframe.navigation.chart import Chart, FloorChart
+from salframe.navigation.chart import Chart, FloorChart, nearest_floor
 from salframe.panoramas.dataset import Dataset
-from salframe.panoramas.floors import FloorMasks, find_floor
+from salframe.panoramas.floors import Connection, FloorMasks, find_floor, floor_numbers
 from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.geometry import pose_2d, pose_yaw
 from salframe.panoramas.opening import reference_frames
 from salframe.panoramas.panorama import Panorama
 from salframe.topology.build import build_topology
+from salframe.topology.connections import connect_storeys
+from salframe.topology.edges import components
 from salframe.topology.grid import FloorGrid, cell
-from salframe.topology.topological_map import MapNode, TopologySettings
+from salframe.topology.topological_map import MapEdge, MapNode, TopologySettings
 
 _PACE_M = 0.01
 """Step at which a walk is tested for collisions."""
+STAIRS_M = 1.0
+"""Maximum distance from the node at which stairs or a lift begin, for an agent that takes them."""
 
 
 class World(ABC):
@@ -57,11 +61,18 @@ class World(ABC):
         """
 
     @abstractmethod
-    def stand(self, x_m: float, y_m: float, yaw_rad: float) -> np.ndarray:
+    def stand(self, x_m: float, y_m: float, yaw_rad: float, floor: int | None = None) -> np.ndarray:
         """Return the pose of an agent at a position and heading in the world frame.
 
+        Args:
+            x_m: Position in metres.
+            y_m: Position in metres.
+            yaw_rad: Heading.
+            floor: Number of the floor, from 1 for the lowest one; None: the only floor.
+
         Raises:
-            DataError: An agent does not fit there.
+            DataError: An agent does not fit there, there is no such floor, or `floor` is None in a world of several
+                floors.
         """
 
     def joined(self, start: np.ndarray, goal: np.ndarray) -> bool:
@@ -92,62 +103,105 @@ class World(ABC):
     def move(self, T_world_pano: np.ndarray, turn_rad: float, length_m: float) -> tuple[np.ndarray, bool]:
         """Return the pose after an agent turned and walked straight ahead, and whether an obstacle stopped it."""
 
+    def take_stairs(self, T_world_pano: np.ndarray, edge: MapEdge) -> tuple[np.ndarray, bool]:
+        """Return the pose after an agent took stairs or a lift, and whether it failed, because there are none at the
+        pose. The default is for worlds whose maps have neither."""
+        return T_world_pano, True
+
 
 class FloorWorld(World):
-    """A floor of a dataset that can render. The agent is a disc with the map's robot radius; it walks on clear floor,
-    and walls and obstacles stop it.
+    """Floors of a dataset that can render, connected by stairs and lifts. The agent is a disc with the map's robot
+    radius; it walks on clear floor, and walls and obstacles stop it.
 
     Args:
         id: Id of the world.
         dataset: The dataset that renders panoramas.
-        floor: The masks that the chart is built from.
-        frames: The reference frames taken on the floor, from which the chart is built too.
-        actual: The masks that stop the agent. They are the masks of the building that `observe` shows, which may have
-            changed since it was mapped.
+        floors: The masks that the chart is built from.
+        frames: The reference frames taken on the floors, from which the chart is built too.
+        actual: The masks that stop the agent, in the order of `floors`. They are the masks of the building that
+            `observe` shows, which may have changed since it was mapped.
+        connections: The stairs and lifts between the floors.
     """
 
     def __init__(
-        self, id: str, dataset: Dataset, floor: FloorMasks, frames: Sequence[ReferenceFrame], actual: FloorMasks
+        self,
+        id: str,
+        dataset: Dataset,
+        floors: Sequence[FloorMasks],
+        frames: Sequence[ReferenceFrame],
+        actual: Sequence[FloorMasks],
+        connections: Sequence[Connection] = (),
     ) -> None:
         from scipy import ndimage
 
         settings = TopologySettings()
-        self._grid = FloorGrid(floor, settings.robot_radius_m)
-        super().__init__(id, FloorChart(build_topology([floor], frames, settings), self._grid, settings.robot_radius_m))
-        self._dataset, self._radius_m = dataset, settings.robot_radius_m
+        order = sorted(range(len(floors)), key=lambda number: floors[number].z_m)
+        self._floors = [floors[number] for number in order]
+        grids = [FloorGrid(floor, settings.robot_radius_m) for floor in self._floors]
+        topology = connect_storeys(build_topology(self._floors, frames, settings), connections)
+        super().__init__(id, FloorChart(topology, grids, settings.robot_radius_m))
+        self._dataset, self._radius_m, self._grids = dataset, settings.robot_radius_m, grids
         self._references = reference_frames(dataset)
-        self._camera_z_m = float(np.median([frame.T_world_pano[2, 3] for frame in frames]))
-        self._names = self._grid.names
-        self._free = FloorGrid(actual, settings.robot_radius_m).clear
-        self._parts = ndimage.label(self._free)[0]
+        cameras_m = np.array([frame.T_world_pano[:3, 3] for frame in frames])
+        numbers = floor_numbers(self._floors, cameras_m)
+        self._camera_z_m = [float(np.median(cameras_m[numbers == floor, 2])) for floor in range(len(floors))]
+        self._free = [FloorGrid(actual[number], settings.robot_radius_m).clear for number in order]
+        self._parts = [ndimage.label(free)[0] for free in self._free]
 
     def stand_at(self, node: MapNode, yaw_rad: float) -> np.ndarray:
-        x_m, y_m, _ = node.xyz_m
-        return self.stand(x_m, y_m, yaw_rad)
+        return self._stand(node.xyz_m[:2], yaw_rad, nearest_floor(self._floors, np.array(node.xyz_m)))
 
-    def stand(self, x_m: float, y_m: float, yaw_rad: float) -> np.ndarray:
-        if not self._is_free(np.array([[x_m, y_m]])).all():
+    def stand(self, x_m: float, y_m: float, yaw_rad: float, floor: int | None = None) -> np.ndarray:
+        count = len(self._floors)
+        if floor is None and count > 1:
+            raise DataError(f"{self.id} has {count} floors, expected the number of a floor from 1 to {count}")
+        if floor is not None and not 1 <= floor <= count:
+            raise DataError(f"{self.id} has no floor {floor}, expected a number from 1 to {count}")
+        return self._stand((x_m, y_m), yaw_rad, 0 if floor is None else floor - 1)
+
+    def _stand(self, xy_m: Sequence[float], yaw_rad: float, number: int) -> np.ndarray:
+        x_m, y_m = xy_m
+        if not self._is_free(np.array([xy_m]), number).all():
             raise DataError(
                 f"{self.id}: ({x_m:.2f}, {y_m:.2f}) m is in a wall or obstacle, "
                 f"or less than {self._radius_m:g} m from one, expected free floor"
             )
-        return pose_2d(x_m, y_m, yaw_rad, self._camera_z_m)
+        return pose_2d(x_m, y_m, yaw_rad, self._camera_z_m[number])
 
     def joined(self, start: np.ndarray, goal: np.ndarray) -> bool:
-        first, last = (self._parts[cell(self._grid.to_pixel(pose[:2, 3]))] for pose in (start, goal))
-        return bool(first == last)
+        nodes = {edge.start: self.node(edge.start) for edge in self.chart.map.edges if edge.storeys}
+        nodes |= {edge.end: self.node(edge.end) for edge in self.chart.map.edges if edge.storeys}
+        part = {id: self._part(np.array(node.xyz_m)) for id, node in nodes.items()}
+        first, last = self._part(start[:3, 3]), self._part(goal[:3, 3])
+        parts = sorted({first, last, *part.values()})
+        pairs = [(part[edge.start], part[edge.end]) for edge in self.chart.map.edges if edge.storeys]
+        index = np.array([[parts.index(one) for one in pair] for pair in pairs], int).reshape(-1, 2)
+        component = components(len(parts), index)
+        return bool(component[parts.index(first)] == component[parts.index(last)])
+
+    def _part(self, xyz_m: np.ndarray) -> tuple[int, int]:
+        """Return the floor of a position and the connected part of its free pixels there."""
+        number = nearest_floor(self._floors, xyz_m)
+        return number, int(self._parts[number][cell(self._grids[number].to_pixel(xyz_m[:2]))])
 
     def draw_start(self, rng: np.random.Generator) -> np.ndarray:
-        pixels = np.argwhere(self._free & self._grid.clear & (self._grid.label > 0))
-        if not len(pixels):
+        pixels = [
+            np.argwhere(free & grid.clear & (grid.label > 0))
+            for free, grid in zip(self._free, self._grids, strict=True)
+        ]
+        ends = np.cumsum([len(one) for one in pixels])
+        if not ends[-1]:
             raise DataError(
                 f"{self.id} has no free floor in any region, expected free floor for the start of an episode"
             )
-        x_m, y_m = self._grid.to_metres(rng.choice(pixels) + 0.5)
-        return pose_2d(x_m, y_m, rng.uniform(-np.pi, np.pi), self._camera_z_m)
+        drawn = int(rng.integers(ends[-1]))
+        number = int(np.searchsorted(ends, drawn, "right"))
+        x_m, y_m = self._grids[number].to_metres(np.concatenate(pixels)[drawn] + 0.5)
+        return pose_2d(x_m, y_m, rng.uniform(-np.pi, np.pi), self._camera_z_m[number])
 
     def region(self, T_world_pano: np.ndarray) -> str:
-        return self._names.get(int(self._grid.label[cell(self._grid.to_pixel(T_world_pano[:2, 3]))]), "")
+        grid = self._grids[nearest_floor(self._floors, T_world_pano[:3, 3])]
+        return grid.names.get(int(grid.label[cell(grid.to_pixel(T_world_pano[:2, 3]))]), "")
 
     def references(self, T_world_pano: np.ndarray) -> Sequence[ReferenceFrame]:
         return self._references
@@ -159,17 +213,30 @@ class FloorWorld(World):
         yaw_rad = pose_yaw(T_world_pano) + turn_rad
         paces = np.linspace(0, length_m, int(np.ceil(length_m / _PACE_M)) + 1)
         line = T_world_pano[:2, 3] + paces[:, None] * (np.cos(yaw_rad), np.sin(yaw_rad))
-        free = self._is_free(line[1:])
+        free = self._is_free(line[1:], nearest_floor(self._floors, T_world_pano[:3, 3]))
         steps = len(free) if free.all() else int(free.argmin())
         x_m, y_m = line[steps]
         return pose_2d(x_m, y_m, yaw_rad, T_world_pano[2, 3]), steps < len(free)
 
-    def _is_free(self, xy_m: np.ndarray) -> np.ndarray:
-        """Return whether the agent fits at positions (N, 2), (N,) bool."""
-        pixel = np.floor(self._grid.to_pixel(xy_m)).astype(int)
-        inside = ((pixel >= 0) & (pixel < self._free.shape)).all(1)
+    def take_stairs(self, T_world_pano: np.ndarray, edge: MapEdge) -> tuple[np.ndarray, bool]:
+        """See World. Stairs and lifts lead from their node, STAIRS_M around it, to the node at their other end. The
+        heading does not change."""
+        start, end = self.node(edge.start), self.node(edge.end)
+        first, last = (nearest_floor(self._floors, np.array(node.xyz_m)) for node in (start, end))
+        distance_m = np.linalg.norm(np.subtract(start.xyz_m[:2], T_world_pano[:2, 3]))
+        end_is_free = self._is_free(np.array([end.xyz_m[:2]]), last).all()
+        on_floor = nearest_floor(self._floors, T_world_pano[:3, 3]) == first
+        if not on_floor or distance_m > STAIRS_M or not end_is_free:
+            return T_world_pano, True
+        return self.stand_at(end, pose_yaw(T_world_pano)), False
+
+    def _is_free(self, xy_m: np.ndarray, number: int) -> np.ndarray:
+        """Return whether the agent fits at positions (N, 2) on a floor, (N,) bool."""
+        free = self._free[number]
+        pixel = np.floor(self._grids[number].to_pixel(xy_m)).astype(int)
+        inside = ((pixel >= 0) & (pixel < free.shape)).all(1)
         row, column = np.where(inside[:, None], pixel, 0).T
-        return inside & self._free[row, column]
+        return inside & free[row, column]
 
 
 class NavigableDataset(Dataset):
@@ -194,7 +261,8 @@ def open_worlds(dataset: Dataset) -> Sequence[World]:
 
 
 def floor_worlds(dataset: Dataset, actual: Sequence[FloorMasks] | None = None) -> list[FloorWorld]:
-    """Return a world for each floor of a dataset that can render.
+    """Return the worlds of a dataset that can render: one for each floor, or for the floors that stairs and lifts
+    connect.
 
     Args:
         dataset: The dataset.
@@ -203,7 +271,7 @@ def floor_worlds(dataset: Dataset, actual: Sequence[FloorMasks] | None = None) -
     Raises:
         DataError: The dataset has no floor, or a floor has no reference frame.
     """
-    floors = dataset.floors()
+    floors, connections = dataset.floors(), dataset.connections()
     if not floors:
         raise DataError(f"the dataset {dataset.name} has no floor masks, which navigation needs to detect collisions")
     order = sorted(range(len(floors)), key=lambda number: floors[number].z_m)
@@ -219,8 +287,20 @@ def floor_worlds(dataset: Dataset, actual: Sequence[FloorMasks] | None = None) -
             f"the dataset {dataset.name} has no reference frame on its floor at z = {without_frames[0]:g} m, "
             "expected at least one"
         )
-    names = ["floor" if len(floors) == 1 else f"floor-{number}" for number in range(len(floors))]
-    return [
-        FloorWorld(id=name, dataset=dataset, floor=floor, frames=frames, actual=masks)
-        for name, floor, frames, masks in zip(names, floors, frames_by_floor, actual or floors, strict=True)
-    ]
+    floor_of = {place: number for number, floor in enumerate(floors) for place in floor.regions.values()}
+    pairs = [(floor_of[one.start], floor_of[one.end]) for one in connections]
+    building = components(len(floors), np.array(pairs, int).reshape(-1, 2))
+    worlds = []
+    for first in dict.fromkeys(building.tolist()):
+        numbers = np.flatnonzero(building == first).tolist()
+        worlds.append(
+            FloorWorld(
+                id="floor" if len(numbers) == len(floors) else f"floor-{numbers[0]}",
+                dataset=dataset,
+                floors=[floors[number] for number in numbers],
+                frames=[frame for number in numbers for frame in frames_by_floor[number]],
+                actual=[(actual or floors)[number] for number in numbers],
+                connections=[one for one in connections if floor_of[one.start] in numbers],
+            )
+        )
+    return worlds

@@ -13,7 +13,7 @@ from salframe.framework.components.identity import matching_settings
 from salframe.framework.engines.engine import Engine
 from salframe.framework.errors import InputMissing
 from salframe.framework.files.hashes import digest
-from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.floors import Connection, FloorMasks
 from salframe.panoramas.frames import Fold, Truth
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.query_view import view_queries, view_settings
@@ -104,6 +104,10 @@ class Dataset(Role):
 
     def floors(self) -> Sequence[FloorMasks]:
         """Return the floor masks, top view; empty if the dataset has none."""
+        return ()
+
+    def connections(self) -> Sequence[Connection]:
+        """Return the stairs and lifts between the floors, whose ends are names of places; empty if none are known."""
         return ()
 
     def room_types(self) -> Mapping[str, str]:

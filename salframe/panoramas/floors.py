@@ -7,14 +7,17 @@ from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import combinations, count
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
+from pydantic import Field
 
 from salframe.framework.arrays import as_array, check_array, check_mask
 from salframe.framework.errors import DataError
 from salframe.framework.files.array_files import ArrayKind, check_arrays
 from salframe.framework.files.reading import read_arrays
 from salframe.framework.files.writing import write_arrays
+from salframe.framework.validation import Settings
 from salframe.panoramas.panorama import labels_by_id
 
 FLOORS = "floors.npz"
@@ -91,6 +94,22 @@ class FloorMasks:
                 "three finite numbers"
             )
         object.__setattr__(self, "regions", labels_by_id(self.regions, "FloorMasks.regions"))
+
+
+class Connection(Settings):
+    """Stairs or a lift between two storeys.
+
+    Attributes:
+        start: Name of a place, or id of a node of a topological map.
+        end: Name of a place or id of a node on another storey.
+        kind: "stairs" or "lift".
+        length_m: Length that routes count for it, in metres.
+    """
+
+    start: str
+    end: str
+    kind: Literal["stairs", "lift"]
+    length_m: float = Field(gt=0, allow_inf_nan=False)
 
 
 def touch(floor: FloorMasks, other: FloorMasks) -> bool:

@@ -17,12 +17,13 @@ from salframe.localization.map import LocalizationMap, build_localization
 from salframe.localization.map_files import MapParts, check_output, read_map, write_map
 from salframe.localization.preparing import Tell, prepare, python_warning, silent
 from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.floors import Connection
 from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 from salframe.panoramas.geometry import pose_yaw
 from salframe.panoramas.opening import Progress, reference_frames
 from salframe.panoramas.panorama import Panorama
 from salframe.topology.build import build_topology
-from salframe.topology.connections import connect_by_walks
+from salframe.topology.connections import connect_by_walks, restore_connections
 from salframe.topology.derived_floors import FloorPlan, derive_floors, has_places
 from salframe.topology.free_space import FreeSpace
 from salframe.topology.map_server import read_map_server
@@ -75,9 +76,10 @@ def build_map(
 ) -> BuildingMap:
     """Build the map of a dataset and save it to the folder `output`, in one step.
 
-    The topology is computed from the floor masks of the dataset. Without masks, floors are derived from the range of
-    the reference frames (`derive_floors`). If no topology can be computed, `tell` is called with the reason. A map
-    without reference frames has only the topology. The new map replaces the map in `output`.
+    The topology is computed from the floor masks of the dataset, and from the stairs and lifts that the dataset knows.
+    Without masks, floors are derived from the range of the reference frames (`derive_floors`). If no topology can be
+    computed, `tell` is called with the reason. A map without reference frames has only the topology. The new map
+    replaces the map in `output`.
 
     Args:
         data: name of a dataset or preset, a YAML file, or a folder with a manifest.json.
@@ -124,7 +126,7 @@ def build_map(
                 plan = plan_floors(dataset, frames, localizer, progress, space)
             elif space is not None:
                 tell(f"warning: {floor_map} is not used: the data have floor masks")
-            topological_map = _build_topology(plan, TopologySettings(choose=central_nodes))
+            topological_map = _build_topology(plan, TopologySettings(choose=central_nodes), dataset.connections())
         except (DataError, RequirementMissing) as error:
             if central_nodes or space is not None or not frames:
                 raise
@@ -173,9 +175,9 @@ def plan_floors(
     return derive_floors(frames, labels, progress and partial(progress, "floors"), space)
 
 
-def _build_topology(plan: FloorPlan, settings: TopologySettings) -> TopologicalMap:
+def _build_topology(plan: FloorPlan, settings: TopologySettings, connections: Sequence[Connection]) -> TopologicalMap:
     topology = build_topology(plan.floors, by_place(plan.frames), settings, plan.sources)
-    topology = connect_by_walks(topology, plan.frames)
+    topology = restore_connections(connect_by_walks(topology, plan.frames), connections)
     return replace(topology, notes=(*filter(None, [plan.sources.note]), *plan.notes, *topology.notes))
 
 

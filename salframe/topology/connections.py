@@ -13,12 +13,12 @@ import numpy as np
 from salframe.framework.errors import DataError, UnknownName
 from salframe.framework.files.reading import read_csv_texts
 from salframe.framework.validation import validate
-from salframe.panoramas.floors import FloorMasks, find_floor
+from salframe.panoramas.floors import Connection, FloorMasks, find_floor
 from salframe.panoramas.frames import ReferenceFrame
 from salframe.topology.edges import components
 from salframe.topology.routes import find_nodes
 from salframe.topology.storeys import find_walks
-from salframe.topology.topological_map import Connection, MapEdge, MapNode, NodeKind, TopologicalMap
+from salframe.topology.topological_map import EdgeKind, MapEdge, MapNode, NodeKind, TopologicalMap
 
 COLUMNS = ("start", "end", "kind", "length_m")
 """Columns of a file with connections."""
@@ -97,13 +97,14 @@ def connect_by_walks(topology: TopologicalMap, frames: Sequence[ReferenceFrame])
 
 
 def restore_connections(topology: TopologicalMap, connections: Iterable[Connection]) -> TopologicalMap:
-    """Return a map that was computed again with its connections. Those whose ends were removed are dropped, with a
-    note."""
+    """Return a map with known connections. Those whose ends the map does not have are dropped, with a note."""
     for connection in connections:
         try:
             topology = connect_storeys(topology, [connection])
         except (UnknownName, DataError):
-            note = f"the {connection.kind} from {connection.start} to {connection.end} are dropped: an end was removed"
+            note = (
+                f"the {connection.kind} from {connection.start} to {connection.end} are dropped: the map lacks an end"
+            )
             topology = replace(topology, notes=(*topology.notes, note))
     return topology
 
@@ -138,4 +139,4 @@ def _edge(topology: TopologicalMap, connection: Connection) -> MapEdge:
         )
     x_m, y_m = offset_m((start, end))
     azimuth_rad = float(np.arctan2(y_m, x_m))
-    return MapEdge(start.id, end.id, connection.length_m, azimuth_rad, kind=connection.kind, storeys=storeys)
+    return MapEdge(start.id, end.id, connection.length_m, azimuth_rad, kind=EdgeKind(connection.kind), storeys=storeys)

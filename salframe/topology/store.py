@@ -13,11 +13,11 @@ from salframe.framework.files.columns import Row
 from salframe.framework.files.reading import reading
 from salframe.framework.validation import Settings
 from salframe.localization.map_files import MapParts, read_map, write_map
+from salframe.panoramas.floors import Connection
 from salframe.panoramas.geometry import wrap_angle
 from salframe.topology.connections import connect_storeys
 from salframe.topology.signs import nearest_to_signs
 from salframe.topology.topological_map import (
-    Connection,
     EdgeKind,
     MapEdge,
     MapNode,

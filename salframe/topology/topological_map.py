@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Literal
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from pydantic import Field
 
 from salframe.framework.validation import Settings
-from salframe.panoramas.floors import FloorMasks, find_floor
+from salframe.panoramas.floors import Connection, FloorMasks, find_floor
 from salframe.panoramas.geometry import wrap_angle
 
 
@@ -30,22 +28,6 @@ class EdgeKind(StrEnum):
     WALK = "walk"
     STAIRS = "stairs"
     LIFT = "lift"
-
-
-class Connection(Settings):
-    """Stairs or a lift between two storeys.
-
-    Attributes:
-        start: Id of a node, or name of a place.
-        end: Id of a node, or name of a place on another storey.
-        kind: "stairs" or "lift".
-        length_m: Length that routes count for it.
-    """
-
-    start: str
-    end: str
-    kind: Literal[EdgeKind.STAIRS, EdgeKind.LIFT]
-    length_m: float = Field(gt=0, allow_inf_nan=False)
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from salframe_house.rendering import buildings
 from salframe.framework.components.presets import configure, settings
 from salframe.framework.errors import ConfigError, DataError
 from salframe.panoramas.geometry import equirectangular_rays
+from salframe.panoramas.opening import reference_frames
 from salframe.panoramas.panorama import VISIBLE_PIXELS
 
 
@@ -226,3 +227,39 @@ def test_what_was_moved_stops_the_agent_and_is_not_on_its_map(house: House) -> N
     x, y = floor.origin_m[0] + (column + 0.5) * floor.resolution_m, floor.origin_m[1] - (row + 0.5) * floor.resolution_m
     with pytest.raises(DataError, match="is in a wall or obstacle"):
         world.stand(x, y, 0.0)
+
+
+def test_storeys_are_buildings_of_successive_seeds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
+    settings = {"style": "home", "rooms": 4, "queries_per_room": 1, "height": 64, "rgb": False}
+    both = House(House.Config(**settings, seed=5, storeys=2))
+    upper = House(House.Config(**settings, seed=6))
+    for dataset in (both, upper):
+        dataset.prepare(lambda done, total: None)
+    of_upper = {frame.id: frame for frame in reference_frames(upper)}
+    frames = {frame.id: frame for frame in reference_frames(both)}
+    assert {id for id in frames if id.startswith("2-")} == {f"2-{id}" for id in of_upper}
+    for id, frame in of_upper.items():
+        raised = frames[f"2-{id}"]
+        assert raised.place == f"2-{frame.place}"
+        np.testing.assert_allclose(raised.T_world_pano[:3, 3] - frame.T_world_pano[:3, 3], (0, 0, 3.0), atol=1e-9)
+        np.testing.assert_array_equal(raised.load().range_m, frame.load().range_m)
+    queries = [query.id for query in both.folds()[0].queries]
+    assert len(set(queries)) == 8
+    assert [both.truth(id).place[:2] for id in queries] == ["1-"] * 4 + ["2-"] * 4
+    assert [floor.z_m for floor in both.floors()] == [0.0, 3.0]
+    (stairs,) = both.connections()
+    assert (stairs.start[:2], stairs.end[:2]) == ("1-", "2-")
+    lower_ids, upper_ids = (
+        {id for frame in frames.values() if frame.id.startswith(name) for id in np.unique(ids(frame)) if id}
+        for name in ("1-", "2-")
+    )
+    assert not lower_ids & upper_ids
+    first = of_upper[next(iter(of_upper))]
+    raised = first.T_world_pano.copy()
+    raised[2, 3] += 3.0
+    np.testing.assert_array_equal(both.observe(raised).range_m, upper.observe(first.T_world_pano).range_m)
+
+
+def ids(frame) -> np.ndarray:
+    return frame.load().annotations.instance_id

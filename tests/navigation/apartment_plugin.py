@@ -8,6 +8,7 @@ from 1.5 to 2.5 m. A panorama's first row of ranges holds x, y, z and yaw.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -20,12 +21,13 @@ from salframe.localization.answers import Localization, LocalizationStatus
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.ranking import rank_places
 from salframe.panoramas.dataset import Dataset
-from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.floors import Connection, FloorMasks
 from salframe.panoramas.frames import Fold, FrameKind, QueryFrame, ReferenceFrame, Truth
 from salframe.panoramas.geometry import pose_2d, pose_yaw
 from salframe.panoramas.panorama import Panorama
 
 RESOLUTION_M = 0.05
+STOREY_M, STAIRS_M = 3.0, 6.0
 POSES = {"a-west": (1.0, 2.0, 0.3), "a-north": (3.0, 3.5, -1.0), "b": (7.0, 2.0, 2.0), "door": (4.1, 2.0, 0.0)}
 
 
@@ -87,6 +89,28 @@ class Apartment(Still):
         return panorama(f"at {x:.3f} {y:.3f}", T_world_pano)
 
 
+class Tower(Apartment):
+    """The apartment twice: the upper one is STOREY_M higher, and its names begin with "up-". Stairs connect the two
+    rooms a."""
+
+    name = "tower"
+
+    def folds(self) -> Sequence[Fold]:
+        raised = []
+        for frame in references():
+            pose = frame.T_world_pano + STOREY_M * np.eye(4)[2][:, None] * np.eye(4)[3]
+            place, load = f"up-{frame.place}", partial(panorama, f"up-{frame.id}", pose)
+            raised.append(ReferenceFrame(f"up-{frame.id}", place, pose, frame.kind, load))
+        return [Fold("all", (*references(), *raised), (QueryFrame("query", references()[0].load),))]
+
+    def floors(self) -> Sequence[FloorMasks]:
+        upper = replace(masks(), z_m=STOREY_M, regions={1: "up-a", 2: "up-b"})
+        return [masks(), upper]
+
+    def connections(self) -> Sequence[Connection]:
+        return [Connection(start="a", end="up-a", kind="stairs", length_m=STAIRS_M)]
+
+
 class Unmasked(Apartment):
     """Renders, but has no floor masks."""
 
@@ -145,4 +169,4 @@ class Weightless(Seer):
 
 @salframe.hookimpl
 def salframe_provides():
-    return [Still, Apartment, Unmasked, Seer, Weightless]
+    return [Still, Apartment, Tower, Unmasked, Seer, Weightless]

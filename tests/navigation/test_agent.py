@@ -56,7 +56,7 @@ def make(world, goal="b", max_turns=0) -> Agent:
 def test_the_turn_is_the_azimuth_of_the_leg_minus_the_heading(world):
     agent = make(world)
     agent.add_localization(located(2.5, 2.8, yaw=1.0))
-    turn_rad, length_m = agent.decide()
+    turn_rad, length_m, _ = agent.decide()
     door = next(node.xyz_m for node in world.chart.map.nodes if node.kind == "transition")
     azimuth = np.arctan2(door[1] - 2.8, door[0] - 2.5)
     assert np.cos(turn_rad - (azimuth - 1.0)) == pytest.approx(1.0, abs=1e-9)
@@ -66,7 +66,7 @@ def test_the_turn_is_the_azimuth_of_the_leg_minus_the_heading(world):
 def test_long_legs_are_walked_in_stretches(world):
     agent = make(world)
     agent.add_localization(located(1.0, 2.0))
-    assert agent.decide() == (pytest.approx(0.0), world.chart.max_move_m)
+    assert agent.decide() == (pytest.approx(0.0), world.chart.max_move_m, None)
 
 
 def test_it_says_that_it_has_arrived_by_its_own_estimate(world):
@@ -94,6 +94,7 @@ def test_stopped_by_a_known_wall_it_steps_aside_and_by_another_thing_it_goes_aro
     assert agent.decide() == (
         pytest.approx(np.arctan2(1.5, 1.0), abs=0.02),
         pytest.approx(np.hypot(1.5, 1.0), abs=0.05),
+        None,
     )
 
 
@@ -123,7 +124,7 @@ def test_an_answer_that_is_not_accepted_makes_the_agent_turn_before_it_walks(wor
     agent, turn = make(world, max_turns=2), pose_2d(0, 0, np.radians(120))
     for _ in range(2):
         agent.add_localization(unsure(0.9))
-        assert agent.decide() == pytest.approx((np.radians(120), 0.0))
+        assert agent.decide() == (pytest.approx(np.radians(120)), 0.0, None)
         agent.add_motion(turn, stopped=False)
     agent.add_localization(unsure(0.9))
     assert agent.decide().length_m > 0  # no more than two turns at a position

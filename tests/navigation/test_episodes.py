@@ -81,7 +81,7 @@ def test_an_episode_that_cannot_be_walked_costs_only_itself(sites, entry, line):
 
 
 def test_goals_that_what_was_moved_shuts_off_are_not_asked_for():
-    shut = FloorWorld("floor", Apartment(), masks(), references(), masks((3.7, 1.0, 4.0, 3.0)))
+    shut = FloorWorld("floor", Apartment(), [masks()], references(), [masks((3.7, 1.0, 4.0, 3.0))])
     sites = {"floor": Site(shut, Guide(shut.chart, Dijkstra.Config()))}
     with pytest.raises(DataError, match="floor allows no episode"):
         draw_episodes(sites, 5, 3)
@@ -117,7 +117,7 @@ def test_several_worlds_must_be_told_apart(sites):
 
 
 def test_a_floor_without_free_regions_allows_no_episode():
-    blocked = FloorWorld("floor", Apartment(), masks(), references(), masks((-1.0, -1.0, 9.0, 9.0)))
+    blocked = FloorWorld("floor", Apartment(), [masks()], references(), [masks((-1.0, -1.0, 9.0, 9.0))])
     with pytest.raises(DataError, match="floor has no free floor in any region"):
         blocked.draw_start(np.random.default_rng(0))
     with pytest.raises(DataError, match="floor allows no episode"):

@@ -45,7 +45,7 @@ def test_a_turn_alone_moves_nothing(world):
 
 
 def test_what_was_moved_since_the_map_was_made_stops_the_agent():
-    changed = FloorWorld("floor", Apartment(), masks(), references(), masks((2.0, 1.0, 2.5, 3.0)))
+    changed = FloorWorld("floor", Apartment(), [masks()], references(), [masks((2.0, 1.0, 2.5, 3.0))])
     end, stopped = changed.move(pose_2d(1.0, 2.0, 0.0, 1.5), 0.0, 2.0)
     assert stopped
     assert end[0, 3] == pytest.approx(2.0 - RADIUS_M, abs=PIXEL_M + 0.01)
@@ -53,7 +53,7 @@ def test_what_was_moved_since_the_map_was_made_stops_the_agent():
 
 
 def test_what_was_moved_may_shut_a_room_off(world):
-    shut = FloorWorld("floor", Apartment(), masks(), references(), masks((3.7, 1.0, 4.0, 3.0)))
+    shut = FloorWorld("floor", Apartment(), [masks()], references(), [masks((3.7, 1.0, 4.0, 3.0))])
     here, there = pose_2d(1.0, 2.0, 0.0, 1.5), pose_2d(7.0, 2.0, 0.0, 1.5)
     assert world.joined(here, there)
     assert not shut.joined(here, there)

@@ -8,12 +8,12 @@ from plans import frame, two_rooms
 
 from salframe.framework.errors import ConfigError, DataError, NoRoute, UnknownName
 from salframe.localization.map_files import write_map
-from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.floors import Connection, FloorMasks
 from salframe.topology.build import build_topology
 from salframe.topology.connections import connect_storeys, read_connections, restore_connections
 from salframe.topology.routes import directions, find_route, route_json
 from salframe.topology.store import connect_map, open_topology, write_topology
-from salframe.topology.topological_map import Connection, TopologicalMap
+from salframe.topology.topological_map import TopologicalMap
 
 STAIRS = Connection(start="east", end="up-east", kind="stairs", length_m=6.0)
 LIFT = Connection(start="a", end="up-a", kind="lift", length_m=20.0)
@@ -92,7 +92,7 @@ def test_a_map_keeps_its_connections(tmp_path):
 def test_a_connection_whose_end_was_removed_is_dropped_with_a_note():
     restored = restore_connections(build_topology([two_rooms()], [frame("a", -2.0, 0.0)]), [STAIRS])
     assert restored.connections == ()
-    assert "the stairs from east to up-east are dropped: an end was removed" in restored.notes
+    assert "the stairs from east to up-east are dropped: the map lacks an end" in restored.notes
 
 
 def test_connections_are_read_from_a_table(tmp_path):

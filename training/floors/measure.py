@@ -16,7 +16,7 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from salframe_house.rendering import buildings_of
+from salframe_house.rendering import floors_of
 
 from salframe.evaluation.statistics import Estimate, estimate_proportion
 from salframe.framework.errors import SalframeError
@@ -30,7 +30,7 @@ from salframe.navigation.sight import Sight
 from salframe.navigation.walk import SUCCESS_M, EpisodeStatus, NavigationConfig, walk
 from salframe.navigation.world import FloorWorld, open_worlds
 from salframe.panoramas.dataset import Dataset
-from salframe.panoramas.floors import FloorMasks, Regions, floor_pixels
+from salframe.panoramas.floors import FloorMasks, Regions, find_floor, floor_pixels
 from salframe.panoramas.frames import FrameKind, ReferenceFrame
 from salframe.panoramas.opening import reference_frames
 from salframe.topology.build import build_topology
@@ -82,17 +82,34 @@ def localize_all(
 
 
 def walk_all(
-    dataset: Dataset, localizer: Localizer, given: FloorWorld, derived: FloorWorld, count: int, seed: int
+    dataset: Dataset,
+    localizer: Localizer,
+    given: FloorWorld,
+    derived: FloorWorld,
+    count: int,
+    seed: int,
+    across: bool = False,
 ) -> dict[str, list[bool]]:
-    """Return the success of the same episodes in both worlds, by the distance to the goal along the floor masks."""
+    """Return the success of the same episodes in both worlds, by the distance to the goal along the floor masks.
+
+    With `across`, each episode starts and ends on different storeys.
+    """
     config = NavigationConfig()
     site, derived_site = (Site(world, Guide(world.chart, config.planner)) for world in (given, derived))
-    episodes, _ = draw_episodes({given.id: site}, count, seed)
+    episodes, _ = draw_episodes({given.id: site}, 10 * count if across else count, seed)
+    if across:
+        episodes = [one for one in episodes if not _is_on_one_floor(given, one)][:count]
     success = {}
     for name, agent_site in (("given", site), ("derived", derived_site)):
         sight = Sight(localizer, dataset.content_key, positioning=True)
         success[name] = [_walk(agent_site, site.guide, sight, episode, config, seed) for episode in episodes]
     return success
+
+
+def _is_on_one_floor(world: FloorWorld, episode: Episode) -> bool:
+    start_m, goal_m = np.array(episode.start).reshape(4, 4)[:3, 3], np.array(world.node(episode.goal).xyz_m)
+    floors = world.chart.map.floors
+    return find_floor(floors, start_m) == find_floor(floors, goal_m)
 
 
 def _walk(site: Site, guide: Guide, sight: Sight, episode: Episode, config: NavigationConfig, seed: int) -> bool:
@@ -152,8 +169,8 @@ def main(
         if episodes:
             (world,) = open_worlds(dataset)
             assert isinstance(world, FloorWorld)
-            actual = buildings_of(dataset.config)[1].floor_masks()
-            derived = FloorWorld(world.id, dataset, on_grid(plan.floors[0], masks), frames, actual)
+            _, actual = floors_of(dataset.config)
+            derived = FloorWorld(world.id, dataset, [on_grid(plan.floors[0], masks)], frames, actual)
             for name, success in walk_all(dataset, localizer, world, derived, episodes, 0).items():
                 scores["navigation"][name] += success
             clusters["navigation"] += [seed] * len(success)

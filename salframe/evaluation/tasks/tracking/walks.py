@@ -15,7 +15,7 @@ from salframe.navigation.world import World
 from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.geometry import pose_yaw, wrap_angle
 from salframe.panoramas.panorama import Panorama
-from salframe.topology.topological_map import NodeKind
+from salframe.topology.topological_map import MapEdge, NodeKind
 
 NUM_VIEWS = 12
 """Number of views of a walk."""
@@ -94,14 +94,17 @@ def _try_walk(site: Site, rng: np.random.Generator) -> list[np.ndarray]:
     poses, goal = [pose], goals[rng.integers(len(goals))]
     while len(poses) < NUM_VIEWS:
         try:
-            leg_m = guide.roomy.way(pose[:3, 3], goal).leg(pose[:3, 3])
+            leg = guide.roomy.way(pose[:3, 3], goal).leg(pose[:3, 3])
         except NoRoute:
             break
-        length_m = float(np.linalg.norm(leg_m))
-        if length_m <= REACHED_M:
-            break
-        turn_rad = float(wrap_angle(np.arctan2(leg_m[1], leg_m[0]) - pose_yaw(pose)))
-        pose, is_stopped = world.move(pose, turn_rad, min(STEP_M, length_m))
+        if isinstance(leg, MapEdge):
+            pose, is_stopped = world.take_stairs(pose, leg)
+        else:
+            length_m = float(np.linalg.norm(leg))
+            if length_m <= REACHED_M:
+                break
+            turn_rad = float(wrap_angle(np.arctan2(leg[1], leg[0]) - pose_yaw(pose)))
+            pose, is_stopped = world.move(pose, turn_rad, min(STEP_M, length_m))
         if is_stopped:
             break
         poses.append(pose)

@@ -1,0 +1,123 @@
+"""Two storeys that stairs connect, compared with closed forms: paths, rides and episodes across."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from apartment_plugin import STAIRS_M, STOREY_M, Tower
+from salframe_planners.planners import Dijkstra
+
+from salframe.framework.components.registry import registry
+from salframe.framework.errors import DataError
+from salframe.localization.answers import Localization, LocalizationStatus, RankedPlace
+from salframe.localization.tracker import Tracker
+from salframe.navigation.agent import Agent, Located
+from salframe.navigation.episodes import EpisodeRequest, Site, draw_episodes, place_episodes
+from salframe.navigation.guide import Guide
+from salframe.navigation.walk import NavigationConfig, walk
+from salframe.navigation.world import open_worlds
+from salframe.panoramas.geometry import pose_2d
+
+CAMERA_M = 1.5
+BELOW, ABOVE = np.array([3.0, 2.0, CAMERA_M]), np.array([3.0, 2.0, STOREY_M + CAMERA_M])
+STAIRS_XY_M = (1.0, 2.0)
+
+
+@pytest.fixture
+def tower():
+    (world,) = open_worlds(Tower())
+    return world
+
+
+@pytest.fixture
+def site(tower):
+    return Site(tower, Guide(tower.chart, Dijkstra.Config()))
+
+
+def stairs(world):
+    (edge,) = [edge for edge in world.chart.map.edges if edge.storeys]
+    return edge
+
+
+def at(pose: np.ndarray) -> Located:
+    return Located(Localization((RankedPlace("a", "a-west", 1.0),), pose, LocalizationStatus.OK))
+
+
+def test_only_points_of_the_own_storey_are_in_reach(tower):
+    points_m = np.array([[7.0, 2.0, 0.0], [7.0, 2.0, STOREY_M]])
+    np.testing.assert_allclose(tower.chart.reach(BELOW, points_m), [4.0, np.inf])
+    np.testing.assert_allclose(tower.chart.reach(ABOVE, points_m), [np.inf, 4.0])
+
+
+def test_a_path_to_the_other_storey_takes_the_stairs(site):
+    way = site.guide.way(BELOW, "up-b")
+    assert way.length_m == pytest.approx(2.0 + STAIRS_M + 6.0)
+    np.testing.assert_allclose(way.leg(BELOW), [-2.0, 0.0], atol=1e-9)
+    edge = way.leg(np.array([1.2, 2.1, CAMERA_M]))
+    assert (edge.start, edge.end, edge.length_m) == ("a-west", "up-a-west", STAIRS_M)
+    assert site.guide.way(ABOVE, "b").length_m == pytest.approx(2.0 + STAIRS_M + 6.0)
+
+
+def test_a_collision_on_a_storey_leaves_the_other_one_as_it_is(tower):
+    chart = tower.chart.stopped(pose_2d(2.0, 2.0, 0.0, STOREY_M + CAMERA_M), again=False)
+    above, below = np.array([[4.1, 2.0, STOREY_M]]), np.array([[4.1, 2.0, 0.0]])
+    assert np.isinf(chart.reach(np.array([1.5, 2.0, STOREY_M + CAMERA_M]), above)).all()
+    np.testing.assert_allclose(chart.reach(np.array([1.5, 2.0, CAMERA_M]), below), [2.6])
+    assert [edge for edge in chart.map.edges if edge.storeys] == [stairs(tower)]
+
+
+def test_stairs_are_taken_from_their_foot_alone(tower):
+    up = stairs(tower)
+    end, failed = tower.take_stairs(pose_2d(1.6, 2.6, 0.7, CAMERA_M), up)
+    assert not failed
+    np.testing.assert_allclose(end, pose_2d(*STAIRS_XY_M, 0.7, STOREY_M + CAMERA_M))
+    for pose in (pose_2d(2.1, 2.0, 0.7, CAMERA_M), pose_2d(*STAIRS_XY_M, 0.7, STOREY_M + CAMERA_M)):
+        end, failed = tower.take_stairs(pose, up)
+        assert failed
+        np.testing.assert_array_equal(end, pose)
+    down, failed = tower.take_stairs(pose_2d(*STAIRS_XY_M, 0.7, STOREY_M + CAMERA_M), up.reversed())
+    assert not failed
+    assert down[2, 3] == CAMERA_M
+
+
+def test_the_storeys_are_joined(tower):
+    assert tower.joined(pose_2d(1.0, 1.0, 0.0, CAMERA_M), pose_2d(7.0, 2.0, 0.0, STOREY_M + CAMERA_M))
+    assert tower.region(pose_2d(7.0, 2.0, 0.0, STOREY_M + CAMERA_M)) == "up-b"
+
+
+def test_an_agent_without_noise_walks_the_shortest_path_across(site):
+    quiet = {"turn_noise_deg": 0.0, "length_noise": 0.0, "odometry_turn_noise_deg": 0.0, "odometry_length_noise": 0.0}
+    config = NavigationConfig(**quiet)
+    request = EpisodeRequest(start=(3.0, 2.0), floor=1, goal="up-b", yaw_deg=30.0)
+    ([episode], _) = place_episodes([request], {"floor": site}, 0)
+    assert episode.shortest_m == pytest.approx(2.0 + STAIRS_M + 6.0)
+    row = walk(site, lambda pose, yaw_rad, turn: at(pose), episode, config, 0)
+    assert row["success"]
+    assert row["travelled_m"] == pytest.approx(episode.shortest_m, abs=config.arrival_m)
+    assert row["collisions"] == 0
+    assert [z for _, _, z, _ in row["path"]] == sorted(z for _, _, z, _ in row["path"])
+
+
+def test_an_agent_that_is_not_at_the_stairs_steps_aside(site):
+    tracker = registry().build(Tracker.role, NavigationConfig().tracker)
+    agent = Agent(site.guide, "up-b", 0.0, 0.25, np.random.default_rng(0), tracker)
+    agent.add_localization(at(pose_2d(*STAIRS_XY_M, 0.0, CAMERA_M)))
+    assert agent.decide().stairs == stairs(site.world)
+    agent.add_motion(np.eye(4), stopped=True)
+    move = agent.decide()
+    assert move.stairs is None
+    assert move.length_m == site.world.chart.aside_m
+
+
+def test_the_floor_of_a_start_is_stated(site):
+    with pytest.raises(DataError, match="floor has 2 floors, expected the number of a floor from 1 to 2"):
+        place_episodes([EpisodeRequest(start=(3.0, 2.0), goal="up-b")], {"floor": site}, 0)
+    with pytest.raises(DataError, match="floor has no floor 3, expected a number from 1 to 2"):
+        site.world.stand(3.0, 2.0, 0.0, 3)
+    assert site.world.stand(3.0, 2.0, 0.0, 2)[2, 3] == STOREY_M + CAMERA_M
+
+
+def test_starts_and_goals_are_on_both_storeys(site):
+    episodes, _ = draw_episodes({"floor": site}, 40, 0)
+    storeys = {(episode.start[11] > STOREY_M, episode.goal.startswith("up-")) for episode in episodes}
+    assert len(storeys) == 4
