@@ -12,7 +12,7 @@ GRID_M, HALVINGS = 0.5, 3
 BIN_RAD = np.radians(5)
 """Width of the bins in which headings collect votes."""
 _BLOCK = 16
-"""Number of candidates to verify at once. More take memory and save no time."""
+"""Number of candidates to verify at once. Larger blocks need more memory and are not faster."""
 
 
 def verify_bearings(
@@ -27,18 +27,18 @@ def verify_bearings(
     """Find the pose of each candidate that explains the largest number of directions.
 
     Positions are searched on a grid around each reference frame. The heading at a position is the one with the most
-    votes of similar nodes. The score of a position depends on the distances between the map nodes and the rays of the
-    query's nodes. Both cameras are assumed upright and at the same height, so that elevations determine distances. A
-    candidate has no pose where fewer than two query nodes are explained.
+    votes from pairs of similar nodes. The score of a position depends on the distances between the map nodes and the
+    rays to the query's nodes. The query camera and the map camera are assumed to be upright and at the same height, so
+    that elevations determine distances. A candidate has no pose if the pose explains fewer than two query nodes.
 
     Args:
         bearing: (n, 3) unit vectors to the query's nodes in the query frame.
         map_m: (N, 3) positions of the map's nodes in metres, each in its reference frame.
-        pairs: The node pairs that may be the same object, P together.
+        pairs: The P node pairs that may be the same object.
         similarity: (P,) similarity of each pair, above 0.
         weights: (n,) weights of the query's nodes.
-        tolerance: Distance in metres, and share of the map node's distance from the camera. Two nodes further apart
-            than their sum cannot be the same object.
+        tolerance: (a, b). A map node at the distance d from the query camera cannot be the query node of a ray that is
+            further away than a + b * d metres.
         max_shift_m: Radius of the grid in metres.
     """
     num_steps = int(max_shift_m / GRID_M + 1e-9)
@@ -61,7 +61,7 @@ def verify_bearings(
 
 
 class _Rays:
-    """The similar node pairs of K candidates: P together, at least one of each candidate.
+    """The P similar node pairs of K candidates, at least one pair per candidate.
 
     Uses single precision and evaluates the positions of all candidates at once, because arrays of (positions, P) take
     most of a query's time.
@@ -90,9 +90,10 @@ class _Rays:
         self._first_node = np.searchsorted(self._node_starts, self._starts)
 
     def best(self, grid_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return heading (K,) and position (K, 2) of the best pose of each candidate, and the kernel (P,).
+        """Return heading (K,) and position (K, 2) of the best pose of each candidate, and the kernel (P,) of each pair.
 
-        grid_m: (G, 1, 2) offsets of the grid's positions in metres.
+        Args:
+            grid_m: (G, 1, 2) positions of the grid in metres, relative to the reference frame.
         """
         candidates = np.arange(self._num_graphs)
         position_m = np.repeat(grid_m, len(candidates), 1)
@@ -112,7 +113,7 @@ class _Rays:
         )
 
     def _evaluate(self, position_m: np.ndarray, yaw_rad: np.ndarray | None = None):
-        """Return support (G, K), heading (G, K) and kernel (G, P) at positions (G, K, 2).
+        """Return support (G, K), heading (G, K) and kernel (G, P) at positions (G, K, 2). Support is the score.
 
         Headings are refined from yaw_rad (K,), or, if yaw_rad is None, from the headings with the most votes.
         """
@@ -150,5 +151,5 @@ class _Rays:
 
 
 def _wrapped(angle_rad: np.ndarray) -> np.ndarray:
-    """Return angles wrapped to [-pi, pi] in their own precision."""
+    """Return angles wrapped to [-pi, pi], with their dtype unchanged."""
     return angle_rad - 2 * np.pi * np.rint(angle_rad / (2 * np.pi))

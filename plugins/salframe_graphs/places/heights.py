@@ -72,7 +72,7 @@ def at_map_height(query: SaliencyGraph, height_m: float, map_height_m: np.ndarra
 def place_heights(shown: ShownPlaces, frame_height_m: np.ndarray, frame_z_m: np.ndarray) -> np.ndarray:
     """Return the height (K,) above the floor of a camera at the median height of each place's scene frames.
 
-    It is NaN where no frame of the place knows its height.
+    It is NaN for a place without a frame of known height.
 
     Args:
         shown: The places.

@@ -50,7 +50,7 @@ class ShownPlaces(PlaceFrames):
         Args:
             names: (N,) indices of names.
             frames_m: (S, 2) positions of all frames of the map in metres.
-            xy_m: (N, 2) positions in metres. Where one is NaN, the first frame of the name is returned.
+            xy_m: (N, 2) positions in metres. For a NaN position, the first frame of the name is returned.
 
         Returns:
             (N,) indices of frames.

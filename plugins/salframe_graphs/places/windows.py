@@ -1,4 +1,4 @@
-"""Windows: the objects around the frames of a place, of all places of a map."""
+"""Windows: a window consists of all objects of the map that are near the frames of a place."""
 
 from __future__ import annotations
 
@@ -48,7 +48,10 @@ class Windows:
         self._taken: tuple[bytes, PlaceIndex] | None = None
 
     def take(self, places: np.ndarray) -> PlaceIndex:
-        """Return the index of the windows of places (C,), ascending, with the vocabulary of the map."""
+        """Return an index with the windows of places (C,), ascending, instead of their objects.
+
+        Labels have the vocabulary of the map.
+        """
         if self._taken is None or self._taken[0] != places.tobytes():
             windows = [self._window(place) for place in places.tolist()]
             columns: dict[str, Any] = {
@@ -61,7 +64,7 @@ class Windows:
 
     @cached_property
     def _camera_z_m(self) -> np.ndarray:
-        """(K,) height of the cameras of each place, to which PlaceIndex.z_m is relative."""
+        """(K,) median world height of the cameras of each place. PlaceIndex.z_m is relative to this height."""
         frames = np.split(self._shown.frame, self._shown.start[1:-1])
         return np.array([np.median(self._frames_m[of_place, 2]) for of_place in frames])
 

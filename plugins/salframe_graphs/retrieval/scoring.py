@@ -18,11 +18,11 @@ def best_scenes(postings: Postings, query: IndexQuery, count: int) -> tuple[np.n
     Args:
         postings: The lists of the map.
         query: The query.
-        count: Minimum number of results, if as many scenes share a label with the query. There are more results where
-            scores are equal.
+        count: Number of scenes to return. The result is shorter if fewer scenes share a label with the query, and
+            longer if several scenes have the last score.
 
     Returns:
-        Numbers (K,) int64 of the scenes, and their scores (K,) float64.
+        Indices (K,) int64 of the scenes, and their scores (K,) float64.
     """
     shared = np.zeros(len(postings.weight), np.int64)
     for label, first, last in zip(query.label.tolist(), query.first.tolist(), query.last.tolist(), strict=True):
