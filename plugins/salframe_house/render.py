@@ -244,7 +244,8 @@ class HouseRenderer:
         )
 
     def _exposure(self, radiance: np.ndarray, surface: RayHits) -> float:
-        """Return the exposure that brings the surfaces to the key of the lighting without overexposing bright ones."""
+        """Return the exposure factor that gives surfaces the mean brightness `Condition.key`, but overexposes no bright
+        surfaces."""
         is_reflective = (self._emission == 0) & ~self._surfaces.glass
         pixels = np.flatnonzero(surface.hit & is_reflective.take(surface.triangle))[::7]
         luminance = radiance[pixels] @ _LUMINANCE

@@ -95,7 +95,7 @@ def is_driven(config: HouseConfig) -> bool:
 
 
 def sequences_of(config: HouseConfig) -> dict[str, list[str]]:
-    """Return the ids of the earlier views of driven queries, by query."""
+    """Return the ids of the earlier views of each driven query, by the id of the query."""
     if not is_driven(config):
         return {}
     ids = [frame.id for frame in frames_of(config) if frame.is_query]
@@ -140,7 +140,7 @@ def render_pose(config: HouseConfig, T_world_pano: np.ndarray) -> Panorama:
 
 
 def _render(config: HouseConfig, T_world_pano: np.ndarray, changed: bool, lighting: Lighting, id: str) -> Panorama:
-    """Render a panorama with annotations and the channels of the settings."""
+    """Render a panorama with annotations, and with colour and range as the settings select."""
     renderer = _renderer(config, changed, lighting)
     before, after = buildings_of(config)
     labels = {**before.labels, **after.labels}

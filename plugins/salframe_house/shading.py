@@ -22,7 +22,7 @@ class IrradianceGrid:
 
     Attributes:
         index: Indices of the N grid points among the pixels.
-        sample_set: Sample set of each point, (N,) int; each 4 x 4 points use all 16 sets.
+        sample_set: Sample set of each point, (N,) int; each block of 4 x 4 points uses all 16 sets.
         point_m: Positions of the grid points, (N, 3).
         normal: Normals of the grid points, (N, 3).
     """
@@ -39,7 +39,7 @@ class IrradianceGrid:
         self._packed[:3], self._packed[3:6] = self.point_m.T, self.normal.T
 
     def fill(self, irradiance: np.ndarray) -> None:
-        """Set the irradiance of the grid points, (N, 3), smoothed over the interleaved samples."""
+        """Set the irradiance of the grid points, (N, 3), smoothed over neighbouring points with other sample sets."""
         point, normal, value = (a.T.reshape(3, *self._shape) for a in (self.point_m, self.normal, irradiance))
         tolerance_m = self._tolerance_m.reshape(self._shape)
         for axis in (1, 0):

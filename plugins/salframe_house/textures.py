@@ -31,7 +31,8 @@ class TextureKind:
         paint: Painter of the tile (TILE, TILE, 3); v grows with the rows and points upwards on a wall.
         extent_m: Size of a tile along (u, v); None if one tile fills the surface.
         wear: Contrast of stains and scuffs.
-        fixed: Whether the texture starts at its coordinates; others are shifted by a pseudo-random offset.
+        fixed: True: the pattern is placed exactly at its texture coordinates. False: the pattern is shifted by a
+            pseudo-random offset.
     """
 
     paint: Callable[[np.random.Generator], np.ndarray]
@@ -55,7 +56,8 @@ def texture_kind(name: str) -> TextureKind:
 def image_texture(rgb: np.ndarray, *, fills: bool = False) -> str:
     """Register an image (h, w, 3) uint8 sRGB as a texture and return its name.
 
-    The rows go upwards. The image spans one unit of u and v, or, if it `fills`, the whole surface.
+    Row 0 of the image is at the lower edge (v = 0). The image covers one unit of u and v. If `fills` is true, it covers
+    the whole surface instead.
     """
     tile = (cv2.resize(rgb, (TILE, TILE), interpolation=cv2.INTER_AREA) / 255) ** 2.2
     name = f"{'sign' if fills else 'image'} {zlib.crc32(tile.tobytes()):08x}"
