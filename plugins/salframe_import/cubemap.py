@@ -31,10 +31,11 @@ _AXES = {
     "up": (-_LEFT, _FORWARD, _UP),
     "down": (-_LEFT, -_FORWARD, -_UP),
 }
-"""Right, down and forward axis of each face in the panorama frame. The lower edge of the face above, and the upper edge
-of the face below, join the face in front."""
+"""Right, down and forward axis of each face in the panorama frame. The lower edge of the face "up" and the upper edge
+of the face "down" touch the face "front"."""
 MIN_SEAM_AGREEMENT, MAX_SEAM_GREY = 0.8, 24.0
-"""Minimum share of the edges of the cube where both faces agree, and maximum difference of their grey values."""
+"""Minimum share of the points on the edges of the cube at which the two faces agree, and maximum difference of grey
+values that agree."""
 SEAMS = (
     "the faces do not join at the edges of the cube: check their order and rotation (setting faces), and the unit and "
     "kind of the depth"
