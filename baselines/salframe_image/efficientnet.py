@@ -79,8 +79,8 @@ EFFICIENTNET_LITE0 = NetworkWeights(
         )
     ),
 )
-"""The convolutional layers: input (N, 3, H, W) images, output (N, 1280, H / 32, W / 32) features. The hash is that of
-the converted file."""
+"""The convolutional layers of EfficientNet-Lite0. The input is (N, 3, H, W) images, the output is (N, 1280, H / 32,
+W / 32) features. The first hash is the hash of the converted file."""
 
 
 def to_onnx(state: Mapping[str, np.ndarray]) -> bytes:

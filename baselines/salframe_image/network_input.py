@@ -11,7 +11,8 @@ from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.perspective import ViewRig
 
 HIDDEN_GREY = np.uint8(127)
-"""Grey level of pixels that a partial panorama does not show. Most networks subtract about this value from an image."""
+"""Grey level that replaces pixels that a partial panorama does not show. Most networks subtract about this value from
+an image."""
 
 
 def cut_views(panorama: Panorama, rig: ViewRig) -> tuple[np.ndarray, np.ndarray]:

@@ -43,7 +43,7 @@ class SalientObjects(DetectingLocalizer):
         return self._saliency.score(detections) ** self.config.saliency_power
 
     def pack(self, description: Description) -> Description:
-        """Return the description with floats in single precision, without the labels as written."""
+        """Return the description with floats in single precision, without WRITTEN_LABELS."""
         return {
             name: array.astype(np.float32) if array.dtype == np.float64 else array
             for name, array in description.items()
