@@ -126,7 +126,7 @@ def spoil(objects: list[Annotated], vocabulary: Sequence[str], noise: Noise, see
         objects: The annotated objects.
         vocabulary: Labels of the data set, from which wrong labels are drawn.
         noise: Rates and sizes of the errors.
-        seed: Seed of the setting and of the panorama.
+        seed: Seed from the settings, and seed of the panorama.
     """
     detected: list[Annotated] = []
     for annotated in objects:
@@ -161,7 +161,7 @@ def _nearest_of_label(target: Annotated, objects: list[Annotated]) -> Annotated 
 
 
 def _halves(annotated: Annotated) -> list[Annotated]:
-    """Return the object cut in two halves across the length of its box, as by an occluder."""
+    """Cut the object into two halves across the length of its box, as an occluder does."""
     _, yaw = upright_box(annotated.points_m)
     along = annotated.points_m[:, :2] @ np.array([np.cos(yaw), np.sin(yaw)])
     left = along < np.median(along)

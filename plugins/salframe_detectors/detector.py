@@ -156,7 +156,7 @@ class OnnxDetector(Detector):
 
 
 def _class_labels(labels: str | tuple[str, ...] | SingleFile) -> tuple[str, ...]:
-    """Return the class labels of a network that a setting lists or names. Raises ConfigError."""
+    """Return the class labels of a network from the setting `labels`. Raises ConfigError if a file is not valid."""
     if isinstance(labels, SingleFile):
         return read_class_names(labels)
     return COCO_80 if isinstance(labels, str) else labels

@@ -117,7 +117,8 @@ def _labels(card: Path) -> list[str]:
 def into_panorama(vote_m: np.ndarray) -> np.ndarray:
     """Convert votes (3, H, W) to the panorama frame: (H, W, 3).
 
-    Votes are in each pixel's frame: horizontally away from the camera, to the left, and up.
+    A vote is the offset from the point of a pixel to the centre of its object. Its three coordinates are horizontally
+    away from the camera, to the left, and up.
     """
     azimuth = column_azimuth(vote_m.shape[2])
     cosine, sine = np.cos(azimuth), np.sin(azimuth)
