@@ -1,4 +1,4 @@
-"""Mutual support of matches with several reference frames that give the query the same pose in the world."""
+"""Agreement of matches: matches with different reference frames support each other if they give the same query pose."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def agree(
 
 
 def add_agreement(score: np.ndarray, T_world_query: np.ndarray, share: float, radius_m: float) -> np.ndarray:
-    """Increase the score of each match by a share of the scores of the matches that agree with it.
+    """Increase the score of each match by `share` times the sum of agreement * score over all other matches.
 
     The agreement of two poses falls from 1 at no difference to 0 at a distance of `radius_m` or a turn of 30 degrees.
 

@@ -1,4 +1,4 @@
-"""Triangulation of the objects of panoramas without range, after bearings of the same object have been associated
+"""Objects of panoramas without range: association of bearings with objects, and triangulation of the objects
 (docs/explanation/method.md#maps-without-range)."""
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from salframe.graphs.triangulation import MAX_RANGE_M, meeting_points, position_
 BEARING_ERROR_RAD = 0.016
 """Standard deviation of the horizontal and of the vertical angle of a bearing."""
 CENTRE_ERROR_M = 0.05
-"""Standard deviation of the visible centre of an object across the bearing, for an object without extent."""
+"""Standard deviation (m) of the visible centre of an object across the bearing, for an object of size 0."""
 SIDE_ERROR_SHARE = 0.09
 """Standard deviation of the visible centre, relative to the side length of the object. The centre varies because the
 visible part of an object changes with the viewpoint."""
@@ -45,12 +45,12 @@ class Rays:
     """N bearings of objects from panoramas with known poses, in the world.
 
     Attributes:
-        frame: (N,) int64, number of the panorama.
-        group: (F,) int64, number of the place of each panorama, -1 for a panorama that shows several places.
+        frame: (N,) int64, index of the panorama of each ray.
+        group: (F,) int64, index of the place of each of the F panoramas; -1 for a panorama that shows several places.
         label: (N,) labels.
-        origin_m: (N, 3) positions of the cameras.
-        direction: (N, 3) unit vectors.
-        solid_angle_sr: (N,) solid angles, NaN where unknown.
+        origin_m: (N, 3) positions of the cameras in the world.
+        direction: (N, 3) unit vectors in the world.
+        solid_angle_sr: (N,) solid angles of the objects, NaN where unknown.
     """
 
     frame: np.ndarray

@@ -8,7 +8,8 @@ from salframe_graphs.node_pairs import NodePairs
 from salframe_graphs.verification import VerifiedPoses
 
 GRID_M, HALVINGS = 0.5, 3
-"""Spacing of the grid of positions in metres, and the number of times it is halved around the best position."""
+"""Spacing of the grid of positions in metres, and number of times that the spacing is halved around the best
+position."""
 BIN_RAD = np.radians(5)
 """Width of the bins in which headings collect votes."""
 _BLOCK = 16
@@ -37,8 +38,8 @@ def verify_bearings(
         pairs: The P node pairs that may be the same object.
         similarity: (P,) similarity of each pair, above 0.
         weights: (n,) weights of the query's nodes.
-        tolerance: (a, b). A map node at the distance d from the query camera cannot be the query node of a ray that is
-            further away than a + b * d metres.
+        tolerance: (a, b). A map node can be the same object as a query node only if its distance from the ray to the
+            query node is less than a + b * d metres, where d is the distance of the map node from the query camera.
         max_shift_m: Radius of the grid in metres.
     """
     num_steps = int(max_shift_m / GRID_M + 1e-9)
@@ -141,7 +142,8 @@ class _Rays:
         return np.add.reduceat(explained, self._first_node, 1), yaw_rad, kernel
 
     def _vote(self, turn: np.ndarray, share: np.ndarray) -> np.ndarray:
-        """Return the centre (G, K) float32 of the three adjacent heading bins with the largest sum of shares (G, P)."""
+        """Return the centres (G, K) float32 of the three adjacent heading bins with the largest sum of `share`, which
+        is (G, P)."""
         bins, candidates = round(2 * np.pi / BIN_RAD), self._num_graphs
         cell = (np.arange(len(turn))[:, None] * candidates + self._candidate) * bins
         cell = cell + np.floor(turn / BIN_RAD).astype(np.int64) % bins

@@ -79,7 +79,7 @@ class GraphLocalizer(DetectingLocalizer):
         return build_graph(objects, self._saliency.score(objects), self.config.graph)
 
     def joined_arrays(self, joined: SaliencyGraph, descriptions: Sequence[Description]) -> Description:
-        """Return the description of the joined graph of views, from their descriptions."""
+        """Return the description of a joined graph, including the original labels of all views."""
         written = np.unique(np.concatenate([description[WRITTEN_LABELS] for description in descriptions]))
         return {**graph_to_arrays(joined), WRITTEN_LABELS: written}
 

@@ -20,7 +20,7 @@ from salframe.panoramas.frames import FrameKind, ReferenceFrame
 from salframe_graphs.agreement import add_agreement
 
 _MATCHER = "matcher"
-"""Name of the matcher's files in the folder of the index."""
+"""Name under which the index of the matcher is stored in the folder of the map's index."""
 
 
 class PanoramaScoresConfig(ComponentConfig):

@@ -21,7 +21,7 @@ MIDDLES_RAD = (np.arange(BINS) + 0.5) * (2 * np.pi / BINS)
 
 
 def azimuth_bins(azimuth_rad: np.ndarray) -> np.ndarray:
-    """Return the bins (int32) of azimuths in [-2 pi, 2 pi); 0 where the azimuth is NaN."""
+    """Return the bin indices (int32) of azimuths in [-2 pi, 2 pi); 0 where the azimuth is NaN."""
     with np.errstate(invalid="ignore"):
         number = np.floor(azimuth_rad * azimuth_rad.dtype.type(BINS / (2 * np.pi))).astype(np.int32)
     number += BINS * (number < 0)
@@ -45,7 +45,7 @@ def shown_bins(valid: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Sectors:
-    """Parts of the floor in which V views of a query should see objects, in the frame of the query.
+    """Parts of the floor in which V views of a query should show objects, in the frame of the query.
 
     Attributes:
         reach_m: (V, BINS) float32: distance in metres up to which each view should show objects, in each azimuth bin

@@ -129,7 +129,7 @@ def sightings_of(number: int, graph: SaliencyGraph, T_common_pano: np.ndarray) -
     Args:
         number: Number of the panorama.
         graph: The graph.
-        T_common_pano: (4, 4) motion from the panorama to the common frame.
+        T_common_pano: (4, 4) transform from the panorama frame to the common frame.
     """
     return Sightings(
         np.full(len(graph), number),
@@ -147,7 +147,7 @@ def select_sightings(sightings: Sightings, rows: np.ndarray) -> Sightings:
 
 
 def concatenate_sightings(parts: Sequence[Sightings]) -> Sightings:
-    """Return the sightings of all parts, at least one."""
+    """Concatenate the sightings of all parts. At least one part is needed."""
     return Sightings(
         *(np.concatenate([getattr(part, name) for part in parts]) for name in Sightings.__dataclass_fields__)
     )

@@ -13,9 +13,9 @@ from salframe_graphs.node_pairs import NodePairs
 MAX_HYPOTHESES = 120
 """Maximum number of hypotheses for each candidate. A hypothesis consists of two node pairs."""
 MIN_BASE_M, MAX_BASE_M, BASE_WORTH = 0.3, 4.0, 0.1
-"""Base: the distance between the two nodes of a hypothesis, whose direction gives the heading. Minimum base (m), base
-above which a longer base is no longer preferred (m), and value of one metre of base (in similarity) when hypotheses are
-ranked."""
+"""Base: the distance between the two nodes of a hypothesis, whose direction gives the heading. Minimum base (m),
+maximum base that increases the rank of a hypothesis (m), and value of one metre of base (in similarity) when hypotheses
+are ranked."""
 
 
 @dataclass(frozen=True, eq=False)

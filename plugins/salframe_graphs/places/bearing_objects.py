@@ -33,8 +33,8 @@ MIN_SIZE_RATIO = -6.0
 RANGES_M = np.geomspace(0.3, 12.0, 16)
 """Ranges (m) at which a query object is placed, to compare its elevation and solid angle with those of a map object."""
 RANGE_ERROR_SHARE = 0.05
-"""Standard deviation that is added to an estimated range, relative to the range. The estimate also has the spread of
-the ranges that agree with elevation and solid angle."""
+"""Standard deviation of an estimated range, relative to the range. It is combined with the spread of the ranges that
+agree with elevation and solid angle."""
 ACROSS_ERROR_M = 0.07
 """Standard deviation (m), across the bearing, of the estimated position of a query object."""
 RAISED_ERROR_SHARE = 2 / 3

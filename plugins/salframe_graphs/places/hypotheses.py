@@ -1,4 +1,5 @@
-"""Initial poses of a query in each place, from two pairs of similar objects with equal distances."""
+"""Initial poses of a query in each place. A pose follows from two pairs of a query object and a similar map object,
+if the distance between the two query objects equals the distance between the two map objects."""
 
 from __future__ import annotations
 
@@ -16,8 +17,8 @@ hypothesis consists of two pairs."""
 MIN_LOG_RATIO = -2.0
 """Minimum log ratio of label, height and size of a pair of objects."""
 MIN_BASE_M, MAX_BASE_M, BASE_WORTH = 0.3, 4.0, 0.3
-"""Base: the distance between the two objects of a hypothesis. Minimum base (m), base above which a longer base is no
-longer preferred (m), and the value of one metre of base (in log ratio) when hypotheses are ranked."""
+"""Base: the distance between the two objects of a hypothesis. Minimum base (m), maximum base that increases the rank of
+a hypothesis (m), and the value of one metre of base (in log ratio) when hypotheses are ranked."""
 MAX_SHIFT_M = 6.0
 """Maximum distance in metres of a query from the nearest scene frame of its place."""
 SLACK_SIGMAS = 2.0

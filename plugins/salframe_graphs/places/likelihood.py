@@ -41,10 +41,11 @@ class PlaceLikelihood:
     - over the query objects i: log(1 + sum_j o_j p(i | j, T) / (c p(i | clutter)))
     - over the objects j of the place: log(1 - P_j)
 
-    P_j is the probability that j is detected from T, o_j = P_j / (1 - P_j), and c is the rate of clutter. If several
-    query objects match the same object of the place, its odds are divided among them. The second sum contains only
-    objects that the query should show: in its sectors, and not behind walls. The height of the camera and the scale of
-    the ranges are also unknown. Their normal priors are terms of the score.
+    P_j is the probability that j is detected from T, and o_j = P_j / (1 - P_j). Clutter consists of the query objects
+    that are not in the place, and c is its rate. If several query objects match the same object of the place, the odds
+    of this object are divided among them. The second sum contains only objects that the query should show: objects in
+    its sectors that are not behind walls. The height of the camera and the scale of the ranges are also unknown. Their
+    normal priors are terms of the score.
 
     Attributes:
         query: The n objects of the query, first those with range.
@@ -93,7 +94,7 @@ class PlaceLikelihood:
 
     @property
     def has_bearings(self) -> bool:
-        """Whether any object of the query has no range."""
+        """Whether the query has objects without range."""
         return self.query.num_ranged < len(self.query)
 
     def rows_of(self, i: np.ndarray) -> list[tuple[ObservedObjects, np.ndarray | slice, np.ndarray]]:

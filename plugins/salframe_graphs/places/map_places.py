@@ -23,7 +23,7 @@ from salframe_graphs.places.shown import ShownPlaces
 from salframe_graphs.places.windows import Windows
 
 _PLACES = "places"
-"""Name of the columns of places in the folder of a map's index."""
+"""Name under which the places are stored in the folder of a map's index."""
 _SHOWN_COLUMNS = {"name": ArrayKind("U", ()), "frames": ArrayKind("u", (None,))}
 
 
@@ -180,7 +180,7 @@ class MapPlaces:
         """Return the scene frame of each place that is nearest to a pose.
 
         Args:
-            names: (N,) indices of names of places.
+            names: (N,) indices in `names` of the names of places.
             poses: Poses in the world.
             row: (N,) index of the pose for each name, or -1 to return the first frame of the place.
 

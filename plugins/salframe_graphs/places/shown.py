@@ -15,7 +15,7 @@ from salframe_graphs.places.merging import Place
 
 @dataclass(frozen=True, eq=False)
 class ShownPlaces(PlaceFrames):
-    """The places of a map, with the frames of each name."""
+    """The places of a map and their scene frames. If frames are not merged, several places have the same name."""
 
     @classmethod
     def of(cls, places: Sequence[Place]) -> ShownPlaces:
@@ -40,7 +40,7 @@ class ShownPlaces(PlaceFrames):
         return self.frame[np.argsort(name, kind="stable")], starts(np.bincount(name, minlength=len(self.names)))
 
     def of_name(self, name: int) -> np.ndarray:
-        """Return the indices in the map of the scene frames of all places with a name, (N,)."""
+        """Return the indices (N,) in the map of the scene frames of all places with the name `names[name]`."""
         frame, start = self._of_names
         return frame[start[name] : start[name + 1]]
 

@@ -13,7 +13,8 @@ import numpy as np
 BLOCK = 1 << 14
 """Number of scenes to score at once. Their sums then fit into the processor's cache."""
 MAX_BASES = 16
-"""Maximum number of node pairs of a scene for hypotheses, the pairs of highest value: at most 120 hypotheses."""
+"""Maximum number of pairs of a query object and a scene object from which hypotheses are made. The pairs with the
+highest values are used. Two pairs give a hypothesis, so there are at most 120 hypotheses."""
 MIN_BASE_M = 0.3
 """Minimum distance in metres between the two objects of a hypothesis, because their direction gives the heading."""
 
@@ -112,7 +113,7 @@ def verify_scenes(lists, labels, query, limits, scenes, explained):  # type: ign
     Args:
         lists: scene (P,), code (P, 3) and position (P, 2) of the map's `Postings`, and the values of the codes:
             height_m (256,) and position_m (256,).
-        labels: Arrays over the J labels of the query: first (J,) and last (J,) number of the label's objects, start and
+        labels: Arrays over the J labels of the query: first (J,) and last (J,) index of the label's objects, start and
             end (J,) of its list, and step (J,), the mean number of its objects in a scene.
         query: Arrays over the query's n objects: xy_m (n, 2), range_m (n,), weight (n,), and similarities (n, 3, 256)
             from 0 to 1.
