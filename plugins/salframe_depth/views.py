@@ -59,7 +59,8 @@ class ViewRays:
     """Positions of rays (...) in a view, all float32.
 
     Attributes:
-        x, y: Image coordinates, from -1 to 1 across the view.
+        x: Horizontal image coordinate, from -1 to 1 across the view.
+        y: Vertical image coordinate, from -1 to 1 across the view.
         weight: 1 at the centre of the view, 0 at its border and beyond.
         cosine: Cosine of the angle between ray and view axis.
     """

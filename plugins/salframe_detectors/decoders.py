@@ -176,7 +176,8 @@ def _select_with_indices(
     """Select the candidates whose best class scores at least min_score, and clip their boxes to the image.
 
     Args:
-        centre_px, size_px: Centres and sizes (n, 2) in pixels.
+        centre_px: Centres (n, 2) in pixels.
+        size_px: Widths and heights (n, 2) in pixels.
         scores: Scores (n, classes).
         request: Image size and minimum score.
 

@@ -107,7 +107,8 @@ def shared_cap(apart_rad: float, one_rad: float, other_rad: float) -> float:
 
     Args:
         apart_rad: Angle between the centres.
-        one_rad, other_rad: Angular radii of the caps.
+        one_rad: Angular radius of one cap.
+        other_rad: Angular radius of the other cap.
     """
     small, large = sorted((one_rad, other_rad))
     if apart_rad + small <= large:

@@ -57,7 +57,7 @@ _FITTINGS = frozenset(
 class Building:
     """A furnished single-floor building in the world frame (metres, z up, floor at z = 0).
 
-    Corridors count as rooms. Signs are on walls; their labels state their texts.
+    Corridors count as rooms. A sign is an object on a wall, and its label contains its text.
     """
 
     style: Style
@@ -156,7 +156,7 @@ class Building:
             resolution_m: Spacing of the points.
 
         Returns:
-            Room id -> (N, 2) points (x, y) in metres.
+            Mapping from room id to (N, 2) points (x, y) in metres.
         """
         masks = self.floor_masks(resolution_m)
         # Distances are measured between pixel centres; an obstacle may extend half a diagonal beyond the centre of its

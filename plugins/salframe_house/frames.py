@@ -227,7 +227,7 @@ def _queries(
     Args:
         frames: Reference frames, including those in doorways.
         changed: The building at the time of the queries.
-        rng: Source of the draws.
+        rng: Random generator.
         per_room: Number of queries per room.
         yaw_mode: See `choose_frames`.
         mean_m: Mean distance from the nearest reference frame.
@@ -261,8 +261,11 @@ def _queries(
 
 
 def _near(shift_m: np.ndarray, target_m: float, rng: np.random.Generator) -> int:
-    """Return a random point with a shift within 3 cm of the target, or the point with the closest shift if there is
-    none."""
+    """Return the index of a random point whose shift is within 3 cm of the target.
+
+    If there is no such point, return the index of the point with the closest shift. The shift is the distance from the
+    nearest reference frame.
+    """
     close = np.flatnonzero(np.abs(shift_m - target_m) < 0.03)
     return int(rng.choice(close)) if len(close) else int(np.abs(shift_m - target_m).argmin())
 

@@ -68,9 +68,9 @@ _ROOMS_PER_WING = 12
 
 @dataclass(frozen=True)
 class _Cell:
-    """A piece of a row of rooms.
+    """One or several rooms that are placed together in a row of rooms, with their doors and windows.
 
-    Coordinates: u along the corridor from 0 to `width_m`, v away from it from 0 to the depth of the row.
+    Coordinates: u along the corridor from 0 to `width_m`, v away from the corridor from 0 to the depth of the row.
 
     Attributes:
         width_m: Width along the corridor.

@@ -244,8 +244,8 @@ class HouseRenderer:
         )
 
     def _exposure(self, radiance: np.ndarray, surface: RayHits) -> float:
-        """Return the exposure factor that gives surfaces the mean brightness `Condition.key`, but overexposes no bright
-        surfaces."""
+        """Return the exposure factor: surfaces get the mean brightness `Condition.key`, unless bright surfaces would be
+        overexposed."""
         is_reflective = (self._emission == 0) & ~self._surfaces.glass
         pixels = np.flatnonzero(surface.hit & is_reflective.take(surface.triangle))[::7]
         luminance = radiance[pixels] @ _LUMINANCE

@@ -101,7 +101,7 @@ _DITHER = np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]
 
 
 def _tolerance_m(range_m: np.ndarray) -> np.ndarray:
-    """Return the maximum distance from a plane of points on one surface, at a viewing distance."""
+    """Return the maximum distance of a point from the plane of a surface to which it belongs, at a viewing distance."""
     return np.float32(0.02) + np.float32(0.01) * np.fmax(range_m, 0)
 
 

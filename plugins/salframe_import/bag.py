@@ -1,4 +1,4 @@
-"""Open a ROS 1 or ROS 2 bag by the library rosbags, without ROS, and choose its topics."""
+"""Open a ROS 1 or ROS 2 bag with the library rosbags, without ROS, and choose its topics."""
 
 from __future__ import annotations
 

@@ -55,7 +55,8 @@ def find_cameras(
         images: Topics of pictures, separated by commas; None: the only topic of images that are not depth.
         depths: Topics of depth in the same order; "none": without depth; None: the only topic of depth, if there is
             one.
-        infos: Topics of CameraInfo in the same order; None: the topic `camera_info` beside each topic of images.
+        infos: Topics of CameraInfo in the same order; None: the topic `camera_info` in the namespace of each topic of
+            images, if it exists.
         projection: Projection of the images. "auto": pinhole if there are intrinsics, otherwise equirectangular.
 
     Raises:
@@ -153,7 +154,7 @@ def _intrinsics(info: Any) -> tuple[list[float], list[float], list[float]]:
 
 
 def _info_topic(bag: MessageStore, topic: str) -> str | None:
-    """Return the topic camera_info beside a topic of images; None if there is none."""
+    """Return the topic camera_info in the namespace of a topic of images; None if there is none."""
     parent = topic.rsplit("/", 2)[0] if topic.rsplit("/", 1)[-1] in _TRANSPORTS else topic.rsplit("/", 1)[0]
     name = f"{parent}/camera_info"
     return name if bag.types.get(name) == CAMERA_INFO else None

@@ -164,7 +164,7 @@ class _Pictures:
     config: ColmapImporter.Config
 
     def record(self, pictures: list[ModelPicture]) -> PanoramaRecord:
-        """Return the panorama of the pictures of a frame.
+        """Return the panorama of the pictures that one rig, or one camera, took at the same time.
 
         Raises:
             DataError: A depth image is missing, or a rig has an equirectangular camera and others.

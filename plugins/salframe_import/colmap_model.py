@@ -124,7 +124,7 @@ def _submodels(source: Path) -> list[Path]:
 
 
 def _pose(cam_from_world: Any) -> np.ndarray:
-    """Return the pose of a camera in the world, (4, 4), of a pycolmap.Rigid3d that maps the world to the camera."""
+    """Return the pose (4, 4) of a camera in the world, from a pycolmap.Rigid3d that maps the world to the camera."""
     matrix = np.eye(4)
     matrix[:3] = cam_from_world.matrix()
     return invert_pose(matrix)

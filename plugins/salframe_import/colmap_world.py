@@ -1,4 +1,4 @@
-"""Turn the arbitrary axes of a COLMAP model upright, and give it metres."""
+"""Rotate the arbitrary axes of a COLMAP model upright, and compute its scale in metres."""
 
 from __future__ import annotations
 

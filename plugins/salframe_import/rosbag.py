@@ -179,7 +179,7 @@ class RosBagImporter(Importer):
         )
 
     def _check_settings(self) -> None:
-        """Check that the settings do not contradict each other. Raises ConfigError."""
+        """Raise ConfigError if two settings contradict each other."""
         config = self.config
         if config.num_views and config.group_by == "motion":
             raise ConfigError(f"num_views is {config.num_views} with group_by=motion, expected group_by=time")

@@ -126,7 +126,7 @@ def station_record(
         height: Height of the panorama in pixels.
         sources: Further files that the panorama depends on, such as the list of poses.
         T_world_pano: Pose of the panorama; None: upright, at the mean position of the cameras, with the heading of the
-            first image.
+            most level image.
         check: Function that returns a warning about the panorama, or None. By default, the agreement of overlapping
             depth images is checked.
         is_posed: Whether the poses of the cameras are poses in the world. If not, the record has no pose.

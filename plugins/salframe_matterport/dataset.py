@@ -350,12 +350,12 @@ class MatterportAnnotations(NavigableDataset):
         return self._walks[scan].walk(query, scenes, self.config.query_views)
 
     def _query_pose(self, scene: ViewpointScene, id: str) -> np.ndarray:
-        """Return the pose (4, 4) in the world of the panorama `id` of a query at a scene."""
+        """Return the world pose (4, 4) of the query panorama `id` at a scene."""
         x_m, y_m, z_m = self._world_pose(scan_of(scene), scene)[:3, 3]
         return pose_2d(x_m, y_m, self._yaw_rad(id), z_m)
 
     def _yaw_rad(self, id: str) -> float:
-        """Return the yaw in the world of the panorama `id` of a query."""
+        """Return the world yaw of the query panorama `id`."""
         return float(generator(self.config.seed, "yaw", id).uniform(-np.pi, np.pi))
 
     def _map_of(self, query: ViewpointScene) -> list[ReferenceFrame]:

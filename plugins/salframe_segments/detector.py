@@ -158,7 +158,11 @@ class SegmentsDetector(Detector):
 
 
 def _model_path(model: str | SingleFile) -> Path:
-    """Return the path of a network: verified downloaded weights, or the user's file. Raises WeightsError."""
+    """Return the path of a network: downloaded weights with a verified hash, or the user's file.
+
+    Raises:
+        WeightsError: The file is missing, or the hash of the downloaded weights is wrong.
+    """
     if isinstance(model, str):
         return ADE20K.paths()[0]
     if not model.is_file():

@@ -25,9 +25,9 @@ def find_instances(
 
     Args:
         class_id: Class (H, W) int of each pixel.
-        objects: Whether the pixels of each class (C,) are objects.
-        whole: Whether objects of each class (C,) are not split at range jumps, such as open doors, and windows that
-        show surfaces behind them.
+        objects: (C,) bool, whether the pixels of each class are objects.
+        whole: (C,) bool, whether objects of each class are never split at range jumps. Examples are open doors, and
+            windows that show surfaces behind them.
         points_m: Points (H, W, 3) of the pixels in metres, NaN where unknown; None: parts are neither split nor joined.
         area_sr: Solid angle (H, W) of the pixels.
 

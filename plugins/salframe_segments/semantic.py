@@ -1,4 +1,5 @@
-"""Objects from class probabilities of views: votes on the panorama's pixels, and connected parts of one class."""
+"""Objects from class probabilities of views: weighted means in the panorama's pixels, and connected parts of one
+class."""
 
 from __future__ import annotations
 

@@ -119,7 +119,8 @@ class TransformersDetector(Detector):
 
 
 class VotedViews:
-    """Objects from a semantic segmentation network: votes of six horizontal views, as in the detector `segments`."""
+    """Objects from a semantic segmentation network: class probabilities averaged over six horizontal views, as in the
+    detector `segments`."""
 
     def __init__(self, model: PretrainedModel, fov_deg: float, min_score: float) -> None:
         """Run the network once. Raises WeightsError if its output does not match its labels."""
