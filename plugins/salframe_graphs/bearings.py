@@ -25,12 +25,13 @@ def verify_bearings(
     tolerance: tuple[float, float],
     max_shift_m: float,
 ) -> VerifiedPoses:
-    """Find the pose of each candidate that explains the largest number of directions.
+    """Find for each candidate the pose that explains the directions best.
 
-    Positions are searched on a grid around each reference frame. The heading at a position is the one with the most
-    votes from pairs of similar nodes. The score of a position depends on the distances between the map nodes and the
-    rays to the query's nodes. The query camera and the map camera are assumed to be upright and at the same height, so
-    that elevations determine distances. A candidate has no pose if the pose explains fewer than two query nodes.
+    Positions are searched on a grid around each reference frame. At each position, the pairs of similar nodes vote for
+    a heading, and the heading with the most votes is used. The score of a position depends on the distances between
+    the map nodes and the rays to the query's nodes. The query camera and the map camera are assumed to be upright and
+    at the same height, so that elevations determine distances. A candidate has no pose if its best pose explains fewer
+    than two query nodes.
 
     Args:
         bearing: (n, 3) unit vectors to the query's nodes in the query frame.
@@ -64,8 +65,8 @@ def verify_bearings(
 class _Rays:
     """The P similar node pairs of K candidates, at least one pair per candidate.
 
-    Uses single precision and evaluates the positions of all candidates at once, because arrays of (positions, P) take
-    most of a query's time.
+    The class uses single precision and evaluates the positions of all candidates at once, because arrays of the shape
+    (positions, P) take most of a query's time.
     """
 
     def __init__(

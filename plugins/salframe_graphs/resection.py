@@ -123,7 +123,7 @@ def _conditions(bearing: np.ndarray, reference_m: np.ndarray) -> _Rows:
 
 
 def _from_pairs(rows: _Rows) -> np.ndarray:
-    """Return poses (H, 4) from every two directions whose elevations determine the distances."""
+    """Return a pose for each pair of directions whose elevations determine the distances, (H, 4) in all."""
     pair = np.array(list(combinations(range(len(rows.z_m)), 2)))
     matrix = np.concatenate([rows.lateral[pair], rows.sin_elevation[pair, None] * rows.forward[pair]], 1)
     heights = (rows.z_m * rows.cos_elevation)[pair]
@@ -133,9 +133,10 @@ def _from_pairs(rows: _Rows) -> np.ndarray:
 
 
 def _from_triples(rows: _Rows) -> np.ndarray:
-    """Return poses (H, 4) from every three azimuths, without elevations.
+    """Return a pose for each set of three azimuths, (H, 4) in all. Elevations are not used.
 
-    A pose is the null space of their conditions, with the sign that puts the points in front of the camera.
+    A pose is the null space of the conditions of the azimuths, with the sign that puts the points in front of the
+    camera.
     """
     triple = np.array(list(combinations(range(len(rows.z_m)), 3)), int).reshape(-1, 3)
     _, singular, right = np.linalg.svd(rows.lateral[triple])

@@ -42,7 +42,7 @@ def join_objects(
 
     Args:
         graphs: The graphs of V views, with positions.
-        T_last_view: (V, 4, 4) motions that map coordinates of the views to those of the last view.
+        T_last_view: (V, 4, 4) transforms from the frame of each view to the frame of the last view.
         odometry: Expected errors of the motions.
         errors: Expected position errors of the objects in a view.
     """
@@ -78,7 +78,7 @@ def join_bearings(graphs: Sequence[SaliencyGraph], T_last_view: np.ndarray) -> S
 
     Args:
         graphs: The graphs of V views.
-        T_last_view: (V, 4, 4) motions that map coordinates of the views to those of the last view.
+        T_last_view: (V, 4, 4) transforms from the frame of each view to the frame of the last view.
     """
     labels: list[str] = []
     texts: list[str] = []
@@ -114,7 +114,7 @@ def join_outlines(outlines_m: Sequence[np.ndarray | None], T_last_view: np.ndarr
 
     Args:
         outlines_m: The outline (BINS,) of each view in metres; None for a view without an outline.
-        T_last_view: (V, 4, 4) motions that map coordinates of the views to those of the last view.
+        T_last_view: (V, 4, 4) transforms from the frame of each view to the frame of the last view.
 
     Returns:
         (BINS,) float32 in metres; NaN for a bin without points.
@@ -135,7 +135,7 @@ def join_sectors(sectors: Sequence[Sectors], T_last_view: np.ndarray) -> Sectors
 
     Args:
         sectors: The sectors of each view, in the frame of this view.
-        T_last_view: (V, 4, 4) motions that map coordinates of the views to those of the last view.
+        T_last_view: (V, 4, 4) transforms from the frame of each view to the frame of the last view.
     """
     reach_m, position_m = [], []
     for part, T in zip(sectors, T_last_view, strict=True):

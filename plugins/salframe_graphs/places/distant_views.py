@@ -43,7 +43,7 @@ class ViewGroup:
 
     Attributes:
         description: The joined description, in the frame of the last view of the group.
-        T_last_group: (4, 4) transform from the frame of the group's last view to that of the query's last view.
+        T_last_group: (4, 4) transform from the frame of the group's last view to the frame of the query's last view.
     """
 
     description: Mapping[str, np.ndarray]

@@ -178,7 +178,7 @@ def _with_objects(evidence: EvidenceModel, hypotheses: PlaceHypotheses) -> Objec
 
 
 def label_evidence(label: np.ndarray, index: PlaceIndex, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Compare the labels of a query with those of places.
+    """Compare the labels of a query with the labels of places.
 
     Args:
         label: (n,) labels of the query's objects, as indices into the vocabulary of `index`; -1 for a label outside the

@@ -21,7 +21,7 @@ def add_bearings(
     Args:
         joined: The joined graph of the views with range; None if no view has range.
         graphs: The graphs of all V views.
-        T_last_view: (V, 4, 4) motions that map coordinates of the views to those of the last view.
+        T_last_view: (V, 4, 4) transforms from the frame of each view to the frame of the last view.
     """
     if joined is not None and all(np.isfinite(graph.centroid_m).all() for graph in graphs):
         return joined
@@ -35,7 +35,7 @@ def join_surroundings(descriptions: Sequence[Description], T_last_view: np.ndarr
 
     Args:
         descriptions: The descriptions of V views.
-        T_last_view: (V, 4, 4) motions that map coordinates of the views to those of the last view.
+        T_last_view: (V, 4, 4) transforms from the frame of each view to the frame of the last view.
     """
     parts = [sectors_from_arrays(description) or Sectors.of_view(None, None) for description in descriptions]
     height = join_heights([height_of(description) for description in descriptions], T_last_view)

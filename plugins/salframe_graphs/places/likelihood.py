@@ -166,7 +166,7 @@ class PlaceLikelihood:
     def score(self, poses: Poses) -> tuple[np.ndarray, np.ndarray]:
         """Return the scores (C,) of poses, and the probability (n, T) that a query object is an object of the place.
 
-        The T columns are the objects of the place of the first pose, then those of the second pose, and so on.
+        The T columns are the objects of the first pose's place, then the objects of the second pose's place, and so on.
         """
         columns = self._columns(poses)
         score, odds, total = self._evaluate(poses, columns)

@@ -134,7 +134,8 @@ class MapPlaces:
         return self.shown.number
 
     def windows(self, radius_m: float) -> Windows:
-        """Return the windows of the places, with objects up to `radius_m` metres from the frames of a place."""
+        """Return the windows of the places. A window consists of all objects of the map up to `radius_m` metres from
+        the frames of a place."""
         return Windows(self.index, self.shown, self._frames_m, radius_m)
 
     @cached_property

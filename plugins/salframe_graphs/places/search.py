@@ -99,7 +99,7 @@ def settle(scorer: PlaceLikelihood, pose: Poses, share: np.ndarray, min_deviatio
         scorer: Likelihood of the query in the places of an index.
         pose: One pose.
         share: (n, m) probability that each query object is each object of the pose's place.
-        min_deviation_m: Standard deviation in metres to add to x and y.
+        min_deviation_m: Standard deviation in metres. Its square is added to the variances of x and y.
 
     Returns:
         The fitted pose, and its first-order covariance (3, 3) over x, y and yaw in the world frame (m, rad).

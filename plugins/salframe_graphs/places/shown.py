@@ -40,7 +40,7 @@ class ShownPlaces(PlaceFrames):
         return self.frame[np.argsort(name, kind="stable")], starts(np.bincount(name, minlength=len(self.names)))
 
     def of_name(self, name: int) -> np.ndarray:
-        """Return the indices (N,) in the map of the scene frames of all places with the name `names[name]`."""
+        """Return the map indices (N,) of the scene frames of all places with the name `names[name]`."""
         frame, start = self._of_names
         return frame[start[name] : start[name + 1]]
 

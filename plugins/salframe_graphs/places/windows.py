@@ -32,7 +32,10 @@ class _WindowObjects:
 
 
 class Windows:
-    """The windows of the places of a map. A window is computed when it is first used."""
+    """The windows of the places of a map: for each place, all objects of the map that are near its scene frames.
+
+    A window is computed when it is first used.
+    """
 
     def __init__(self, index: PlaceIndex, shown: ShownPlaces, frames_m: np.ndarray, radius_m: float) -> None:
         """Create the windows.
@@ -48,9 +51,9 @@ class Windows:
         self._taken: tuple[bytes, PlaceIndex] | None = None
 
     def take(self, places: np.ndarray) -> PlaceIndex:
-        """Return an index with the windows of places (C,), ascending, instead of their objects.
+        """Return an index of the places (C,), ascending, in which each place has the objects of its window.
 
-        Labels have the vocabulary of the map.
+        The labels are indices in the vocabulary of the map.
         """
         if self._taken is None or self._taken[0] != places.tobytes():
             windows = [self._window(place) for place in places.tolist()]

@@ -38,7 +38,8 @@ _OBJECT = np.dtype([("label", "<u4"), ("scene", "<u4"), ("code", "u1", 3), ("pos
 
 
 class _Index(Settings):
-    """index.json: the number of scenes, the labels in the order of their lists, and whether positions are stored."""
+    """The content of index.json: the number of scenes, the labels in the order of their lists, and whether positions
+    are stored."""
 
     format: int
     scenes: int

@@ -13,7 +13,7 @@ def best_scenes(postings: Postings, query: IndexQuery, count: int) -> tuple[np.n
 
     The score is the Jaccard index of the objects of query and scene, weighted by rarity. Each object of the query
     contributes its similarity to the most similar object of the scene, and vice versa. The intersection is the smaller
-    of the two sums, so that four chairs have only one chair in common with a scene that has one.
+    of the two sums. A query with four chairs and a scene with one chair thus have only one chair in common.
 
     Args:
         postings: The lists of the map.
