@@ -142,7 +142,7 @@ class AppearanceEvidence(EvidenceModel):
         self._hold(column.values.reshape(has_views.sum(), self.config.views, -1), has_views, places)
 
     def _hold(self, vectors: np.ndarray, has_views: np.ndarray, places: PlaceFrames) -> None:
-        """Store the map.
+        """Store the descriptors and the places of the map.
 
         Args:
             vectors: (F, V, C) int8 descriptors of the F frames with colour.

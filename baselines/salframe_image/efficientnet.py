@@ -32,7 +32,7 @@ class Converted:
         return f"{self.checkpoint.source}, converted"
 
     def installed(self, file: WeightsFile) -> Path | None:
-        """Return None: a package can hold the checkpoint, but not the converted file."""
+        """Return None, because no installed package contains the converted file."""
         return None
 
     def fetch(self, files: tuple[WeightsFile, ...], directory: Path, progress: ByteProgress) -> None:

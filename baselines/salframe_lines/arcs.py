@@ -60,9 +60,9 @@ def principal_yaw(ends: np.ndarray) -> float:
     """Estimate the yaw of the walls in [0, pi / 2), the rotation from the principal frame to the frame of the segments.
 
     The panorama is upright, so the vertical direction is known. The direction of a horizontal segment is the horizontal
-    line in the plane through the segment and the camera. The yaw is the peak of a histogram over azimuth modulo 90
-    degrees, weighted by length (LDL finds principal directions by votes on the sphere), refined by the mean of the
-    directions around it.
+    line in the plane through the segment and the camera. A histogram over azimuth modulo 90 degrees sums the lengths of
+    the segments. The yaw is the peak of the histogram, refined by the mean of the directions around the peak. (LDL
+    finds principal directions by votes on the sphere instead.)
 
     Args:
         ends: (N, 2, 3) unit vectors to the ends of segments in the panorama frame.
@@ -111,7 +111,10 @@ def arcs_along_axes(ends: np.ndarray, yaw_rad: float, limit: int) -> tuple[Arcs,
 
 
 def _join_segments(ends: np.ndarray, limit: int) -> Arcs:
-    """Return the arcs of segments (N, 2, 3) whose first coordinate is along their axis."""
+    """Join segments (N, 2, 3) along one axis that belong to one line, and return the `limit` longest arcs.
+
+    The axis is the first coordinate of the segments' ends.
+    """
     from scipy.sparse.csgraph import connected_components
 
     middle = ends.sum(1)

@@ -42,8 +42,8 @@ def _nearest_cosines(around_rad, along_rad, points):
     """Return the cosine (..., Q) of the angle between each point (Q, 3) and the nearest arc; -1 if there is no arc.
 
     The first coordinate of a point is along the axis of the arcs. The point is projected to the plane of an arc. If the
-    projection lies between the ends of the arc, its length is the cosine of the angle. Otherwise the angle is that to
-    the nearer end of the arc.
+    projection lies between the ends of the arc, its length is the cosine of the angle. Otherwise, the angle to the
+    nearer end of the arc is used.
     """
     around_rad, along_rad = around_rad.astype(np.float32)[..., None], along_rad.astype(np.float32)
     low_rad, high_rad = along_rad[..., 0, None], along_rad[..., 1, None]

@@ -153,7 +153,8 @@ class Lines(Localizer):
     def match(self, description: Description) -> Localization:
         """Compare distance functions at all candidate positions, and align the shortlist.
 
-        The score of a frame is its share of agreeing distances, or 1 + its agreement after alignment.
+        The score of a frame is its share of agreeing distances. If the frame is aligned successfully, its score is 1 +
+        the agreement of the aligned lines.
         """
         if not len(description["axis"]):
             return Localization((), None, LocalizationStatus.NO_FEATURES)
@@ -203,7 +204,7 @@ class Lines(Localizer):
         return _MapLines(T_world_principal, lines, has_range, positions_m)
 
     def _grid(self, lines: Sequence[Lines3d]) -> np.ndarray:
-        """Return (T, 3) positions at the height of the frame, including the position of the frame."""
+        """Return a grid of positions (T, 3) around a reference frame, at its height and including its own position."""
         ticks = []
         for axis in (0, 1):
             across_m = [lines[k].across_m[:, (axis - k) % 3 - 1] for k in range(3) if k != axis]

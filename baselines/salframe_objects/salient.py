@@ -17,7 +17,10 @@ from salframe.localization.localizer import Description, LevelledConfig, posteri
 
 
 class SalientObjects(DetectingLocalizer):
-    """The weight of an object is w = S^p, with its saliency S and p = `saliency_power`."""
+    """Base class of localizers over salient objects.
+
+    The weight of an object is w = S^p, with its saliency S and p = `saliency_power`.
+    """
 
     uses: ClassVar[frozenset[str]] = frozenset({"range"})
 
