@@ -68,7 +68,8 @@ class AnnotationDetector(Detector):
         @field_validator("noise", mode="before")
         @classmethod
         def _check_noise(cls, value: Any) -> Any:
-            """Reject unknown words here with one message; the union would report one error for each alternative."""
+            """Reject unknown words with one message. The union type alone would report one error for each of its
+            alternatives."""
             words = ("auto", *LEVELS, *MEASURED)
             if isinstance(value, str) and value not in words and not Path(value).is_file():
                 choices = ", ".join(map(repr, words))

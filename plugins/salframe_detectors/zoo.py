@@ -46,7 +46,7 @@ ZOO = {
     )
 }
 """YOLOX networks (Ge et al., arXiv 2107.08430) by name. The input is BGR with values from 0 to 255. The labels are
-those of COCO."""
+COCO_80."""
 
 COCO_80 = (
     "person",

@@ -91,7 +91,7 @@ class Drives:
         return views
 
     def _place(self, xy_m: np.ndarray) -> str:
-        """Return the room at a position, or the nearest one."""
+        """Return the room at a position; outside all rooms, the nearest room."""
         label = self._grid.label
         pixel = nearest_pixel(label > 0, self._grid.to_pixel(xy_m))
         if pixel is None:

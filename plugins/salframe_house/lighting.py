@@ -202,7 +202,8 @@ class Lights:
         return irradiance.T
 
     def _targets_m(self, orders: int) -> np.ndarray:
-        """Return points spread over each light, the ends of shadow rays, (L * orders, 3) float32 in Fortran order."""
+        """Return the ends of shadow rays: `orders` points spread over each of the L lights, (L * orders, 3) float32 in
+        Fortran order."""
         across = (np.arange(orders)[:, None] * _GOLDEN % 1 - 0.5).astype(np.float32)
         along_u, along_v = (self._edges_m[:, None, i] * across[:, i : i + 1] for i in range(2))
         return np.asfortranarray((self._centre_m[:, None] + along_u + along_v).reshape(-1, 3))

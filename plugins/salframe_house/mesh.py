@@ -125,14 +125,14 @@ class MeshBuilder:
         caps: tuple[bool, bool] = (True, True),
         cap: Material | None = None,
     ) -> None:
-        """Add a solid through cross-sections, closed by flat caps at its ends.
+        """Add a solid through cross-sections, with flat caps at its ends.
 
         Args:
             sections: Cross-sections: (n, 2) points, counter-clockwise, and their position along `axis`.
             material: Material of the solid.
             axis: Axis of the loft. The cross-sections of an "x" loft are in (y, z), of a "y" loft in (z, x).
             origin: Offset of the solid.
-            caps: Whether the first and the last cap are closed.
+            caps: Whether the solid has the first cap, and whether it has the last cap.
             cap: Material of the last cap, by default `material`.
         """
         rings = np.array([np.column_stack([points, np.full(len(points), height)]) for points, height in sections])

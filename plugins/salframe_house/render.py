@@ -89,7 +89,7 @@ class HouseRenderer:
         self._tracer = self._surfaces.tracer
 
     def relit(self, lighting: Lighting) -> HouseRenderer:
-        """Return a renderer of the same scene under another lighting that shares the geometry and textures."""
+        """Return a renderer of the same scene under another lighting. Both renderers share geometry and textures."""
         return HouseRenderer(self._scene, lighting, self._height, self._surfaces)
 
     @cached_property

@@ -123,10 +123,11 @@ def _similarity(point_m, normal, other_point_m, other_normal, tolerance_m) -> np
         normal: Normals, (3, ...).
         other_point_m: Other points, (3, ...).
         other_normal: Other normals, (3, ...).
-        tolerance_m: Distance from the plane at which the weight drops to a quarter.
+        tolerance_m: Distance from the plane at which the result drops to a quarter.
 
     Returns:
-        1 on a plane, decreasing with the distance from the plane and the angle between the normals.
+        1 if both points lie on one plane. The value decreases with the distance from the plane and with the angle
+        between the normals.
     """
     facing = np.einsum("i...,i...->...", normal, other_normal)
     np.maximum(facing, 0, out=facing)

@@ -142,12 +142,12 @@ def _cell_tones(rng: np.random.Generator, count_u: int, count_v: int, spread: fl
 
 
 def _tinted(pattern: np.ndarray, tint: tuple[float, float, float] = (0, 0, 0)) -> np.ndarray:
-    """Return the pattern in three channels; `tint` shifts the hue with the deviation from 1."""
+    """Return the pattern in three channels. `tint` shifts the hue in proportion to the pattern's deviation from 1."""
     return pattern[..., None] + (pattern - 1)[..., None] * np.asarray(tint)
 
 
 def _grain(rng: np.random.Generator) -> np.ndarray:
-    """Wood grain along u, mean 0: fine fibres, and broad rings that wander."""
+    """Return wood grain along u, with mean 0: fine fibres, and broad wavy rings."""
     drift = 0.8 * _noise(rng, 0.5, 3, stretch=(3, 1))
     rings = np.sin(2 * np.pi * (7 * _V + drift)) * 0.06
     fibres = 0.045 * _noise(rng, 6, 40, stretch=(10, 1)) + 0.04 * _noise(rng, 2, 14, stretch=(5, 1))

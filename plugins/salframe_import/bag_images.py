@@ -141,7 +141,7 @@ def _decompress(message: Any, topic: str) -> np.ndarray:
 
 
 def _unquantized(message: Any, steps: np.ndarray) -> np.ndarray:
-    """Return the depth in metres of the quantized inverse depth of compressed_depth_image_transport."""
+    """Return the depth in metres from quantized inverse depth, the encoding of compressed_depth_image_transport."""
     a, b = np.frombuffer(np.asarray(message.data, np.uint8)[4:_COMPRESSED_DEPTH_HEADER].tobytes(), "<f4")
     with np.errstate(divide="ignore"):
         return np.where(steps > 0, a / (steps.astype(np.float32) - b), np.nan)

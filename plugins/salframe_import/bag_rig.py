@@ -187,8 +187,8 @@ class BagRig:
             axes: Axes of the frame of equirectangular images; "auto": the axes under which the images are upright.
 
         Raises:
-            DataError: Equirectangular images are not upright under `axes`, but under the other axes; or `axes` is
-                "auto", and the images are upright under neither. Explicit `axes` are accepted in the second case.
+            DataError: The equirectangular images are upright only under the axes that `axes` excludes. Or `axes` is
+                "auto", and the images are upright under no axes. Explicit `axes` are accepted in this case.
         """
         if not self.is_equirectangular:
             return self

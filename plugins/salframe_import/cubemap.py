@@ -141,7 +141,7 @@ def seam_note(panorama: Panorama) -> str | None:
     The grey values and the ranges on both sides of the twelve edges are compared.
 
     Args:
-        panorama: The panorama, whose axes are those of the cube.
+        panorama: The panorama. Its axes are the axes of the cube.
     """
     step = 3.0 / len(np.asarray(panorama.rgb))
     along = np.linspace(-0.95, 0.95, 41)

@@ -53,7 +53,7 @@ class Viewpoint:
         folder: Folder of the building.
         shots: Images of the viewpoint and their cameras.
         T_world_pano: Pose (4, 4) of the panorama: upright, at the mean position of the cameras, with the
-            heading of the first image of the horizontal camera.
+            heading of the first image of the level camera.
     """
 
     name: str
@@ -79,7 +79,8 @@ class Viewpoint:
 
         Args:
             height: Height of the panorama in pixels.
-            color: Images that give the colour: "skybox" (six cube faces) or "pictures" (those of the depth images).
+            color: Images that give the colour: "skybox" (six cube faces) or "pictures" (the colour picture of each
+                depth image).
 
         Raises:
             DataError: An image is missing, damaged or of the wrong size.
@@ -127,7 +128,7 @@ def find_buildings(root: Path) -> dict[str, Path]:
     """Return the folder of each building with a camera file, by the id of the building.
 
     Raises:
-        DataError: There is no such building.
+        DataError: No building has a camera file.
     """
     for scans in (root / "v1" / "scans", root / "scans", root):
         buildings = {

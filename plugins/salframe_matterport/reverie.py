@@ -285,7 +285,7 @@ def read_split(split: str, root: Path) -> dict[str, ReverieEpisode]:
 
 
 def task_of(name: str) -> str:
-    """Return the part of an instr_id that all instructions to one object along one path share."""
+    """Return the task of an instr_id: the part that is equal for all instructions to one object along one path."""
     return name.rpartition("_")[0]
 
 

@@ -120,7 +120,8 @@ class Card(Settings):
         return self
 
     def name_of(self, label: str) -> str | None:
-        """Return the name in salframe's vocabulary of a label of the network; None if the label is structure."""
+        """Return the name that salframe's vocabulary has for a label of the network; None if the label is structure,
+        such as a wall."""
         return self.fixed.get(label) or self.objects.get(label)
 
 

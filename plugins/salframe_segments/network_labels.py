@@ -38,7 +38,7 @@ class NetworkLabels:
 
 
 def graph_name(label: str) -> str | None:
-    """Return the name in the graph of a network's label; None if it is structure, not an object.
+    """Return the name that the graph uses for a label of a network; None if the label is structure, such as a wall.
 
     Labels of ADE20K and COCO are known, also with synonyms after commas ("windowpane, window") and with the endings of
     COCO's stuff ("floor-wood", "cabinet-merged"). Any other label is an object, under its `object_label`.

@@ -28,7 +28,7 @@ class PixelClasses:
     """The most likely class of each pixel of a panorama.
 
     Attributes:
-        names: Class names. Objects have their name in the graph, structure has the label of the network.
+        names: Class names. An object class has its name in the graph. A structure class has the network's label.
         class_id: Index (H, W) int32 in `names` of the most likely class.
         probability: Probability (H, W) float32 of this class.
         valid: Mask (H, W) bool, False where no view shows the pixel or the panorama is not valid.
