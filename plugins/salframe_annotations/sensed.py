@@ -32,9 +32,9 @@ class SensedNoise:
     """Simulates the errors of a measured detector.
 
     The random numbers of an object depend only on the seed, the `error_id` of the panorama and the key of the object.
-    The random numbers of false positives depend only on the seed and the id of the panorama. Azimuths of false positives are
-    relative to the first annotated object, so that they rotate with the panorama. The expected number of false
-    positives is proportional to the share of the sphere that a partial view shows.
+    The random numbers of false positives depend only on the seed and the id of the panorama. Azimuths of false
+    positives are relative to the first annotated object, so that they rotate with the panorama. The expected number of
+    false positives is proportional to the share of the sphere that a partial view shows.
     """
 
     def __init__(self, sensor: SensorModel) -> None:
