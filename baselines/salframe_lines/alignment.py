@@ -32,7 +32,7 @@ MAX_STEP_M = 0.4
 def agreement(
     arcs: Sequence[Arcs], lines: Sequence[Lines3d], positions_m: np.ndarray, tolerance_rad: float
 ) -> np.ndarray:
-    """Compute the share of the total length of the query's arcs that agrees with the lines, for several positions.
+    """Compute how much of the total length of the query's arcs agrees with the lines, for several positions.
 
     Each arc is compared with the best projected line along the same axis. The agreeing length is the common length
     times 1 - (angle between arc and line / tolerance)^2.
@@ -44,7 +44,7 @@ def agreement(
         tolerance_rad: Maximum angle between an arc and a line that agree.
 
     Returns:
-        (T,) shares from 0 to 1.
+        (T,) fractions of the total length, from 0 to 1.
     """
     agreeing, total = np.zeros(len(positions_m)), 0.0
     for axis in range(3):

@@ -65,7 +65,7 @@ def distance_codes_from(lines: Sequence[Lines3d], positions_m: np.ndarray, point
 
 
 def agreeing_share(codes: np.ndarray, query: np.ndarray, within_rad: float) -> np.ndarray:
-    """Return for each position the share of distances that agree with the query, (T,).
+    """Return for each position the fraction of distances that agree with the query, (T,).
 
     This is the inlier cost of LDL and FGPL.
 

@@ -30,7 +30,7 @@ from salframe_lines.arcs import (
 from salframe_lines.distances import agreeing_share, distance_codes, distance_codes_from, sphere_points
 
 OUTLIER_SHARE = 0.05
-"""Share of line ends that is ignored on each side when the extent of a room is estimated (by quantiles, as in LDL)."""
+"""Fraction of line ends that is ignored on each side when the extent of a room is estimated by quantiles, as in LDL."""
 
 
 class _MapLines(NamedTuple):
@@ -153,8 +153,8 @@ class Lines(Localizer):
     def match(self, description: Description) -> Localization:
         """Compare distance functions at all candidate positions, and align the shortlist.
 
-        The score of a frame is its share of agreeing distances. If the frame is aligned successfully, its score is 1 +
-        the agreement of the aligned lines.
+        The score of a frame is the fraction of its distances that agree with the query. If the frame is aligned
+        successfully, its score is 1 + the agreement of the aligned lines.
         """
         if not len(description["axis"]):
             return Localization((), None, LocalizationStatus.NO_FEATURES)

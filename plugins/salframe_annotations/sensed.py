@@ -135,7 +135,7 @@ class SensedNoise:
 
 
 def _sphere_share(view: np.ndarray) -> float:
-    """Return the share of the sphere that a view (H, 2H) bool covers."""
+    """Return the fraction of the sphere that a view (H, 2H) bool covers."""
     return float(pixel_solid_angles(len(view)) @ view.sum(1) / (4 * np.pi))
 
 

@@ -13,8 +13,8 @@ MIN_OVERLAP = 20
 OUTLIER = 2.0
 """Residual, in units of sigma (1.48 medians), beyond which weights decrease. Residuals at depth edges are larger."""
 RIDGE = 1e-9
-"""Strength of the prior (scale 1, shift 0) as a share of the mean curvature. The prior determines the coefficients that
-overlaps do not determine. It is far weaker than the overlaps."""
+"""Strength of the prior (scale 1, shift 0) relative to the mean curvature. The prior determines the coefficients that
+overlaps do not determine. The prior is far weaker than the overlaps."""
 
 TINY = 1e-9
 """Lower bound of divisors, for networks that return 0 everywhere or agree exactly."""

@@ -22,7 +22,8 @@ OUTPUTS: dict[str, tuple[Quantity, bool]] = {
 2021), Depth Anything (Yang et al., CVPR 2024, NeurIPS 2024), ZoeDepth (Bhat et al., arXiv 2302.12288) and GLPN (Kim et
 al., arXiv 2201.07436)."""
 METRIC_DEPTH_ANYTHING: tuple[Quantity, bool] = ("z-depth", True)
-"""Quantity, and whether it is in metres, of Depth Anything with depth_estimation_type: metric in its config.json."""
+"""Output of Depth Anything if its config.json has depth_estimation_type: metric. The values are the quantity, and
+whether it is in metres."""
 
 
 class TransformersDepth(MonocularDepth):

@@ -10,10 +10,10 @@ import numpy as np
 from salframe.graphs.detections import Detections
 
 SAME = 0.5
-"""Minimum overlap of two detections of the same object, as a share of the smaller detection. A share of the union would
-be too small if one detector detects only a part of the object. The value was checked on pairs of a `panoseg` object and
-an annotated object with the same name (house-6, seed 100, 30 panoramas). Of 98 pairs within 0.3 m, 97 boxes and 96 caps
-have a larger overlap. Of 11 pairs more than 1 m apart, no box and 1 cap have a larger overlap."""
+"""Minimum overlap of two detections of the same object, as a fraction of the smaller detection. A fraction of the union
+would be too small if one detector detects only a part of the object. The value was checked on pairs of a `panoseg`
+object and an annotated object with the same name (house-6, seed 100, 30 panoramas). Of 98 pairs within 0.3 m, 97 boxes
+and 96 caps have a larger overlap. Of 11 pairs more than 1 m apart, no box and 1 cap have a larger overlap."""
 SLACK_M = 0.1
 """Minimum side length of a box in metres when overlap is computed. Boxes around a picture on a wall are only a few
 centimetres thick, and their positions differ by a similar distance."""
@@ -48,7 +48,7 @@ def same_objects(detections: Detections, source: np.ndarray) -> list[np.ndarray]
 
 
 def overlap(detections: Detections, i: int, j: int) -> float:
-    """Return the overlap of the detections i and j as a share of the smaller detection.
+    """Return the overlap of the detections i and j as a fraction of the smaller detection.
 
     If both positions are known, volumes are compared. Otherwise solid angles are compared. The overlap is 0 if a
     bearing is unknown.

@@ -62,8 +62,8 @@ def resect(bearing: np.ndarray, reference_m: np.ndarray, tolerance_m: float, amb
         bearing: (M, 3) unit vectors in the query frame.
         reference_m: (M, 3) points in the reference frame, in metres.
         tolerance_m: Maximum distance in metres of a point from the ray of its direction.
-        ambiguity: Share of the best pose's support. The result is ambiguous, without a pose, if a different pose has at
-            least this share.
+        ambiguity: Fraction of the best pose's support. The result is ambiguous, without a pose, if a different pose has
+            at least this fraction.
     """
     count = len(bearing)
     if count < 2:

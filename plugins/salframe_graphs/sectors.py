@@ -74,7 +74,7 @@ class Sectors:
 
     @property
     def share(self) -> float:
-        """Share of the azimuths that at least one view showed."""
+        """Fraction of the azimuths that at least one view showed."""
         return float((self.reach_m > 0).any(0).mean())
 
     def show(self, points: np.ndarray) -> np.ndarray:

@@ -30,7 +30,7 @@ MAX_MODEL_BYTES = 1_000_000
 _MAX_LIBRARY_BYTES = 1 << 32
 
 SHARE = 0.5
-"""Share of the objects of a class that use a catalogue mesh, where the catalogue covers the class."""
+"""Fraction of the objects of a class that use a catalogue mesh, if the catalogue has models of the class."""
 
 _DEFAULT_RGBA = (0.8, 0.8, 0.8, 1.0)
 

@@ -24,7 +24,7 @@ class Condition:
         window_rgb: Colour of windows.
         lamp: Radiance of a lamp of 0.36 m^2.
         lamp_rgb: Colour of lamps.
-        lamps_on: Share of lamps that are switched on. The first lamp of a room is always on.
+        lamps_on: Fraction of lamps that are switched on. The first lamp of a room is always on.
         glow: Scale of the emission of materials.
         zenith_rgb: Radiance of the sky at the zenith.
         horizon_rgb: Radiance of the sky at the horizon.

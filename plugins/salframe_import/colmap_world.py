@@ -12,7 +12,7 @@ MIN_AGREEMENT = 0.5
 """Minimum length of the mean up direction of the pictures. The length is 1 if all directions are equal, and 0.67 for
 the six faces of a cube."""
 BIN_SHARE, MIN_RELATIVE_SUPPORT = 0.05, 0.3
-"""Points form a level if their distances below the cameras differ by at most the share BIN_SHARE. The floor is the
+"""Points form a level if their distances below the cameras differ by at most the fraction BIN_SHARE. The floor is the
 lowest level whose density of points is at least MIN_RELATIVE_SUPPORT times the maximum density. The lowest level is
 used so that a table is not mistaken for the floor."""
 MIN_POINTS = 50

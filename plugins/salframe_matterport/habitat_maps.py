@@ -27,8 +27,8 @@ _WALKABLE_RGB = {"floor": (0, 255, 0), "door": (246, 0, 0), "stairs": (0, 244, 6
 """Walkable categories and their colours. "door": seen from above, the lintel of a doorway hides the floor. "void": the
 areas are unlabelled floor."""
 _PATCH = 0.002
-"""Minimum area of a patch as a share of the picture. Smaller patches are noise at walls and furniture. Their pixels are
-assigned to the nearest room."""
+"""Minimum area of a patch as a fraction of the picture. Smaller patches are noise at walls and furniture. Their pixels
+are assigned to the nearest room."""
 _OVERLAP = 0.5
 """Minimum intersection over union of the box of a patch and the box of its region."""
 _EDGE_SCALE_M = 0.05
@@ -251,7 +251,7 @@ def _overlap(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _share(mask: np.ndarray, step: int) -> np.ndarray:
-    """Return the share of true pixels in each cell of step x step pixels, (rows, columns). Padding counts as False."""
+    """Return the fraction of true pixels in each cell of step x step pixels, (rows, columns). Padding is false."""
     rows, columns = (-(-size // step) * step for size in mask.shape)
     padded = np.pad(mask, ((0, rows - mask.shape[0]), (0, columns - mask.shape[1])))
     return padded.reshape(rows // step, step, columns // step, step).mean((1, 3))

@@ -7,10 +7,10 @@ import numpy as np
 from salframe.graphs.pixels import connected_parts
 
 JUMP = 0.2
-"""Minimum difference in range between neighbouring pixels of different parts, as a share of the smaller range. At 0.7
+"""Minimum difference in range between neighbouring pixels of different parts, relative to the smaller range. At 0.7
 deg per pixel, a table top half a metre below the camera reaches this difference at a distance of 4 m."""
 SPILL = 0.1
-"""Minimum size of a part, as a share of the largest part in the same connected area of one class. Smaller parts are
+"""Minimum size of a part, relative to the largest part in the same connected area of one class. Smaller parts are
 wrongly labelled pixels of the surface behind the object."""
 MIN_SR = 2e-3
 """Minimum solid angle of a part: a square of 2.6 deg."""

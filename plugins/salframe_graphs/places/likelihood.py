@@ -154,7 +154,7 @@ class PlaceLikelihood:
         """Return the score (K,) of each place without a pose.
 
         Positions are ignored, and the odds of an object are multiplied by `unplaced_share`. The logarithm of the
-        probability that no object is detected is multiplied by the share of sectors that the query shows.
+        probability that no object is detected is multiplied by the fraction of sectors that the query shows.
         """
         columns = PoseColumns(np.arange(len(self.index.label)), self.index.segments)
         odds = np.exp(np.minimum(self.log_ratio + self.first_camera_logit + self._minus_log_clutter, MAX_LOG_RATIO))

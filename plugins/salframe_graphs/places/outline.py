@@ -19,7 +19,7 @@ LOWEST_M, HIGHEST_M = 1.85, 2.3
 USUAL_HEIGHT_M = 1.5
 """Assumed height (m) of a camera above the floor if its height is unknown."""
 ERROR_LOG, STRAY, PEAK, MAX_SQUARED = 0.1, 0.15, 3.0, 50.0
-"""Standard deviation of the logarithm of a range, share of outlier bins, likelihood ratio of an inlier at its peak, and
+"""Standard deviation of the logarithm of a range, fraction of outlier bins, maximum likelihood ratio of an inlier, and
 upper bound of the squared deviation in standard deviations."""
 _MAX_M = 65.535
 """Maximum range of a packed outline: 65535 mm."""

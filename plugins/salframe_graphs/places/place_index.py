@@ -34,8 +34,8 @@ class PlaceIndex:
 
     Attributes:
         vocabulary: Mapping from each of L labels to its index.
-        frequency: (L + 1,) share of each label among the objects of the map. The last value is for labels that are not
-            in the map.
+        frequency: (L + 1,) fraction of the map's objects that have each label. The last value is for labels that are
+            not in the map.
         rarity: (L + 1,) smooth inverse document frequency over the places.
         count: (K,) number of objects of each place.
         label: (M,) index of each object's label.
