@@ -21,11 +21,11 @@ from salframe_image.image_network import ImageNetwork
 from salframe_image.network_input import cut_visible_views
 
 VIEWS, SHARE = "appearance", "appearance_seen"
-"""Keys of the descriptors of the views, and of their shares of valid pixels, in a description."""
+"""Keys in a description: of the descriptors of the views, and of the share of valid pixels of each view."""
 PACKED_VIEWS = "appearance_int8"
 """Key of the descriptors in a packed description."""
 MIN_SHARE = 0.02
-"""Minimum share of valid pixels of a view. With less, the descriptor is that of the grey around them."""
+"""Minimum share of valid pixels of a view. With fewer, the grey that fills invalid pixels dominates the descriptor."""
 MAX_DISTANCE_M = 2.5
 """Maximum distance of a view of a query from its last view, in metres. Farther views may show another place."""
 
@@ -81,8 +81,11 @@ class AppearanceEvidence(EvidenceModel):
         self._rig = ViewRig(self.config.views, size_px, size_px, np.deg2rad(self.config.hfov_deg))
 
     def describe(self, panorama: Panorama, description: Description) -> Description:
-        """Return `appearance` (V, C) float16, the descriptor of each view multiplied by its share of valid pixels, and
-        `appearance_seen` (V,) float32, these shares; 0 below MIN_SHARE."""
+        """Return the arrays of the V views of a panorama; {} if it has no colour or no visible view.
+
+        The arrays are `appearance_seen` (V,) float32, the share of valid pixels of each view (0 if it is below
+        MIN_SHARE), and `appearance` (V, C) float16, the descriptor of each view multiplied by this share.
+        """
         if panorama.rgb is None:
             return {}
         views, share = cut_visible_views(panorama, self._rig)
@@ -96,7 +99,10 @@ class AppearanceEvidence(EvidenceModel):
         return {VIEWS: weighted, SHARE: share}
 
     def join(self, descriptions: Sequence[Description], T_last_view: np.ndarray) -> Description:
-        """Return the sums over the views near the last one, each rotated by whole views of the rig to its heading."""
+        """Return the sums of both arrays over the views of a query that are near its last view.
+
+        Each view of the query is rotated to the heading of the last view, by a whole number of perspective views.
+        """
         step_rad = 2 * np.pi / self.config.views
         parts = [
             (description, round(pose_yaw(T) / step_rad))
@@ -111,7 +117,7 @@ class AppearanceEvidence(EvidenceModel):
         }
 
     def pack(self, description: Description) -> Description:
-        """Return the directions of the descriptors as `appearance_int8` (V, C), and `appearance_seen`."""
+        """Return the descriptors as `appearance_int8` (V, C) without their lengths, and `appearance_seen`."""
         if VIEWS not in description:
             return {}
         return {PACKED_VIEWS: _quantise(description[VIEWS]), SHARE: description[SHARE]}
@@ -136,7 +142,13 @@ class AppearanceEvidence(EvidenceModel):
         self._hold(column.values.reshape(has_views.sum(), self.config.views, -1), has_views, places)
 
     def _hold(self, vectors: np.ndarray, has_views: np.ndarray, places: PlaceFrames) -> None:
-        """Hold the descriptors (F, V, C) int8 of the F frames with colour, and `has_views` (S,) for all frames."""
+        """Store the descriptors and the places of the map.
+
+        Args:
+            vectors: (F, V, C) int8 descriptors of the F frames with colour.
+            has_views: (S,) bool, whether each of the S frames of the map has colour.
+            places: The places of the map.
+        """
         self._vectors, self._places = vectors, places
         self._row = np.where(has_views, np.cumsum(has_views) - 1, -1)
 
@@ -155,7 +167,7 @@ class AppearanceEvidence(EvidenceModel):
 
 
 def _quantise(vectors: np.ndarray) -> np.ndarray:
-    """Return vectors (V, C) as int8, each scaled to a largest component of 127 or -127; zero vectors are unchanged."""
+    """Return vectors (V, C) as int8. Each is scaled so that its maximum absolute component is 127; zeros stay 0."""
     largest = np.abs(vectors.astype(np.float32)).max(1, keepdims=True)
     return np.rint(vectors * (127 / np.maximum(largest, 1e-9))).astype(np.int8)
 

@@ -107,7 +107,7 @@ class ClipRooms(Localizer):
     def describe(self, panorama: Panorama) -> Description:
         """Return `embeddings` (V, D) float16, CLIP's unit-length embedding of each view.
 
-        The row of a view with less than half of its pixels valid is zero.
+        The row of a view is zero if less than half of its pixels are valid.
         """
         views, valid = cut_views(panorama, self._rig)
         embeddings = _unit(self._image_model.run(as_batch(views, MEAN, STD))[0], self._image_path)
@@ -127,7 +127,8 @@ class ClipRooms(Localizer):
         return Localization(rank_places(self._frames, scores), None, LocalizationStatus.NO_POSE)
 
     def _share(self, description: Description) -> np.ndarray:
-        """Return (T,) float64 probabilities of the room types, zeros if no view is valid."""
+        """Return the probabilities (T,) float64 of the room types, averaged over the valid views; zeros if no view is
+        valid."""
         embeddings = description["embeddings"].astype(np.float64)
         valid = embeddings[embeddings.any(1)]
         if not len(valid):
@@ -172,7 +173,7 @@ def _unit(embeddings: np.ndarray, path: Path) -> np.ndarray:
 
 
 def _read_tokenizer(path: Path) -> Any:
-    """Return the tokenizer in a tokenizer.json. Raises WeightsError if the file is no tokenizer."""
+    """Return the tokenizer of a file tokenizer.json. Raises WeightsError if the file is not a tokenizer."""
     from tokenizers import Tokenizer
 
     try:

@@ -13,8 +13,8 @@ from salframe_image.image_network import ImageNetwork
 
 VIEWS = 3
 BATCH_SLACK = 1e-3
-"""Maximum change of an image's features with the other images of the batch, as a fraction of the largest feature. The
-order of sums depends on the batch."""
+"""Maximum change of the features of an image if the other images of the batch change, as a fraction of the maximum
+feature. Small changes occur because the order of sums depends on the batch."""
 
 
 def check_image_network(make: Callable[[], ImageNetwork]) -> None:

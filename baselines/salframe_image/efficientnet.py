@@ -32,7 +32,7 @@ class Converted:
         return f"{self.checkpoint.source}, converted"
 
     def installed(self, file: WeightsFile) -> Path | None:
-        """Return None: a package can hold the checkpoint, but not the converted file."""
+        """Return None, because no installed package contains the converted file."""
         return None
 
     def fetch(self, files: tuple[WeightsFile, ...], directory: Path, progress: ByteProgress) -> None:
@@ -79,8 +79,8 @@ EFFICIENTNET_LITE0 = NetworkWeights(
         )
     ),
 )
-"""The convolutional layers: input (N, 3, H, W) images, output (N, 1280, H / 32, W / 32) features. The hash is that of
-the converted file."""
+"""The convolutional layers of EfficientNet-Lite0. The input is (N, 3, H, W) images, the output is (N, 1280, H / 32,
+W / 32) features. The first hash is the hash of the converted file."""
 
 
 def to_onnx(state: Mapping[str, np.ndarray]) -> bytes:

@@ -22,8 +22,8 @@ from salframe_image.image_network import ImageNetwork
 from salframe_image.network_input import cut_views
 
 FLAT = 1e-3
-"""Minimum variation of the similarity over all headings; with less, there is no pose. Features are stored as float16,
-which cannot resolve less."""
+"""Minimum difference between the maximum and the minimum similarity over all headings. If the difference is smaller,
+there is no pose. Smaller differences are rounding errors, because features are stored as float16."""
 
 
 class ImageFeatures(Localizer):
@@ -67,7 +67,8 @@ class ImageFeatures(Localizer):
         self._rig = ViewRig(self.config.views, size_px, size_px, np.deg2rad(self.config.hfov_deg))
 
     def describe(self, panorama: Panorama) -> Description:
-        """Return `features` (V, C) float16 of unit length, zeros for a view with less than half valid pixels."""
+        """Return `features` (V, C) float16, one unit vector per view; zeros if less than half of the pixels of the view
+        are valid."""
         views, valid = cut_views(panorama, self._rig)
         unit = self._network.descriptors(views, self.config.power)
         return {"features": (unit * valid[:, None]).astype(np.float16)}

@@ -11,7 +11,8 @@ from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.perspective import ViewRig
 
 HIDDEN_GREY = np.uint8(127)
-"""Grey level of pixels that a partial panorama does not show. Most networks subtract about this value from an image."""
+"""Grey level that replaces pixels that a partial panorama does not show. Most networks subtract about this value from
+an image."""
 
 
 def cut_views(panorama: Panorama, rig: ViewRig) -> tuple[np.ndarray, np.ndarray]:
@@ -37,7 +38,7 @@ def cut_visible_views(panorama: Panorama, rig: ViewRig) -> tuple[np.ndarray, np.
     """Cut perspective views from a panorama, with grey pixels where a partial panorama shows nothing.
 
     Returns:
-        (V, height, width, 3) uint8 views, and (V,) float64, the share of valid pixels of each view.
+        (V, height, width, 3) uint8 views, and (V,) float64, the fraction of valid pixels of each view.
 
     Raises:
         InputMissing: The panorama has no colour.

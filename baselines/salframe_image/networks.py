@@ -1,4 +1,4 @@
-"""Image networks in ONNX: downloadable ones, and a file of the user."""
+"""Image networks in ONNX format: networks that salframe can download, and a file of the user."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class OnnxImageNetwork(ImageNetwork):
             cls.path(config)
 
     def outputs(self) -> tuple[str, ...]:
-        """Return the name of the output tensor with the features, an empty tuple for the first output."""
+        """Return a tuple with the name of the output tensor that has the features; empty: the first output."""
         return ()
 
     def colours(self) -> tuple[Colour, Colour]:

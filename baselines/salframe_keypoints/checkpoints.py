@@ -15,11 +15,11 @@ from salframe.framework.files.weights import NetworkWeights
 from salframe_keypoints.feature_matcher import FeatureMatcher
 
 MAX_BYTES = 1 << 32
-"""Maximum size of a checkpoint."""
+"""Maximum size of a checkpoint in bytes."""
 
 
 class TrainedMatcher(FeatureMatcher):
-    """Base class of matchers that run networks, from `weights` or from the user's checkpoint."""
+    """Base class of matchers with trained networks, whose weights are downloaded or read from a file of the user."""
 
     extra = "salframe[keypoints]"
 
@@ -40,7 +40,7 @@ class TrainedMatcher(FeatureMatcher):
 
     @classmethod
     def check(cls, config: Any) -> None:
-        """Raise RequirementMissing or WeightsError if a package or the weights are not installed."""
+        """Raise RequirementMissing if a package is not installed, and WeightsError if the weights are not installed."""
         super().check(config)
         if not cls.weights_in_use(config):
             cls.paths(config)

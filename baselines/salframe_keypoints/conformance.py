@@ -14,12 +14,12 @@ from salframe_keypoints.descriptors import DescriptorMatcher
 from salframe_keypoints.feature_matcher import FeatureMatcher, ViewFeatures
 
 RIG = ViewRig(3, 256, 192, np.pi / 2)
-"""Views of the suite. Their sides are multiples of all common grid strides."""
+"""Perspective views for the checks. Their sides are multiples of all common grid strides."""
 ODD_PX = 333, 111
 """Size of views that a matcher must either support or reject in `prepare`."""
 SELF_SHARE, SELF_PX = 0.9, 1.0
-"""A view is matched with itself: minimum share of the matches whose two points coincide, and the maximum distance of
-such points in pixels."""
+"""Limits for matching a view with itself: minimum share of the matches whose two points coincide, and maximum distance
+in pixels between two points that coincide."""
 UNIT_SLACK = 1e-3
 """Maximum deviation of a descriptor's length from 1. Network descriptors are stored as float16."""
 

@@ -67,9 +67,10 @@ class EfficientLoftr(ImageMatcher):
 def align_match_columns(find_cells: Callable[[Any], tuple[Any, Any]]) -> Callable[[Any], tuple[Any, Any]]:
     """Wrap a function of transformers so that each column of its result holds one match.
 
-    The result holds the mutual nearest cells (B, 2, N) of two images, -1 for no match. transformers 5 returns the cells
-    of the first image in the order of the second, and vice versa. A column then holds the ends of two different
-    matches, which breaks the refinement. The second row holds the partner of every cell of the first image.
+    The result of the wrapped function contains the mutual nearest cells (B, 2, N) of two images, -1 for no match.
+    transformers 5 returns the cells of the first image in the order of the second image, and vice versa. A column then
+    contains the ends of two different matches, which breaks the refinement of the matches. The second row contains the
+    match of every cell of the first image, so the aligned result is computed from this row.
     """
 
     def find_matches(scores: Any) -> tuple[Any, Any]:

@@ -12,11 +12,11 @@ from salframe.framework.component import Role
 
 @dataclass(frozen=True, eq=False)
 class ViewFeatures:
-    """Stored form of one perspective view. The dtypes of both arrays determine the size of a map.
+    """Features of one perspective view, as they are stored in a map.
 
     Attributes:
         points_px: (K, 2) x and y of the points that can be matched, pixel centres at +0.5.
-        features: Their descriptors (K, D), or any other array that the matcher needs.
+        features: (K, D) descriptors of the points, or any other array that the matcher needs.
     """
 
     points_px: np.ndarray
@@ -26,8 +26,8 @@ class ViewFeatures:
 class FeatureMatcher(Role):
     """Extracts features of perspective views, and matches two views.
 
-    The stored form of a view depends on `extract` only. Declare settings that only `match` and `describe` read with
-    `match_only`.
+    A map stores the result of `extract` for each view. Declare settings that only `match` and `describe` read with
+    `match_only`: changing them does not require a new map.
     """
 
     role = "feature-matcher"
@@ -60,5 +60,6 @@ class FeatureMatcher(Role):
     def describe(self, view: ViewFeatures) -> np.ndarray:
         """Return (N, D) float32 local descriptors of unit length, with the same D for all views.
 
-        The global descriptor of the shortlist is pooled from them, with a vocabulary that is learned from the map.
+        The localizer pools these descriptors to a global descriptor, with a vocabulary that is learned from the map.
+        Global descriptors select the shortlist of reference frames.
         """

@@ -1,4 +1,4 @@
-"""Base class of detector-free matchers, which match two images without keypoints."""
+"""Base class of detector-free matchers, which match two images directly, without detected keypoints."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ JPEG_QUALITY = 90
 
 
 class ImageMatcher(TrainedMatcher):
-    """Stores a view as a grey JPEG. Its points form a grid with spacing `stride_px`, to which matches in the reference
-    are moved.
+    """Base class of matchers that store a view as a grey JPEG.
 
-    Detector-free matching has no descriptors to pool, so the shortlist uses SIFT of the same JPEG.
+    The points of a view form a grid with spacing `stride_px`. The end of a match in the reference view is moved to the
+    nearest point of the grid. Detector-free matching has no descriptors to pool, so the shortlist uses SIFT descriptors
+    of the same JPEG.
     """
 
     stride_px: int

@@ -1,5 +1,5 @@
-"""The localizer `keypoints`: matches views with any FeatureMatcher against a shortlist, and estimates a pose from
-ranges."""
+"""The localizer `keypoints`: matches the views of a query with a shortlist of reference frames by any FeatureMatcher,
+and estimates a pose from the ranges of the matched points."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ from salframe_keypoints.poses import robust_pose
 from salframe_keypoints.shortlist import GlobalDescriptors, LocalDescriptors, NetworkDescriptors, split_views
 
 EDGE_PX = 8
-"""Margin along the border of a partial panorama, in pixels. Points there describe the border instead of the scene."""
+"""Margin in pixels along the border of the valid part of a panorama. Keypoints in this margin are ignored, because they
+describe the border."""
 
 
 class Keypoints(Localizer):
@@ -85,18 +86,19 @@ class Keypoints(Localizer):
             self._global = NetworkDescriptors(network, self.config.views, np.deg2rad(self.config.hfov_deg))
 
     uses: ClassVar[frozenset[str]] = frozenset({"range"})
-    """Parts of a panorama that a pose requires and a place does not: the range."""
+    """Parts of a panorama that are used if they are present: without range there is a place, but no pose."""
 
     @property
     def needs(self) -> frozenset[str]:
         return frozenset({"rgb"})
 
     def describe(self, panorama: Panorama) -> Description:
-        """Return the concatenated points of all views with their features and ranges.
+        """Return the concatenated points of all V views with their features and ranges.
 
-        The entries are `points_px` (K, 2); `range_m` (K,) float32, NaN where unknown; `features`, the concatenated rows
-        of all views; `point_count` and `feature_count` (V,) int64, the numbers of points and rows of each view; and
-        `global` (V, C) if an image network computes the shortlist.
+        Returns:
+            `points_px` (K, 2), the points in their views; `range_m` (K,) float32, NaN where unknown; `features`, the
+            concatenated rows of all views; `point_count` and `feature_count` (V,) int64, the numbers of points and rows
+            of each view; and `global` (V, C), global descriptors, if an image network selects the shortlist.
         """
         import cv2
 
@@ -125,7 +127,7 @@ class Keypoints(Localizer):
         }
 
     def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> None:
-        """Learn the vocabulary from the map, pool each view with it, and lift the points that have a range."""
+        """Learn the vocabulary from the map, pool the descriptors of each view, and compute the 3D points."""
         self._frames = list(frames)
         self._map_views = [split_views(description) for description in descriptions]
         self._map_points_m = [self._lift(description) for description in descriptions]
@@ -152,23 +154,24 @@ class Keypoints(Localizer):
         )
 
     def verify(self, description: Description, frames: Sequence[int]) -> list[tuple[np.ndarray | None, int]]:
-        """Match a query with reference frames, as for a frame of the shortlist.
+        """Match a query with each of several reference frames, in the same way as with the shortlist.
 
         Args:
             description: The description of the query.
-            frames: Numbers of F frames in the map.
+            frames: Indices of F frames in the map.
 
         Returns:
-            The pose (4, 4) of the query in each frame, None where it is unknown, and the number of inliers.
+            For each frame, the pose (4, 4) of the query in this frame (None if it is unknown), and the number of
+            inliers.
         """
         views, pooled = split_views(description), self._pool(description)
         turns = turned_similarity(pooled, self._map_pooled[list(frames)]).argmax(1)
         return [self._verify(views, frame, turn) for frame, turn in zip(frames, turns.tolist(), strict=True)]
 
     def correspond(self, query: Description, reference: Description) -> PointMatches:
-        """Return the matches of two panoramas, as for a frame of the shortlist.
+        """Return the matches of two panoramas, found in the same way as with the shortlist.
 
-        The relative heading is estimated with a vocabulary of these two panoramas.
+        The relative heading is estimated with a vocabulary that is learned from these two panoramas.
         """
         query_views, reference_views = split_views(query), split_views(reference)
         _, (query_pooled, reference_pooled) = self._global.learn([query, reference])
@@ -193,9 +196,10 @@ class Keypoints(Localizer):
             yield self._rig.bearings(i, pixels), j, matched
 
     def _verify(self, views: Sequence[ViewFeatures], frame: int, turn: int) -> tuple[np.ndarray | None, int]:
-        """Return the pose of the query in the frame and its number of inliers, for a relative heading of `turn` views.
+        """Return the pose of the query in a reference frame, and the number of inliers.
 
-        A frame without range gives no pose; all its matches are counted as inliers.
+        The relative heading is assumed to be `turn` views. A frame without range gives no pose, and all its matches
+        count as inliers.
         """
         view_bearings, points = [], []
         for bearings, j, matched in self._match_views(views, self._map_views[frame], turn):
@@ -210,7 +214,7 @@ class Keypoints(Localizer):
         return pose, int(inliers.sum())
 
     def _lift(self, description: Description) -> list[np.ndarray]:
-        """Return the (K, 3) points of each view in the panorama frame, NaN where the range is unknown."""
+        """Return the 3D points (K, 3) of each view in the panorama frame, in metres, NaN where the range is unknown."""
         ends = np.cumsum(description["point_count"])[:-1]
         pixels, ranges = np.split(description["points_px"], ends), np.split(description["range_m"], ends)
         return [

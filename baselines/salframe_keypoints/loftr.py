@@ -73,8 +73,8 @@ class Loftr(ImageMatcher):
     def match(self, query: ViewFeatures, reference: ViewFeatures) -> tuple[np.ndarray, np.ndarray]:
         """See FeatureMatcher.
 
-        The reference is LoFTR's first image, whose matches are on the grid. Matches in the second image are refined to
-        sub-pixel positions.
+        The reference is LoFTR's first image, in which matches are at grid points. The query is the second image, in
+        which matches are refined to sub-pixel positions.
         """
         import torch
 
@@ -105,7 +105,7 @@ def checkpoint_state(content: Any, path: Path) -> dict[str, Any]:
 
 
 def _remove_fine_stage(model: Any) -> None:
-    """Disable the refinement of matches, which kornia always runs and which is random for an untrained fine stage."""
+    """Disable the refinement of matches. kornia always runs it, and the result is random if it was not trained."""
     for name in ("fine_preprocess", "loftr_fine", "fine_matching"):
         delattr(model, name)
     model.fine_preprocess = lambda fine0, fine1, coarse0, coarse1, data: (

@@ -17,7 +17,8 @@ from salframe_keypoints.descriptors import DescriptorMatcher
 from salframe_keypoints.feature_matcher import ViewFeatures
 
 PIXEL_CENTRE = np.float32(0.5)
-"""Offset to the pixel centres of kornia and transformers, which are at integer coordinates."""
+"""Offset that is added to the coordinates of kornia and transformers, where pixel centres are at integers. In salframe
+they are at +0.5."""
 
 
 class NetworkMatcher(TrainedMatcher, DescriptorMatcher):
@@ -73,7 +74,7 @@ class LightGlue:
             path: Checkpoint.
 
         Raises:
-            WeightsError: `path` holds no LightGlue for these features.
+            WeightsError: The checkpoint is not a LightGlue network for these features.
         """
         from kornia import feature
 
@@ -103,7 +104,7 @@ def _side(view: ViewFeatures, size: Any) -> dict[str, Any]:
 
 
 def lightglue_state(content: Any, path: Path) -> dict[str, Any]:
-    """Return the state in a LightGlue checkpoint of the authors under kornia's names, without parts of other networks.
+    """Return the tensors of LightGlue in a checkpoint of its authors, renamed for kornia, without other networks.
 
     Raises:
         WeightsError: The content is not a LightGlue checkpoint.

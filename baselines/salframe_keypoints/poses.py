@@ -14,12 +14,12 @@ def robust_pose(
     """Estimate a pose from matches with outliers.
 
     Random samples of three matches are solved by P3P. The best solution minimises the sum of squared errors, each
-    truncated at the inlier bound (MSAC, Torr and Zisserman 2000). It is refined by least squares on the angles of its
-    inliers, which are selected again after each of a few rounds.
+    truncated at the inlier bound (MSAC, Torr and Zisserman 2000). The best solution is refined in a few rounds. Each
+    round minimises the squared angles of the inliers and then selects the inliers again.
 
     Args:
         bearings: (M, 3) unit vectors in the query frame.
-        points_m: (M, 3) matched points in the reference frame.
+        points_m: (M, 3) matched points in the reference frame, in metres.
         inlier_rad: Maximum angle between the bearing of an inlier and the direction to its point.
         hypotheses: Number of random samples.
         rng: Random generator of the samples.
@@ -113,8 +113,7 @@ def solve_p3p(bearings: np.ndarray, points_m: np.ndarray) -> tuple[np.ndarray, n
 
 
 def _align(source, target):
-    """Return rotations (H, 3, 3) and translations (H, 3) that align the axes of triangles (H, 3, 3) with those of
-    others."""
+    """Return rotations (H, 3, 3) and translations (H, 3) that move source triangles (H, 3, 3) to target triangles."""
     rotations = np.einsum("hij,hkj->hik", _triangle_axes(target), _triangle_axes(source))
     shifts = target.mean(1) - np.einsum("hij,hj->hi", rotations, source.mean(1))
     finite = np.isfinite(rotations).all((1, 2))

@@ -1,4 +1,4 @@
-"""Models of the library `transformers` in a folder that the user downloaded."""
+"""Models of the library `transformers`, which the user has downloaded to a folder."""
 
 from __future__ import annotations
 

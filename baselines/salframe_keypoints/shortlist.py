@@ -15,7 +15,8 @@ from salframe_keypoints.feature_matcher import FeatureMatcher, ViewFeatures
 
 SAMPLE = 20_000
 ITERATIONS = 15
-"""Maximum number of local descriptors that the vocabulary is learned from, and iterations of k-means."""
+"""SAMPLE: maximum number of local descriptors from which the vocabulary is learned. ITERATIONS: number of iterations of
+k-means."""
 POWER = 3.0
 """Exponent of the generalised mean that pools the features of an image network."""
 
@@ -25,18 +26,23 @@ has none."""
 
 
 class GlobalDescriptors(Protocol):
-    """Interface for global descriptors of views."""
+    """Interface of methods that compute one global descriptor per perspective view."""
 
     def describe(self, rgb: np.ndarray, valid: np.ndarray | None) -> dict[str, np.ndarray]:
-        """Return the entries that a description needs besides the features of the matcher.
+        """Return the arrays that a description needs in addition to the features of the matcher.
 
         Args:
-            rgb: (H, 2H, 3) colour of a panorama.
-            valid: (H, 2H) bool, its valid pixels. None if all pixels are valid.
+            rgb: (H, 2H, 3) uint8 colour of a panorama.
+            valid: (H, 2H) bool, the valid pixels of the panorama; None if all pixels are valid.
         """
 
     def learn(self, descriptions: Sequence[Description]) -> tuple[Pool, np.ndarray]:
-        """Return a function that pools a description, and the global descriptors (F, V, G) of these F descriptions."""
+        """Learn from the F descriptions of a map.
+
+        Returns:
+            A function that computes the global descriptors of any description, and the global descriptors (F, V, G) of
+            the F descriptions.
+        """
 
 
 class LocalDescriptors:
@@ -65,11 +71,11 @@ class NetworkDescriptors:
     """Global descriptors by an image network, pooled by the generalised mean (Radenovic et al. 2019)."""
 
     def __init__(self, network: Any, views: int, hfov_rad: float) -> None:
-        """Create the descriptors for a network of the role `image-network`, with the number of views of the matcher."""
+        """Use a network of the role `image-network`, with as many views as the matcher has."""
         self._network, self._rig = network, ViewRig(views, network.size_px, network.size_px, hfov_rad)
 
     def describe(self, rgb: np.ndarray, valid: np.ndarray | None) -> dict[str, np.ndarray]:
-        """Return `global` (V, C) float16 of unit length, zeros for a view with less than half valid pixels."""
+        """Return `global` (V, C) float16, a unit vector per view; zeros if less than half of its pixels are valid."""
         unit = self._network.descriptors(self._rig.cut(rgb), POWER)
         if valid is not None:
             unit[self._rig.cut(valid.astype(np.uint8)).mean((1, 2)) < 0.5] = 0
@@ -87,7 +93,7 @@ def split_views(description: Description) -> list[ViewFeatures]:
     """Return the views in a description of `keypoints`.
 
     Raises:
-        DataError: The numbers of points or features of the views do not add up to the numbers of the description.
+        DataError: The numbers of points or features per view do not add up to the number of rows in the description.
     """
     points, features = (
         _split(description, *names) for names in (("points_px", "point_count"), ("features", "feature_count"))

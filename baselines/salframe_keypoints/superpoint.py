@@ -76,7 +76,8 @@ class SuperPointSuperGlue(NetworkMatcher):
     def match_descriptors(self, query: ViewFeatures, reference: ViewFeatures) -> np.ndarray:
         """See DescriptorMatcher.
 
-        SuperGlue runs its own detector, which is replaced by one that returns the points of the two views.
+        SuperGlue runs its own detector. Here, the detector is replaced by a function that returns the points of the two
+        views.
         """
         import torch
 
@@ -95,8 +96,12 @@ class SuperPointSuperGlue(NetworkMatcher):
         return super().describe(ViewFeatures(view.points_px, view.features[:, :-1]))
 
     def _restore_points(self, views: tuple[ViewFeatures, ViewFeatures]) -> tuple[Any, Any, Any, Any]:
-        """Return the output of SuperPoint for two views: relative positions, scores and descriptors, padded to the same
-        number of points, and a mask of the points."""
+        """Return the features of two views in the format of SuperPoint's output.
+
+        Returns:
+            Keypoints (2, K, 2) relative to the image size, scores (2, K), descriptors (2, K, D), and a mask (2, K) that
+            is 0 for padding. K is the larger number of points.
+        """
         import torch
 
         max_points = max(len(view.points_px) for view in views)
@@ -117,7 +122,7 @@ def detect_points(extractor: Any, image: Any) -> tuple[Any, Any, Any]:
     """Detect keypoints in an image (1, 3, h, w) with values from 0 to 1.
 
     Returns:
-        Keypoints (K, 2) in integer pixels, scores (K,), and descriptors (K, D) of unit length.
+        Keypoints (K, 2) in pixels, rounded to integers, scores (K,), and descriptors (K, D) of unit length.
     """
     grey = (image * image.new_tensor([0.299, 0.587, 0.114])[:, None, None]).sum(1, keepdim=True)
     output = extractor(grey)

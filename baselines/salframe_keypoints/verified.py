@@ -19,9 +19,10 @@ from salframe.panoramas.view import OdometryNoise
 from salframe_keypoints.localizer import Keypoints
 
 MAX_FRAMES = 3
-"""Maximum number of frames of a place to match: those nearest to the frame that the ranking names."""
+"""Maximum number of reference frames of a place to match. They are the frames nearest to the frame that the ranking
+names."""
 _RANKING, _KEYPOINTS = "ranking_", "keypoints_"
-"""Prefixes of the keys of the arrays of the ranking, and of the keypoints, in a description."""
+"""Prefixes of keys in a description: arrays of the localizer that ranks the places, and arrays of the keypoints."""
 
 
 class VerifiedPlaces(Localizer):
@@ -60,7 +61,7 @@ class VerifiedPlaces(Localizer):
 
     @property
     def uses(self) -> frozenset[str]:  # type: ignore[override]
-        """Parts of a panorama that the ranking or the keypoints read where they are present."""
+        """Parts of a panorama that the ranking or the keypoints read if they are present."""
         return self._ranking.uses | self._keypoints.uses
 
     def describe(self, panorama: Panorama) -> Description:
@@ -118,8 +119,8 @@ class VerifiedPlaces(Localizer):
         return Localization(reranked, None, LocalizationStatus.NO_POSE)
 
     def _nearest(self, number: int) -> list[int]:
-        """Return the scene frames in the place of a frame that are nearest to it; the frame itself if there are
-        none."""
+        """Return the MAX_FRAMES scene frames nearest to a frame, in the same place. Without scene frames in the place,
+        return the frame itself."""
         position_m = self._frames[number].T_world_pano[:3, 3]
         frames = self._frames_of.get(self._frames[number].place, [number])
         distance_m = [np.linalg.norm(self._frames[other].T_world_pano[:3, 3] - position_m) for other in frames]
@@ -139,7 +140,7 @@ class VerifiedPlaces(Localizer):
 
 
 def _split(description: Description) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Return the arrays of the ranking and those of the keypoints."""
+    """Split a description into the arrays of the ranking and the arrays of the keypoints, without prefixes."""
     ranked, keypoints = (
         {name.removeprefix(prefix): array for name, array in description.items() if name.startswith(prefix)}
         for prefix in (_RANKING, _KEYPOINTS)
@@ -148,6 +149,6 @@ def _split(description: Description) -> tuple[dict[str, np.ndarray], dict[str, n
 
 
 def _whole(ranked: Description, keypoints: Description) -> Description:
-    """Return the description that `_split` splits."""
+    """Combine the arrays of the ranking and of the keypoints to one description; the inverse of `_split`."""
     parts = (_RANKING, ranked), (_KEYPOINTS, keypoints)
     return {prefix + name: array for prefix, arrays in parts for name, array in arrays.items()}

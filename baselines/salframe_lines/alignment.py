@@ -1,7 +1,7 @@
 """Position of a query relative to 3D lines: a local search, then least squares.
 
-All quantities are in the principal frame of the lines. The query's arcs are rotated into it, so the unknowns are a
-translation and a small rotation.
+All quantities are in the principal frame of the lines. The query's arcs are rotated into this frame, so the unknowns
+are a translation and a small rotation.
 """
 
 from __future__ import annotations
@@ -14,15 +14,17 @@ from salframe.panoramas.geometry import wrap_angle
 from salframe_lines.arcs import Arcs, Lines3d, project_lines
 
 SEARCH = ((0.16, 0.10), (0.06, 0.05))
-"""Step (metres) and tolerance (radians) of each round of the search. A round covers two steps to every side."""
+"""Grid spacing (metres) and angular tolerance (radians) of each round of the search. The grid of a round extends two
+steps to each side."""
 SEARCH_LINES = 50
-"""Maximum number of arcs and of lines per axis in the search, the longest first."""
+"""Maximum number of arcs and of lines per axis that the search uses. The longest are used."""
 REFINE_RAD = (0.05, 0.04, 0.03, 0.02, 0.015, 0.01, 0.01)
 """Tolerance of each step of the refinement, in radians."""
 AGREE_RAD = 0.01
 """Maximum angle between an arc and a line that agree after the refinement, in radians."""
 LONG_RAD = 0.5
-"""Maximum weight of an arc, which is weighted by its length in radians. Longer lines are not more informative."""
+"""Maximum weight of an arc. Up to this value, the weight is the length of the arc in radians. Longer arcs are not more
+informative."""
 MAX_STEP_M = 0.4
 """Maximum translation along each axis in one step of the refinement."""
 
@@ -30,19 +32,19 @@ MAX_STEP_M = 0.4
 def agreement(
     arcs: Sequence[Arcs], lines: Sequence[Lines3d], positions_m: np.ndarray, tolerance_rad: float
 ) -> np.ndarray:
-    """Compute the share of the query's arcs, by length, that agrees with lines projected to some positions.
+    """Compute how much of the total length of the query's arcs agrees with the lines, for several positions.
 
-    Each arc is compared with the best line along its axis: the value is the common length times
-    1 - (angle between them / tolerance)^2.
+    Each arc is compared with the best projected line along the same axis. The agreeing length is the common length
+    times 1 - (angle between arc and line / tolerance)^2.
 
     Args:
         arcs: Arcs of the query along each axis.
-        lines: Lines along each axis.
-        positions_m: (T, 3) positions.
+        lines: Lines of the map along each axis.
+        positions_m: (T, 3) assumed positions of the query, in metres.
         tolerance_rad: Maximum angle between an arc and a line that agree.
 
     Returns:
-        (T,) shares from 0 to 1.
+        (T,) fractions of the total length, from 0 to 1.
     """
     agreeing, total = np.zeros(len(positions_m)), 0.0
     for axis in range(3):
@@ -110,8 +112,11 @@ def refine(arcs: Sequence[Arcs], lines: Sequence[Lines3d], position_m: np.ndarra
 
 
 def _residuals(observed, lines, axis, position_m, turn_rad, tolerance_rad):
-    """Return residuals (K,), weights (K,), and derivatives (K, 4) of the residuals by position and rotation, for the
-    arcs that have a line within the tolerance."""
+    """Return the residuals of the K arcs that have a line within the tolerance.
+
+    Returns:
+        Residuals (K,), weights (K,), and derivatives (K, 4) of the residuals with respect to position and rotation.
+    """
     middle_rad = observed.along_rad.mean(axis=1)
     radius = np.sin(middle_rad)
     height = (radius * np.sin(observed.around_rad), radius * np.cos(observed.around_rad), np.cos(middle_rad))[axis]

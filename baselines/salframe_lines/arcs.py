@@ -15,15 +15,17 @@ import numpy as np
 from salframe.panoramas.geometry import rays_to_pixels, wrap_angle
 
 OFF_AXIS_RAD = np.deg2rad(2.5)
-"""Maximum distance between the great circle of a segment and the pole of its axis."""
+"""Maximum angle between the great circle of a segment and the pole of the axis that the segment belongs to."""
 POLE_RAD = np.deg2rad(4)
-"""Minimum distance of a segment from the pole of its axis. The angle of closer segments around it is inaccurate."""
+"""Minimum angle between a segment and the pole of its axis. Closer to the pole, the angle of a segment around the axis
+is inaccurate."""
 SAME_LINE_RAD, SAME_LINE_GAP_RAD = np.deg2rad(0.35), np.deg2rad(1.5)
-"""Maximum distance between pieces of one line, across and along the line."""
+"""Maximum angular distances between segments that belong to one line, across the line and along the line."""
 MIN_LENGTH_RAD = np.deg2rad(3)
 """Minimum length of an arc."""
 SURFACE_STEP = 0.1
-"""Minimum relative difference in range at which a line is the edge of a nearer surface in front of another."""
+"""Minimum relative difference between the ranges on both sides of a line. From this difference on, the line is the edge
+of the nearer surface."""
 RANGE_SAMPLES = 24
 """Number of points along an arc at which the range is sampled."""
 SURFACE_SHARE, SURFACE_TOLERANCE = 0.5, 0.05
@@ -58,9 +60,9 @@ def principal_yaw(ends: np.ndarray) -> float:
     """Estimate the yaw of the walls in [0, pi / 2), the rotation from the principal frame to the frame of the segments.
 
     The panorama is upright, so the vertical direction is known. The direction of a horizontal segment is the horizontal
-    line in the plane through the segment and the camera. The yaw is the peak of a histogram over azimuth modulo 90
-    degrees, weighted by length (LDL finds principal directions by votes on the sphere), refined by the mean of the
-    directions around it.
+    line in the plane through the segment and the camera. A histogram over azimuth modulo 90 degrees sums the lengths of
+    the segments. The yaw is the peak of the histogram, refined by the mean of the directions around the peak. (LDL
+    finds principal directions by votes on the sphere instead.)
 
     Args:
         ends: (N, 2, 3) unit vectors to the ends of segments in the panorama frame.
@@ -89,14 +91,14 @@ def _lengths(ends):
 
 
 def arcs_along_axes(ends: np.ndarray, yaw_rad: float, limit: int) -> tuple[Arcs, Arcs, Arcs]:
-    """Return the arcs of the segments along the three axes of the principal frame, with pieces of one line joined.
+    """Return the arcs of the segments along the three axes of the principal frame. Segments of one line are joined.
 
-    Segments along no axis, or along two axes within the tolerance, are ignored.
+    Segments that are parallel to no axis, or to two axes within the tolerance, are ignored.
 
     Args:
         ends: (N, 2, 3) unit vectors to the ends of segments in the panorama frame.
         yaw_rad: Yaw of the principal frame.
-        limit: Maximum number of arcs per axis, the longest first.
+        limit: Maximum number of arcs per axis. The longest are returned.
     """
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
     ends = ends @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
@@ -109,7 +111,10 @@ def arcs_along_axes(ends: np.ndarray, yaw_rad: float, limit: int) -> tuple[Arcs,
 
 
 def _join_segments(ends: np.ndarray, limit: int) -> Arcs:
-    """Return the arcs of segments (N, 2, 3) whose first coordinate is along their axis."""
+    """Join segments (N, 2, 3) along one axis that belong to one line, and return the `limit` longest arcs.
+
+    The axis is the first coordinate of the segments' ends.
+    """
     from scipy.sparse.csgraph import connected_components
 
     middle = ends.sum(1)
@@ -147,17 +152,17 @@ def rotate_by_quarter_turn(arcs: tuple[Arcs, Arcs, Arcs]) -> tuple[Arcs, Arcs, A
 
 
 def line_distances(arcs: Arcs, axis: int, yaw_rad: float, range_m: np.ndarray) -> np.ndarray:
-    """Return the (N,) distances, in metres, of the camera from the 3D lines of arcs along an axis. NaN is unknown.
+    """Return the distances (N,) in metres of the camera from the 3D lines of arcs along an axis; NaN if unknown.
 
-    The range is sampled along the arc. If the range on one side of the arc is much smaller, that range is used: an edge
-    in front of another surface belongs to the nearer surface. The range times the sine of the angle from the axis is
-    the distance of the line, which is constant along the line. The result is the median.
+    The range is sampled along the arc. If the range on one side of the arc is much smaller, that range is used, because
+    an edge in front of another surface belongs to the nearer surface. The distance of the line is the range times the
+    sine of the angle from the axis. It is constant along the line, so the median over all samples is returned.
 
     Args:
         arcs: Arcs along the axis.
         axis: Index of the axis.
         yaw_rad: Yaw of the principal frame.
-        range_m: (H, 2H) range image.
+        range_m: (H, 2H) range image in metres.
     """
     height = range_m.shape[0]
     shares = (np.arange(RANGE_SAMPLES) + 0.5) / RANGE_SAMPLES
@@ -183,9 +188,9 @@ def line_distances(arcs: Arcs, axis: int, yaw_rad: float, range_m: np.ndarray) -
 
 
 def lift_arcs(arcs: Arcs, distance_m: np.ndarray) -> Lines3d:
-    """Return the 3D lines of arcs in the principal frame, given their distances (N,) from the camera.
+    """Compute the 3D lines of N arcs in the principal frame from their distances (N,) to the camera.
 
-    Arcs with unknown distance are ignored.
+    Arcs with an unknown distance (NaN) are left out.
     """
     valid = np.isfinite(distance_m)
     distance_m, around_rad, along_rad = distance_m[valid], arcs.around_rad[valid], arcs.along_rad[valid]

@@ -10,10 +10,10 @@ import numpy as np
 from salframe_lines.arcs import Arcs, Lines3d, project_lines
 
 CODES_PER_RAD, MAX_CODE = 128, 200
-"""Scale and maximum of distances stored as uint8. The maximum, 1.56 rad, is below 255, so that differences that wrap
-around are large."""
+"""A distance is stored as the uint8 code distance * CODES_PER_RAD, at most MAX_CODE (1.56 rad). MAX_CODE is well below
+255, so that a negative difference of two codes wraps around to a large value."""
 CHUNK = 8
-"""Number of positions computed at once. The arrays of this number fit the cache of the processor."""
+"""Number of positions that are processed at once. The arrays then fit into the cache of the processor."""
 
 
 def sphere_points(count: int) -> np.ndarray:
@@ -25,7 +25,7 @@ def sphere_points(count: int) -> np.ndarray:
 
 
 def distance_codes(arcs: Sequence[Arcs], points: np.ndarray) -> np.ndarray:
-    """Return (..., 3 Q) uint8 distances from each sphere point (Q, 3) to the nearest arc along x, then y, then z.
+    """Return the distance of each sphere point to the nearest arc along x, then y, then z, as codes (..., 3 Q) uint8.
 
     Args:
         arcs: Arcs along each axis, in batches (..., N).
@@ -39,11 +39,11 @@ def distance_codes(arcs: Sequence[Arcs], points: np.ndarray) -> np.ndarray:
 
 
 def _nearest_cosines(around_rad, along_rad, points):
-    """Return the (..., Q) cosine of the angle from points (Q, 3) to the nearest arc, -1 if there is no arc.
+    """Return the cosine (..., Q) of the angle between each point (Q, 3) and the nearest arc; -1 if there is no arc.
 
-    The first coordinate of the points is along the axis of the arcs. The projection of a point to the plane of an arc
-    has two coordinates, along the axis and perpendicular to it. Its length is the cosine of the distance to the great
-    circle, which applies between the ends of the arc. Elsewhere the nearer end counts.
+    The first coordinate of a point is along the axis of the arcs. The point is projected to the plane of an arc. If the
+    projection lies between the ends of the arc, its length is the cosine of the angle. Otherwise, the angle to the
+    nearer end of the arc is used.
     """
     around_rad, along_rad = around_rad.astype(np.float32)[..., None], along_rad.astype(np.float32)
     low_rad, high_rad = along_rad[..., 0, None], along_rad[..., 1, None]
@@ -57,7 +57,7 @@ def _nearest_cosines(around_rad, along_rad, points):
 
 
 def distance_codes_from(lines: Sequence[Lines3d], positions_m: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return the `distance_codes` of 3D lines seen from positions (T, 3) at Q points of the sphere, (T, 3 Q) uint8."""
+    """Return the `distance_codes` (T, 3 Q) of 3D lines, as seen from positions (T, 3), at Q points of the sphere."""
     chunks = [positions_m[i : i + CHUNK] for i in range(0, len(positions_m), CHUNK)]
     return np.concatenate(
         [distance_codes([project_lines(lines[k], k, chunk) for k in range(3)], points) for chunk in chunks]
@@ -65,10 +65,14 @@ def distance_codes_from(lines: Sequence[Lines3d], positions_m: np.ndarray, point
 
 
 def agreeing_share(codes: np.ndarray, query: np.ndarray, within_rad: float) -> np.ndarray:
-    """Return the share (T,) of distances (T, 3 Q) that differ from the distances of a query (3 Q,) by at most
-    `within_rad`.
+    """Return for each position the fraction of distances that agree with the query, (T,).
 
     This is the inlier cost of LDL and FGPL.
+
+    Args:
+        codes: (T, 3 Q) distance codes at the positions.
+        query: (3 Q,) distance codes of the query.
+        within_rad: Maximum difference of distances that agree.
     """
     within = np.uint8(round(within_rad * CODES_PER_RAD))
     return (

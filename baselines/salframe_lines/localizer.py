@@ -30,11 +30,11 @@ from salframe_lines.arcs import (
 from salframe_lines.distances import agreeing_share, distance_codes, distance_codes_from, sphere_points
 
 OUTLIER_SHARE = 0.05
-"""Share of line ends on each side that is ignored in the estimate of the room's extent (quantiles of LDL)."""
+"""Fraction of line ends that is ignored on each side when the extent of a room is estimated by quantiles, as in LDL."""
 
 
 class _MapLines(NamedTuple):
-    """Lines of one reference frame.
+    """The 3D lines of one reference frame.
 
     Attributes:
         T_world_principal: (4, 4) pose of the principal frame.
@@ -136,7 +136,7 @@ class Lines(Localizer):
         }
 
     def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> None:
-        """Lift the lines, and compute their distance functions at all candidate positions.
+        """Compute the 3D lines of the reference frames, and their distance functions at all candidate positions.
 
         The distance functions are not part of a saved map.
         """
@@ -153,7 +153,8 @@ class Lines(Localizer):
     def match(self, description: Description) -> Localization:
         """Compare distance functions at all candidate positions, and align the shortlist.
 
-        The score of a frame is its share of agreeing distances, or 1 + its agreement after alignment.
+        The score of a frame is the fraction of its distances that agree with the query. If the frame is aligned
+        successfully, its score is 1 + the agreement of the aligned lines.
         """
         if not len(description["axis"]):
             return Localization((), None, LocalizationStatus.NO_FEATURES)
@@ -187,7 +188,7 @@ class Lines(Localizer):
         )
 
     def _map_lines(self, description: Description, frame: ReferenceFrame) -> _MapLines:
-        """Return the lines of a frame, and a grid of candidate positions over the extent of their ends.
+        """Return the lines of a frame, and a grid of candidate positions over the area that the lines cover.
 
         Without range, the distance of all lines is set to 1 m, which is correct only at the position of the frame.
         """
@@ -203,7 +204,7 @@ class Lines(Localizer):
         return _MapLines(T_world_principal, lines, has_range, positions_m)
 
     def _grid(self, lines: Sequence[Lines3d]) -> np.ndarray:
-        """Return (T, 3) positions at the height of the frame, including that of the frame."""
+        """Return a grid of positions (T, 3) around a reference frame, at its height and including its own position."""
         ticks = []
         for axis in (0, 1):
             across_m = [lines[k].across_m[:, (axis - k) % 3 - 1] for k in range(3) if k != axis]

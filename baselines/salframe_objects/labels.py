@@ -16,10 +16,10 @@ from salframe.panoramas.frames import ReferenceFrame
 
 class WeightedLabels(Localizer):
     """Weighted Jaccard index of labels: J = sum_l min(w_l, w'_l) / sum_l max(w_l, w'_l) over the labels l of query and
-    reference frame. Gives no pose.
+    reference frame. The method gives no pose.
 
     Weights of 1 give the Jaccard index of sets, and object counts give the Jaccard index of multisets. A description
-    holds unique `labels` (L,).
+    contains each label once, in `labels` (L,).
     """
 
     @abstractmethod

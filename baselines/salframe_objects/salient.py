@@ -17,7 +17,10 @@ from salframe.localization.localizer import Description, LevelledConfig, posteri
 
 
 class SalientObjects(DetectingLocalizer):
-    """The weight of an object is w = S^p, with its saliency S and p = `saliency_power`."""
+    """Base class of localizers over salient objects.
+
+    The weight of an object is w = S^p, with its saliency S and p = `saliency_power`.
+    """
 
     uses: ClassVar[frozenset[str]] = frozenset({"range"})
 
@@ -43,7 +46,7 @@ class SalientObjects(DetectingLocalizer):
         return self._saliency.score(detections) ** self.config.saliency_power
 
     def pack(self, description: Description) -> Description:
-        """Return the description with floats in single precision, without the labels as written."""
+        """Return the description with floats in single precision, without WRITTEN_LABELS."""
         return {
             name: array.astype(np.float32) if array.dtype == np.float64 else array
             for name, array in description.items()

@@ -64,13 +64,13 @@ class SalientVolumesLocalizer(SalientObjects):
 
 
 def compare_places(query: Description, place: Description) -> float:
-    """Return the score of two described places, from 0 to 1."""
+    """Return the score of two descriptions, from 0 to 1."""
     shared, _ = align_places(query, place)
     return shared / (query["weight"].sum() + place["weight"].sum() - shared) if shared else 0.0
 
 
 def align_places(query: Description, place: Description) -> tuple[float, np.ndarray]:
-    """Return the shared weight M of two places, and the pairs (P, 2) int64 of objects that contribute to it."""
+    """Return the shared weight M of two descriptions (see `sovs`), and the pairs (P, 2) int64 of matched objects."""
     from scipy.optimize import linear_sum_assignment
 
     same = query["labels"][:, None] == place["labels"][None]

@@ -68,7 +68,8 @@ class AnnotationDetector(Detector):
         @field_validator("noise", mode="before")
         @classmethod
         def _check_noise(cls, value: Any) -> Any:
-            """Reject unknown words here with one message; the union would report one error for each alternative."""
+            """Reject unknown words with one message. The union type alone would report one error for each of its
+            alternatives."""
             words = ("auto", *LEVELS, *MEASURED)
             if isinstance(value, str) and value not in words and not Path(value).is_file():
                 choices = ", ".join(map(repr, words))
@@ -126,7 +127,7 @@ def spoil(objects: list[Annotated], vocabulary: Sequence[str], noise: Noise, see
         objects: The annotated objects.
         vocabulary: Labels of the data set, from which wrong labels are drawn.
         noise: Rates and sizes of the errors.
-        seed: Seed of the setting and of the panorama.
+        seed: Seed from the settings, and seed of the panorama.
     """
     detected: list[Annotated] = []
     for annotated in objects:
@@ -161,7 +162,7 @@ def _nearest_of_label(target: Annotated, objects: list[Annotated]) -> Annotated 
 
 
 def _halves(annotated: Annotated) -> list[Annotated]:
-    """Return the object cut in two halves across the length of its box, as by an occluder."""
+    """Cut the object into two halves across the length of its box, as an occluder does."""
     _, yaw = upright_box(annotated.points_m)
     along = annotated.points_m[:, :2] @ np.array([np.cos(yaw), np.sin(yaw)])
     left = along < np.median(along)

@@ -1,4 +1,4 @@
-"""Simulated errors of a detector by its sensor model."""
+"""Simulated errors of a detector, according to its sensor model (measured error rates)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ from salframe.panoramas.panorama import Panorama
 SENSORS = Path(__file__).with_name("sensors")
 """Folder of the sensor models that are distributed with salframe, named after the measured detectors."""
 FALSE_POSITIVE_SEED = (0, 1)
-"""Last part of the seed for the false positives of a panorama. The last part of an object's seed is its key."""
+"""Last part of the random seed of a panorama's false positives. The seed of an object ends with the key of the object
+instead."""
 MAX_DIRECTIONS = 2000
 """Maximum number of directions to draw for a false positive until one lies in the view."""
 CORNERS = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, 8).T
@@ -31,9 +32,9 @@ class SensedNoise:
     """Simulates the errors of a measured detector.
 
     The random numbers of an object depend only on the seed, the `error_id` of the panorama and the key of the object.
-    Those of false positives depend only on the seed and the id of the panorama. Azimuths of false positives are
-    relative to the first annotated object, so that they rotate with the panorama. A partial view has false positives in
-    proportion to the part of the sphere that it sees.
+    The random numbers of false positives depend only on the seed and the id of the panorama. Azimuths of false
+    positives are relative to the first annotated object, so that they rotate with the panorama. The expected number of
+    false positives is proportional to the share of the sphere that a partial view shows.
     """
 
     def __init__(self, sensor: SensorModel) -> None:
@@ -67,7 +68,7 @@ class SensedNoise:
         )
 
     def _perturb(self, annotated: Annotated, ranged: bool, rng: np.random.Generator) -> Annotated:
-        """Return the object with a drawn label and with errors of direction, range and size."""
+        """Return the object with a randomly drawn label, and with random errors of direction, range and size."""
         labels, cumulative = self._label_distribution(annotated.label)
         label = labels[int(np.searchsorted(cumulative, rng.random() * cumulative[-1], side="right"))]
         errors = self._sensor.errors
@@ -87,7 +88,7 @@ class SensedNoise:
         )
 
     def _draw_false_positives(self, panorama: Panorama, ahead_rad: float, rng: np.random.Generator) -> list[Annotated]:
-        """Return false positives: a Poisson distributed number of cubes at uniform azimuths in the view."""
+        """Return false positives: cubes at uniformly distributed azimuths. Their number is Poisson distributed."""
         false = self._sensor.false_objects
         if not (false.labels and false.range_m and false.elevation_rad and false.size_m):
             return []
@@ -114,9 +115,9 @@ class SensedNoise:
         return false_positives
 
     def _draw_direction(self, view: np.ndarray, ahead_rad: float, rng: np.random.Generator) -> tuple[float, float]:
-        """Return elevation and azimuth of a false positive in a view (H, 2H) bool, in radians.
+        """Draw the elevation and azimuth (radians) of a false positive that the view (H, 2H) bool shows.
 
-        If the view lies outside the measured elevations, the direction is the direction of a random visible pixel.
+        If no drawn direction is in the view, return the direction of a random visible pixel.
         """
         for _ in range(MAX_DIRECTIONS):
             elevation = float(value_at(self._sensor.false_objects.elevation_rad, rng.random()))
@@ -127,13 +128,14 @@ class SensedNoise:
         return float(row_elevation(len(view))[row]), float(column_azimuth(view.shape[1])[column])
 
     def _distribution(self, label: str) -> tuple[tuple[str, ...], np.ndarray]:
-        """Return the labels that the detector may assign to an object of this label, and cumulative probabilities."""
+        """Return the labels that the detector may assign to an object with the true label `label`, and their cumulative
+        probabilities."""
         probabilities = self._sensor.label_probabilities(label)
         return tuple(probabilities), np.cumsum(list(probabilities.values()))
 
 
 def _sphere_share(view: np.ndarray) -> float:
-    """Return the share of the sphere that a view (H, 2H) bool covers."""
+    """Return the fraction of the sphere that a view (H, 2H) bool covers."""
     return float(pixel_solid_angles(len(view)) @ view.sum(1) / (4 * np.pi))
 
 

@@ -1,4 +1,4 @@
-"""Estimation of scale and shift of each view's depth from the overlaps of views."""
+"""Estimation of the scale and the shift of the depth of each view, from the overlaps of views."""
 
 from __future__ import annotations
 
@@ -9,28 +9,28 @@ import numpy as np
 ROUNDS = 10
 """Number of reweighting iterations; the weights have converged by then."""
 MIN_OVERLAP = 20
-"""Minimum number of common rays of two views that are compared."""
+"""Minimum number of common rays of two views. Views with fewer are not compared."""
 OUTLIER = 2.0
-"""Residual, in units of sigma (1.48 medians), beyond which weights fall; residuals at depth edges are that large."""
+"""Residual, in units of sigma (1.48 medians), beyond which weights decrease. Residuals at depth edges are larger."""
 RIDGE = 1e-9
-"""Strength of the prior (scale 1, shift 0) as a share of the mean curvature. It determines views without overlap and
-shifts that overlaps do not determine, and is far weaker than the overlaps."""
+"""Strength of the prior (scale 1, shift 0) relative to the mean curvature. The prior determines the coefficients that
+overlaps do not determine. The prior is far weaker than the overlaps."""
 
 TINY = 1e-9
 """Lower bound of divisors, for networks that return 0 everywhere or agree exactly."""
 
 
 def align(terms: np.ndarray) -> np.ndarray:
-    """Estimate the coefficients that make V views agree on P rays of the sphere.
+    """Estimate the coefficients with which V views agree on P rays of the sphere.
 
     The value of view v at ray p is the sum over k of coefficient[v, k] * terms[v, p, k]. The relative differences
-    between views are minimised by least squares, with Cauchy weights against depth edges.
+    between views are minimised by least squares. Cauchy weights reduce the influence of depth edges.
 
     Args:
         terms: Terms (V, P, K), NaN where the view does not show the ray.
 
     Returns:
-        Coefficients (V, K) float64; the mean of the first ones is 1.
+        Coefficients (V, K) float64. The mean of the first coefficients [:, 0] is 1.
     """
     count, _, size = terms.shape
     known = np.isfinite(terms).all(-1)
@@ -57,7 +57,7 @@ def align(terms: np.ndarray) -> np.ndarray:
 
 
 def _solve(pairs: list, weights: list[np.ndarray], count: int, size: int) -> np.ndarray:
-    """Return the coefficients (V, K) of the weighted least squares of differences; the mean of the first ones is 1."""
+    """Return the coefficients (V, K) that minimise the weighted squared differences. The mean of [:, 0] is 1."""
     normal = np.zeros((count, size, count, size))
     for (views, terms_a, terms_b), weight in zip(pairs, weights, strict=True):
         row = np.stack([terms_a, -terms_b], 1).reshape(len(terms_a), -1)

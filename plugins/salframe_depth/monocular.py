@@ -21,10 +21,10 @@ Quantity = Literal["inverse", "z-depth", "range", "points"]
 """Output of a depth network. inverse: 1 / depth; z-depth: depth along the view's axis; range: distance along the ray;
 points: points (x, y, z)."""
 ALIGNED_ROWS, MERGED_ROWS = 64, 512
-"""Rows of the panorama on which views are aligned, and maximum number of rows on which they are merged: 0.35 deg per
-pixel, about the resolution of views of 518 pixels."""
+"""Number of rows of the panorama on which views are aligned, and maximum number of rows of the panorama on which views
+are merged. With 512 rows, a pixel has 0.35 deg, which is about the resolution of a view of 518 pixels."""
 MAX_RANGE_M = 100.0
-"""Maximum range in metres. Larger ranges are set to unknown, since no room is that large."""
+"""Maximum range in metres. Larger ranges are replaced by NaN, because no room is that large."""
 UNSEEN = 128
 """Grey value of the pixels that a partial panorama does not cover."""
 
@@ -53,14 +53,14 @@ class DepthConfig(ComponentConfig):
 
 
 class MonocularDepth(RangeModel):
-    """Base of range models with a depth network for single images, on overlapping views of a panorama.
+    """Base class of range models that run a depth network for single images on overlapping views of a panorama.
 
-    A subclass sets the attributes before the first estimate.
+    A subclass must set the attributes before the first estimate.
 
     Attributes:
         quantity: Quantity that the network outputs.
-        metric: Whether the output is in metres. If not, its scale is unknown and, for `inverse` and `z-depth`, its
-            shift.
+        metric: Whether the output is in metres. If not, the scale of the output is unknown. For `inverse` and
+            `z-depth`, a shift is then unknown too.
         size_px: Width and height of the network's input.
     """
 
@@ -79,7 +79,7 @@ class MonocularDepth(RangeModel):
         """Raise ConfigError if neither the network nor the settings give a metric scale.
 
         Args:
-            metric_network: How a user chooses a metric network, for the message.
+            metric_network: Description of how a user chooses a metric network, for the error message.
         """
         if not (self.metric or self.config.camera_height_m):
             raise ConfigError(
@@ -107,7 +107,7 @@ class MonocularDepth(RangeModel):
     def _scale_to_floor(self, range_m: np.ndarray) -> np.ndarray:
         """Scale a range image so that the floor is camera_height_m below the camera.
 
-        If no floor is visible, a metric range image is returned unchanged, and any other with all ranges unknown.
+        If no floor is visible, the ranges of a metric network are not changed. All other ranges become unknown (NaN).
         """
         height_m = camera_height(range_m)
         if height_m is not None:
@@ -154,7 +154,7 @@ class MonocularDepth(RangeModel):
     def _terms(self, rays_in_view: ViewRays, depth: np.ndarray) -> np.ndarray:
         """Return the terms (h, w, K) whose weighted sum is the range along the rays, or 1 / range for `inverse`.
 
-        The first coefficient is the view's scale, the second its shift if it has one.
+        The weight of the first term is the scale of the view. The weight of the second term, if any, is its shift.
 
         Args:
             rays_in_view: Rays (h, w) in the view.

@@ -18,10 +18,12 @@ OUTPUTS: dict[str, tuple[Quantity, bool]] = {
     "ZoeDepthForDepthEstimation": ("z-depth", True),
     "GLPNForDepthEstimation": ("z-depth", True),
 }
-"""Quantity that each architecture outputs, and whether in metres: DPT (Ranftl et al., ICCV 2021), Depth Anything (Yang
-et al., CVPR 2024, NeurIPS 2024), ZoeDepth (Bhat et al., arXiv 2302.12288), GLPN (Kim et al., arXiv 2201.07436)."""
+"""Quantity that each architecture outputs, and whether it is in metres. The architectures are DPT (Ranftl et al., ICCV
+2021), Depth Anything (Yang et al., CVPR 2024, NeurIPS 2024), ZoeDepth (Bhat et al., arXiv 2302.12288) and GLPN (Kim et
+al., arXiv 2201.07436)."""
 METRIC_DEPTH_ANYTHING: tuple[Quantity, bool] = ("z-depth", True)
-"""The same for Depth Anything with depth_estimation_type: metric in its config.json."""
+"""Output of Depth Anything if its config.json has depth_estimation_type: metric. The values are the quantity, and
+whether it is in metres."""
 
 
 class TransformersDepth(MonocularDepth):

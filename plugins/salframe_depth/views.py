@@ -10,19 +10,27 @@ import numpy as np
 from salframe.panoramas.perspective import ViewRig
 
 TILTED, TILT_RAD = 4, np.pi / 3
-"""Number of views that look down, and of views that look up, and their tilt. Horizontal views may not show the floor,
-and a table top is then taken for it: in a rendered kitchen, every range was too large by a factor of two."""
+"""Number of views that look down, which is also the number of views that look up, and the tilt of these views.
+Horizontal views alone may not show the floor. A table top may then be mistaken for the floor: in a rendered kitchen,
+all ranges were too large by a factor of two."""
 MIN_VIEWS, MIN_FOV_DEG = 6, 75
 """Minimum number of horizontal views and minimum field of view. Below them, some directions are in no view."""
 
 
 @dataclass(frozen=True)
 class DepthRig(ViewRig):
-    """`count` views: horizontal ones as in ViewRig, then TILTED that look down and TILTED that look up."""
+    """Set of `count` views: horizontal views as in ViewRig, TILTED views that look down, TILTED views that look up."""
 
     @classmethod
     def around(cls, level: int, width_px: int, height_px: int, fov_rad: float) -> DepthRig:
-        """Create `level` horizontal and all tilted views; fov_rad is the field of view across the shorter side."""
+        """Create `level` horizontal views and all tilted views.
+
+        Args:
+            level: Number of horizontal views.
+            width_px: Width of a view.
+            height_px: Height of a view.
+            fov_rad: Field of view across the shorter side of a view.
+        """
         hfov_rad = 2 * np.arctan(np.tan(fov_rad / 2) * width_px / min(width_px, height_px))
         return cls(level + 2 * TILTED, width_px, height_px, float(hfov_rad))
 
@@ -51,7 +59,8 @@ class ViewRays:
     """Positions of rays (...) in a view, all float32.
 
     Attributes:
-        x, y: Image coordinates, from -1 to 1 across the view.
+        x: Horizontal image coordinate, from -1 to 1 across the view.
+        y: Vertical image coordinate, from -1 to 1 across the view.
         weight: 1 at the centre of the view, 0 at its border and beyond.
         cosine: Cosine of the angle between ray and view axis.
     """
@@ -62,7 +71,11 @@ class ViewRays:
     cosine: np.ndarray
 
     def sample(self, image: np.ndarray) -> np.ndarray:
-        """Sample a view's image (h, w) of any size at the rays, bilinearly: float32, NaN outside the view."""
+        """Sample an image (h, w) of the view, of any size, at the rays by bilinear interpolation.
+
+        Returns:
+            (...) float32, NaN outside the view.
+        """
         import cv2
 
         height, width = image.shape

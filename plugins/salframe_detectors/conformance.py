@@ -22,7 +22,7 @@ LAYOUTS: dict[str, tuple[tuple[int, ...], ...]] = {
     "logits and boxes": ((20, REQUEST.num_classes), (20, 4)),
     "boxes, score and class": ((20, 6),),
 }
-"""Output shapes of detection networks after the batch axis, by description."""
+"""Mapping from a description to the output shapes of a detection network, without the batch axis."""
 BATCH = 2
 
 

@@ -129,10 +129,10 @@ class RtDetr(DetectionDecoder):
 
 
 def _select_outputs(name: str, outputs: Sequence[np.ndarray], *shapes: tuple[int | None, ...]) -> list[np.ndarray]:
-    """Return the outputs that have these shapes after the batch axis, in this order; None matches any length.
+    """Return the outputs that have `shapes` after the batch axis, in the order of `shapes`. None matches any length.
 
     Raises:
-        WeightsError: No output has one of the shapes.
+        WeightsError: One of the shapes has no output.
     """
     matches, remaining = [], list(range(len(outputs)))
     for shape in shapes:
@@ -176,12 +176,13 @@ def _select_with_indices(
     """Select the candidates whose best class scores at least min_score, and clip their boxes to the image.
 
     Args:
-        centre_px, size_px: Centres and sizes (n, 2) in pixels.
+        centre_px: Centres (n, 2) in pixels.
+        size_px: Widths and heights (n, 2) in pixels.
         scores: Scores (n, classes).
         request: Image size and minimum score.
 
     Returns:
-        The detections, and their positions among the candidates.
+        The detections, and their indices among the candidates.
     """
     label = scores.argmax(1)
     score = scores[np.arange(len(scores)), label].astype(np.float64)

@@ -37,15 +37,15 @@ class DetectionDecoder(Role):
 
     @abstractmethod
     def decode(self, outputs: Sequence[np.ndarray], request: DecodeRequest) -> list[ImageDetections]:
-        """Decode the detections in each image of a batch, before suppression of overlapping boxes.
+        """Decode the detections in each image of a batch. Overlapping boxes are suppressed later.
 
         Args:
-            outputs: Outputs of the network in its order, float32; the first axis of each is the batch.
+            outputs: float32 outputs of the network, in the order of the network. The first axis of each is the batch.
             request: Image size, number of classes and minimum score.
 
         Returns:
             Detections of each image.
 
         Raises:
-            WeightsError: The outputs have other shapes than expected.
+            WeightsError: The outputs have unexpected shapes.
         """

@@ -156,14 +156,18 @@ class OnnxDetector(Detector):
 
 
 def _class_labels(labels: str | tuple[str, ...] | SingleFile) -> tuple[str, ...]:
-    """Return the class labels of a network that a setting lists or names. Raises ConfigError."""
+    """Return the class labels of a network from the setting `labels`. Raises ConfigError if a file is not valid."""
     if isinstance(labels, SingleFile):
         return read_class_names(labels)
     return COCO_80 if isinstance(labels, str) else labels
 
 
 def _model_path(model: str | SingleFile) -> Path:
-    """Return the path of a network: verified downloaded weights, or the user's file. Raises WeightsError."""
+    """Return the path of a network: downloaded weights with a verified hash, or the user's file.
+
+    Raises:
+        WeightsError: The file is missing, or the hash of the downloaded weights is wrong.
+    """
     if isinstance(model, str):
         return ZOO[model].paths()[0]
     if not model.is_file():

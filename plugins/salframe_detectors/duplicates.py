@@ -1,4 +1,7 @@
-"""Matching of objects that several detectors detected in one panorama, and the overlap of two objects."""
+"""Matching of objects that several detectors detected in one panorama, and the overlap of two objects.
+
+A cap is a circle on the sphere around the bearing of an object, with the solid angle of the object.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +10,13 @@ import numpy as np
 from salframe.graphs.detections import Detections
 
 SAME = 0.5
-"""Minimum overlap of two detections of the same object, as a share of the smaller one. It is not a share of their
-union, because one detector may detect only a part of the object. Measured on pairs of a `panoseg` object and an
-annotated object with the same name (house-6, seed 100, 30 panoramas). Of 98 pairs within 0.3 m, 97 boxes and 96 caps
-overlap more than this. Of 11 pairs more than 1 m apart, no box and 1 cap do."""
+"""Minimum overlap of two detections of the same object, as a fraction of the smaller detection. A fraction of the union
+would be too small if one detector detects only a part of the object. The value was checked on pairs of a `panoseg`
+object and an annotated object with the same name (house-6, seed 100, 30 panoramas). Of 98 pairs within 0.3 m, 97 boxes
+and 96 caps have a larger overlap. Of 11 pairs more than 1 m apart, no box and 1 cap have a larger overlap."""
 SLACK_M = 0.1
-"""Minimum side length of a box in metres when overlap is computed. Boxes around a picture on the wall are a few cm
-thick, and their positions differ by as much."""
+"""Minimum side length of a box in metres when overlap is computed. Boxes around a picture on a wall are only a few
+centimetres thick, and their positions differ by a similar distance."""
 
 
 def same_objects(detections: Detections, source: np.ndarray) -> list[np.ndarray]:
@@ -27,7 +30,7 @@ def same_objects(detections: Detections, source: np.ndarray) -> list[np.ndarray]
         source: Detector (N,) int of each detection.
 
     Returns:
-        Positions of the detections of each object, one array per object.
+        Indices of the detections of each object, one array per object.
     """
     labels = np.array(detections.labels, dtype=np.str_)
     a, b = np.triu_indices(len(detections), 1)
@@ -45,9 +48,10 @@ def same_objects(detections: Detections, source: np.ndarray) -> list[np.ndarray]
 
 
 def overlap(detections: Detections, i: int, j: int) -> float:
-    """Return the overlap of two detections as a share of the smaller one.
+    """Return the overlap of the detections i and j as a fraction of the smaller detection.
 
-    The overlap is of volumes if both positions are known, else of solid angles; 0 if a bearing is unknown.
+    If both positions are known, volumes are compared. Otherwise solid angles are compared. The overlap is 0 if a
+    bearing is unknown.
     """
     if np.isfinite(detections.centroid_m[[i, j]]).all() and np.isfinite(detections.size_m[[i, j]]).all():
         boxes = (
@@ -62,9 +66,9 @@ def overlap(detections: Detections, i: int, j: int) -> float:
 
 
 def shared_volume(a: tuple[np.ndarray, np.ndarray, float], b: tuple[np.ndarray, np.ndarray, float]) -> float:
-    """Return the volume that two upright boxes share, divided by the volume of the smaller one.
+    """Return the volume of the intersection of two upright boxes, divided by the volume of the smaller box.
 
-    A box is its centre (3,) in metres, its size (3,) in metres and its yaw in radians.
+    A box is a tuple of centre (3,) in metres, size (3,) in metres and yaw in radians.
     """
     low, high = (side([box[0][2] + sign * box[1][2] / 2 for box in (a, b)]) for side, sign in ((max, -1), (min, 1)))
     reach_m = sum(float(np.hypot(*box[1][:2])) / 2 for box in (a, b))
@@ -89,20 +93,22 @@ def angle_between(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def cap_radius(solid_angle_sr: float) -> float:
-    """Return the angular radius in radians of the cap with this solid angle; 0, a point, if it is NaN."""
+    """Return the angular radius in radians of a cap with this solid angle; 0 (a point) if the solid angle is NaN."""
     share = 0.0 if np.isnan(solid_angle_sr) else solid_angle_sr / (4 * np.pi)
     return float(2 * np.arcsin(np.sqrt(np.clip(share, 0, 1))))
 
 
 def shared_cap(apart_rad: float, one_rad: float, other_rad: float) -> float:
-    """Return the solid angle that two caps share, divided by the solid angle of the smaller cap.
+    """Return the solid angle of the intersection of two caps, divided by the solid angle of the smaller cap.
 
-    A point is shared if it is in the other cap. The intersection of two caps is the sum of two sectors minus the two
-    triangles between them (Girard). The caps must cover less than half of the sphere, as objects do.
+    If the smaller cap is a point, the result is 1 if it lies in the other cap, otherwise 0. The intersection of two
+    caps is the sum of two sectors minus the two triangles between them (Girard). Each cap must cover less than half of
+    the sphere.
 
     Args:
         apart_rad: Angle between the centres.
-        one_rad, other_rad: Angular radii of the caps.
+        one_rad: Angular radius of one cap.
+        other_rad: Angular radius of the other cap.
     """
     small, large = sorted((one_rad, other_rad))
     if apart_rad + small <= large:

@@ -43,12 +43,12 @@ class UnionDetector(Detector):
 
     @property
     def column_step(self) -> int:  # type: ignore[override]
-        """Least common multiple of the detectors' steps."""
+        """Least common multiple of the detectors' `column_step`."""
         return lcm(*(member.column_step for member in self._members))
 
     @property
     def turn_tolerance_m(self) -> float:  # type: ignore[override]
-        """Tolerance of the least stable detector, in metres."""
+        """Maximum of the detectors' `turn_tolerance_m`."""
         return max(member.turn_tolerance_m for member in self._members)
 
     def detect(self, panorama: Panorama) -> Detections:
@@ -71,9 +71,9 @@ def unite(parts: Sequence[Detections]) -> Detections:
 
 
 def _order(detections: Detections) -> np.ndarray:
-    """Return positions sorted by label, the best score first.
+    """Return the indices that sort detections by label and then by score, best first.
 
-    Equal scores are sorted by values that depend neither on the order of detectors nor on the panorama's yaw.
+    Equal scores are sorted by values that depend neither on the order of the detectors nor on the yaw of the panorama.
     """
     keys = [detections.centroid_m[:, 2], detections.bearing[:, 2], detections.size_m.prod(1), detections.solid_angle_sr]
     return np.lexsort(
@@ -82,8 +82,11 @@ def _order(detections: Detections) -> np.ndarray:
 
 
 def _join(parts: Sequence[Detections]) -> Detections:
-    """Concatenate detections. Missing points are replaced by the boxes' corners if others have points; missing masks
-    are empty."""
+    """Concatenate detections.
+
+    If some detections have points, the corners of the boxes replace the missing points of the others. Missing masks are
+    replaced by empty masks.
+    """
     columns = ("scores", "centroid_m", "size_m", "yaw_rad", "bearing", "solid_angle_sr")
     arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in columns}
     points: list[np.ndarray] | None = None

@@ -45,7 +45,8 @@ ZOO = {
         ),
     )
 }
-"""YOLOX (Ge et al., arXiv 2107.08430): BGR, 0 to 255, the labels of COCO."""
+"""YOLOX networks (Ge et al., arXiv 2107.08430) by name. The input is BGR with values from 0 to 255. The labels are
+COCO_80."""
 
 COCO_80 = (
     "person",
@@ -129,7 +130,7 @@ COCO_80 = (
     "hair drier",
     "toothbrush",
 )
-"""The 80 classes of COCO in its order."""
+"""The 80 classes of COCO in the order of COCO."""
 
 
 def read_class_names(path: Path) -> tuple[str, ...]:

@@ -43,7 +43,7 @@ class Processes(WorkerEngine):
 
 
 def _attempt(function: Callable[[Any], Any], item: Any) -> Any:
-    """Return function(item), or the exception that it raised, including SystemExit, which concerns the item only."""
+    """Return function(item), or the exception that it raised. SystemExit is returned too; KeyboardInterrupt is not."""
     try:
         return function(item)
     except KeyboardInterrupt:
@@ -56,7 +56,11 @@ class _Local(WorkerProcess):
     """A worker process on this machine."""
 
     def __init__(self, env: dict[str, str] | None) -> None:
-        """Start the process. env: additional environment variables."""
+        """Start the process.
+
+        Args:
+            env: Additional environment variables; None: no additional ones.
+        """
         self._pool = ProcessPool(1, env)
         self._pool.submit(os.getpid)  # starts the process now, so that it can be stopped from now on
 

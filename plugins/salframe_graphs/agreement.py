@@ -1,4 +1,4 @@
-"""Mutual support of matches with several reference frames that give the query the same pose in the world."""
+"""Agreement of matches: matches with different reference frames support each other if they give the same query pose."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.geometry import wrap_angle
 
 TURN_RAD = np.radians(30)
-"""Maximum angle between two agreeing poses. Positions often agree by chance, positions and headings together rarely."""
+"""Maximum difference between the headings of two agreeing poses. Headings are compared too, because two positions often
+agree by chance."""
 
 _NO_POSE = np.full((4, 4), np.nan)
 
@@ -20,12 +21,12 @@ _NO_POSE = np.full((4, 4), np.nan)
 def agree(
     matches: Sequence[GraphMatch], frames: Sequence[ReferenceFrame], share: float, radius_m: float
 ) -> list[GraphMatch]:
-    """Return the matches with the scores of `add_agreement`, best first.
+    """Increase the scores of matches that agree with each other (`add_agreement`), and return the matches, best first.
 
     Args:
         matches: Matches of a query with the graphs of reference frames.
         frames: The reference frames of the map.
-        share: Share of an agreeing match's score to add.
+        share: Fraction of the score of each agreeing match that is added.
         radius_m: Maximum distance in metres between two agreeing poses.
     """
     poses = [_NO_POSE if match.T_scene_query is None else match.T_scene_query for match in matches]
@@ -38,19 +39,19 @@ def agree(
 
 
 def add_agreement(score: np.ndarray, T_world_query: np.ndarray, share: float, radius_m: float) -> np.ndarray:
-    """Return the scores of matches, each increased by `share` of the scores of the matches that agree with it.
+    """Increase the score of each match by `share` times the sum of agreement * score over all other matches.
 
     The agreement of two poses falls from 1 at no difference to 0 at a distance of `radius_m` or a turn of 30 degrees.
 
     Args:
         score: (T,) scores of the matches.
-        T_world_query: (T, 4, 4) pose of the query in the world by each match. The score of a match without a pose (NaN)
-            does not change.
-        share: Share of an agreeing match's score to add.
+        T_world_query: (T, 4, 4) pose of the query in the world that each match gives. The score of a match without a
+            pose (NaN) does not change.
+        share: Fraction of the score of each agreeing match that is added.
         radius_m: Maximum distance in metres between two agreeing poses.
 
     Returns:
-        (T,) float64.
+        (T,) float64 increased scores.
     """
     yaw_rad, position_m = np.arctan2(T_world_query[:, 1, 0], T_world_query[:, 0, 0]), T_world_query[:, :3, 3]
     offset_m = position_m[:, None] - position_m

@@ -12,17 +12,17 @@ from salframe_graphs.node_pairs import NodePairs
 def align(pairs: NodePairs, first_node: np.ndarray, similarity: np.ndarray, kernel: np.ndarray) -> list[np.ndarray]:
     """Return one-to-one node pairs of a query and each of K graphs.
 
-    The pairs maximise the total kernel, which measures what one pose explains. Where that gives fewer than two pairs,
-    they maximise the total similarity. Pairs with the value 0 are left out.
+    The pairs maximise the sum of their kernels. If that gives fewer than two pairs, they maximise the sum of their
+    similarities. Pairs with a kernel (or similarity) of 0 are left out.
 
     Args:
-        pairs: The node pairs to choose from, P together.
-        first_node: (K,) position of each graph's first node. Node numbers are relative to it.
+        pairs: The P node pairs to choose from.
+        first_node: (K,) index of each graph's first node among the nodes of all graphs.
         similarity: (P,) similarity of each pair, at least 0.
-        kernel: (P,) kernel of each pair, at least 0.
+        kernel: (P,) measure of how well the pose of the graph explains each pair, at least 0.
 
     Returns:
-        K arrays (M, 2) int64 of query node and graph node.
+        K arrays (M, 2) int64: the index of the query node, and the index of the node in its graph.
     """
     aligned = []
     for graph, (low, high) in enumerate(pairwise(pairs.segments.start.tolist())):
@@ -33,7 +33,7 @@ def align(pairs: NodePairs, first_node: np.ndarray, similarity: np.ndarray, kern
 
 
 def _assign(nodes: np.ndarray, value: np.ndarray) -> np.ndarray:
-    """Return the pairs of (P, 2) that use each node at most once and maximise the total of their values (P,)."""
+    """Return the pairs, a subset of (P, 2), that use each node at most once and maximise the sum of their values."""
     nodes, value = nodes[value > 0], value[value > 0]
     if all(len(set(side)) == len(side) for side in nodes.T.tolist()):
         return nodes

@@ -1,4 +1,4 @@
-"""Objects of panoramas without range: which bearings belong to one object, and where it is
+"""Objects of panoramas without range: association of bearings with objects, and triangulation of the objects
 (docs/explanation/method.md#maps-without-range)."""
 
 from __future__ import annotations
@@ -11,31 +11,33 @@ from scipy.spatial.distance import cdist
 from salframe.graphs.triangulation import MAX_RANGE_M, meeting_points, position_covariance
 
 BEARING_ERROR_RAD = 0.016
-"""Standard deviation of each component of a bearing."""
+"""Standard deviation of the horizontal and of the vertical angle of a bearing."""
 CENTRE_ERROR_M = 0.05
-"""Standard deviation of the visible centre of an object across the bearing, for an object without extent."""
+"""Standard deviation (m) of the visible centre of an object across the bearing, for an object of size 0."""
 SIDE_ERROR_SHARE = 0.09
-"""Standard deviation of the visible centre relative to the side of the object, because the visible part changes with
-the viewpoint."""
+"""Standard deviation of the visible centre, relative to the side length of the object. The centre varies because the
+visible part of an object changes with the viewpoint."""
 SIZE_ERROR_LOG = 0.6
-"""Standard deviation of ln(projected area) of one object between panoramas, which see it from other sides."""
+"""Standard deviation of ln(projected area) of one object between panoramas, which show different sides of it."""
 MAX_SIGMAS = 3.5
 """Maximum deviation of a bearing from an object, in standard deviations."""
 MIN_PARALLAX_RAD = np.radians(4.0)
-"""Minimum angle between two bearings that give a hypothesis. With less, the range is unknown."""
+"""Minimum angle between two bearings that give a hypothesis. At smaller angles the range is too uncertain."""
 DETECTION = 0.6
-"""Probability that a panorama of the same place detects an object within MAX_RANGE_M; doors, walls and furniture hide
-others."""
+"""Probability that an object within MAX_RANGE_M is detected in a panorama of the same place. Doors, walls and furniture
+hide the other objects."""
 CLUTTER_SR = 7.5
-"""Solid angle over which the bearings of objects spread, as in the likelihood of queries without range."""
+"""Solid angle (sr) over which the bearings of unrelated objects are assumed to be distributed evenly, as in the
+likelihood of queries without range."""
 MIN_LOG_RATIO = 0.0
-"""Minimum log likelihood ratio of an object against unrelated bearings."""
+"""Minimum log likelihood ratio of a hypothesis that becomes an object. The alternative is that its bearings are
+unrelated."""
 SIZE_PRIOR_COUNT = 3
-"""Minimum number of triangulated objects with a label that give the size prior of this label."""
+"""Minimum number of triangulated objects of a label from which a size prior of the label is computed."""
 MIN_SIZE_SPREAD_LOG = 0.35
 """Lower bound of the standard deviation of ln(projected area) of a label."""
 AREA_SPAN_LOG = 7.0
-"""Interval of ln(projected area) over which the areas of wrong hypotheses spread."""
+"""Width of the interval of ln(projected area) in which the areas of wrong hypotheses are distributed evenly."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,12 +45,12 @@ class Rays:
     """N bearings of objects from panoramas with known poses, in the world.
 
     Attributes:
-        frame: (N,) int64, number of the panorama.
-        group: (F,) int64, number of the place of each panorama, -1 for a panorama that shows several places.
+        frame: (N,) int64, index of the panorama of each ray.
+        group: (F,) int64, index of the place of each of the F panoramas; -1 for a panorama that shows several places.
         label: (N,) labels.
-        origin_m: (N, 3) positions of the cameras.
-        direction: (N, 3) unit vectors.
-        solid_angle_sr: (N,) solid angles, NaN where unknown.
+        origin_m: (N, 3) positions of the cameras in the world.
+        direction: (N, 3) unit vectors in the world.
+        solid_angle_sr: (N,) solid angles of the objects, NaN where unknown.
     """
 
     frame: np.ndarray
@@ -61,13 +63,13 @@ class Rays:
 
 @dataclass(frozen=True, eq=False)
 class TriangulatedObjects:
-    """M objects of N rays.
+    """M objects, triangulated from N rays.
 
     Attributes:
-        owner: (N,) int64 index of the object of each ray; -1: none.
+        owner: (N,) int64 index of the object of each ray; -1 if the ray belongs to no object.
         position_m: (M, 3) positions in the world.
         covariance_m2: (M, 3, 3) covariances of the positions.
-        log_area: (M,) ln of the projected area (m^2), NaN where no solid angle is known.
+        log_area: (M,) ln of the projected area (m^2), NaN if the solid angles of all rays are unknown.
     """
 
     owner: np.ndarray
@@ -77,12 +79,13 @@ class TriangulatedObjects:
 
 
 def triangulate_objects(rays: Rays) -> TriangulatedObjects:
-    """Associate bearings with objects, and triangulate the objects.
+    """Associate bearings with objects, and return the triangulated objects.
 
-    Two bearings with the same label from panoramas of one place give a hypothesis: the point where they meet. Its log
-    likelihood ratio is the sum over the panoramas of the place: of the nearest bearing with the label, against
-    unrelated bearings, or of a missed detection. The best hypothesis becomes an object and takes its bearings; this is
-    repeated for the rest. Objects found in a first pass give the size of each label, which the second pass uses.
+    Two bearings with the same label from panoramas of one place give a hypothesis: the point where the bearings meet.
+    Each panorama of the place contributes to the log likelihood ratio of the hypothesis: either the log ratio of its
+    best-fitting bearing with the label, compared with an unrelated bearing, or the log probability of a missed
+    detection. The best hypothesis becomes an object and takes its bearings. This is repeated with the remaining
+    bearings. The first pass estimates the typical size of each label. The second pass uses these sizes as a prior.
 
     Args:
         rays: The bearings.
@@ -92,7 +95,7 @@ def triangulate_objects(rays: Rays) -> TriangulatedObjects:
 
 
 def _label_sizes(rays: Rays, objects: TriangulatedObjects) -> dict[str, tuple[float, float]]:
-    """Return the median and the spread of ln(area) of the objects of each label that has enough of them."""
+    """Return the median and the spread of ln(projected area) for each label with at least SIZE_PRIOR_COUNT objects."""
     labels = np.empty(len(objects.position_m), object)
     labels[objects.owner[objects.owner >= 0]] = rays.label[objects.owner >= 0]
     sizes = {}
@@ -129,13 +132,13 @@ def _associate(rays: Rays, sizes: dict[str, tuple[float, float]]) -> Triangulate
 
 
 def _bearing_error(range_m: np.ndarray, side_m: np.ndarray | float) -> np.ndarray:
-    """Return the standard deviation (rad) of the bearing of an object at a range, with sides of a length."""
+    """Return the standard deviation (rad) of the bearing of an object at range `range_m` with sides of `side_m`."""
     centre_m2 = CENTRE_ERROR_M**2 + (SIDE_ERROR_SHARE * side_m) ** 2
     return np.sqrt(BEARING_ERROR_RAD**2 + centre_m2 / np.maximum(range_m, 0.3) ** 2)
 
 
 class _LabelRays:
-    """The n rays of one label, and the hypotheses of their objects."""
+    """The n rays of one label. The method `objects` associates the rays with objects."""
 
     def __init__(self, rays: Rays, rows: np.ndarray, size: tuple[float, float] | None) -> None:
         self._origin, self._direction = rays.origin_m[rows], rays.direction[rows]
@@ -148,7 +151,7 @@ class _LabelRays:
         self._density = np.log(max(len(rows) / len(frames), 0.05) / CLUTTER_SR)
 
     def objects(self) -> list[np.ndarray]:
-        """Return the rays of each object, arrays of positions among the n rays, best objects first."""
+        """Return for each object the indices of its rays among the n rays, best object first."""
         groups = np.unique(self._group[self._group >= 0]).tolist()
         candidates = [candidate for group in groups for candidate in self._candidates(group)]
         taken = np.zeros(len(self._frame), bool)
@@ -172,7 +175,7 @@ class _LabelRays:
         return float(np.arccos(np.clip((direction @ direction.T).min(), -1, 1)))
 
     def _candidates(self, group: int) -> list[tuple[float, np.ndarray, np.ndarray]]:
-        """Return the hypotheses of a place: log likelihood ratio, rays, and the part of the ratio of each ray."""
+        """Return the hypotheses of a place: each has a log likelihood ratio, rays, and the contribution of each ray."""
         of_place = self._group == group
         if not of_place.any():
             return []
@@ -198,7 +201,7 @@ class _LabelRays:
         columns = np.array([[index[i], index[j]] for i, j in zip(a.tolist(), b.tolist(), strict=True)])
         sound = (deviation[pair[:, None], columns] < MAX_SIGMAS).all(1)
         point, fit, deviation = point[sound], fit[sound], deviation[sound]
-        # Of each panorama the best bearing counts, or that there is none.
+        # Each panorama contributes its best bearing or, without a bearing that fits, a missed detection.
         fit = np.where(deviation < MAX_SIGMAS, fit, -np.inf)
         frames, column_frame = np.unique(self._frame[rows], return_inverse=True)
         camera = self._group_of_frame[self._camera_frame] == group
@@ -212,7 +215,7 @@ class _LabelRays:
             winner = columns[fit[:, columns].argmax(1)]
             best[:, number], gain[:, number] = winner, fit[np.arange(len(point)), winner]
             if self._group_of_frame[frames[number]] == group:
-                gain[:, number] -= np.log(1 - DETECTION)  # it is no miss
+                gain[:, number] -= np.log(1 - DETECTION)  # the detection replaces the miss counted above
         used = gain > 0
         total = missed + np.where(used, gain, 0).sum(1)
         if self._size is not None:
@@ -227,12 +230,13 @@ class _LabelRays:
         return [(float(total[k]), rows[best[k][used[k]]], gain[k][used[k]]) for k in keep.tolist()]
 
     def _areas(self, point: np.ndarray, members: np.ndarray) -> np.ndarray:
-        """Return ln(projected area) (H, k) of hypotheses (H, 3) by each of their rays (H, k)."""
+        """Return ln(projected area) (H, k) of hypotheses at points (H, 3), computed from each of their k rays."""
         offset = point[:, None] - self._origin[members]
         return self._log_sr[members] + np.log((offset * offset).sum(-1))
 
     def _fit(self, point: np.ndarray, rows: np.ndarray, area: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the log ratio (H, n) of each ray as a detection of each hypothesis, and its deviation in sigmas."""
+        """Return the log ratio (H, n) of each ray as a detection of each hypothesis, and the angle (H, n) between ray
+        and hypothesis in standard deviations."""
         offset = point[:, None] - self._origin[rows]
         range_m = np.maximum(np.linalg.norm(offset, axis=2), 1e-6)
         along = np.einsum("hnk,nk->hn", offset, self._direction[rows])

@@ -8,11 +8,12 @@ from salframe_graphs.node_pairs import NodePairs
 from salframe_graphs.verification import VerifiedPoses
 
 GRID_M, HALVINGS = 0.5, 3
-"""Spacing of the grid of positions in metres, and the number of times it is halved around the best position."""
+"""Spacing of the grid of positions in metres, and number of times that the spacing is halved around the best
+position."""
 BIN_RAD = np.radians(5)
 """Width of the bins in which headings collect votes."""
 _BLOCK = 16
-"""Number of candidates to verify at once. More take memory and save no time."""
+"""Number of candidates to verify at once. Larger blocks need more memory and are not faster."""
 
 
 def verify_bearings(
@@ -24,21 +25,22 @@ def verify_bearings(
     tolerance: tuple[float, float],
     max_shift_m: float,
 ) -> VerifiedPoses:
-    """Find the pose of each candidate that explains the largest number of directions.
+    """Find for each candidate the pose that explains the directions best.
 
-    Positions are searched on a grid around each reference frame. The heading at a position is the one with the most
-    votes of similar nodes. The score of a position depends on the distances between the map nodes and the rays of the
-    query's nodes. Both cameras are assumed upright and at the same height, so that elevations determine distances. A
-    candidate has no pose where fewer than two query nodes are explained.
+    Positions are searched on a grid around each reference frame. At each position, the pairs of similar nodes vote for
+    a heading, and the heading with the most votes is used. The score of a position depends on the distances between
+    the map nodes and the rays to the query's nodes. The query camera and the map camera are assumed to be upright and
+    at the same height, so that elevations determine distances. A candidate has no pose if its best pose explains fewer
+    than two query nodes.
 
     Args:
         bearing: (n, 3) unit vectors to the query's nodes in the query frame.
         map_m: (N, 3) positions of the map's nodes in metres, each in its reference frame.
-        pairs: The node pairs that may be the same object, P together.
+        pairs: The P node pairs that may be the same object.
         similarity: (P,) similarity of each pair, above 0.
         weights: (n,) weights of the query's nodes.
-        tolerance: Distance in metres, and share of the map node's distance from the camera. Two nodes further apart
-            than their sum cannot be the same object.
+        tolerance: (a, b). A map node can be the same object as a query node only if its distance from the ray to the
+            query node is less than a + b * d metres, where d is the distance of the map node from the query camera.
         max_shift_m: Radius of the grid in metres.
     """
     num_steps = int(max_shift_m / GRID_M + 1e-9)
@@ -61,10 +63,10 @@ def verify_bearings(
 
 
 class _Rays:
-    """The similar node pairs of K candidates: P together, at least one of each candidate.
+    """The P similar node pairs of K candidates, at least one pair per candidate.
 
-    Uses single precision and evaluates the positions of all candidates at once, because arrays of (positions, P) take
-    most of a query's time.
+    The class uses single precision and evaluates the positions of all candidates at once, because arrays of the shape
+    (positions, P) take most of a query's time.
     """
 
     def __init__(
@@ -90,9 +92,10 @@ class _Rays:
         self._first_node = np.searchsorted(self._node_starts, self._starts)
 
     def best(self, grid_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return heading (K,) and position (K, 2) of the best pose of each candidate, and the kernel (P,).
+        """Return heading (K,) and position (K, 2) of the best pose of each candidate, and the kernel (P,) of each pair.
 
-        grid_m: (G, 1, 2) offsets of the grid's positions in metres.
+        Args:
+            grid_m: (G, 1, 2) positions of the grid in metres, relative to the reference frame.
         """
         candidates = np.arange(self._num_graphs)
         position_m = np.repeat(grid_m, len(candidates), 1)
@@ -112,7 +115,7 @@ class _Rays:
         )
 
     def _evaluate(self, position_m: np.ndarray, yaw_rad: np.ndarray | None = None):
-        """Return support (G, K), heading (G, K) and kernel (G, P) at positions (G, K, 2).
+        """Return support (G, K), heading (G, K) and kernel (G, P) at positions (G, K, 2). Support is the score.
 
         Headings are refined from yaw_rad (K,), or, if yaw_rad is None, from the headings with the most votes.
         """
@@ -140,7 +143,8 @@ class _Rays:
         return np.add.reduceat(explained, self._first_node, 1), yaw_rad, kernel
 
     def _vote(self, turn: np.ndarray, share: np.ndarray) -> np.ndarray:
-        """Return the centre (G, K) float32 of the three adjacent heading bins with the largest sum of shares (G, P)."""
+        """Return the centres (G, K) float32 of the three adjacent heading bins with the largest sum of `share`, which
+        is (G, P)."""
         bins, candidates = round(2 * np.pi / BIN_RAD), self._num_graphs
         cell = (np.arange(len(turn))[:, None] * candidates + self._candidate) * bins
         cell = cell + np.floor(turn / BIN_RAD).astype(np.int64) % bins
@@ -150,5 +154,5 @@ class _Rays:
 
 
 def _wrapped(angle_rad: np.ndarray) -> np.ndarray:
-    """Return angles wrapped to [-pi, pi] in their own precision."""
+    """Return angles wrapped to [-pi, pi], with their dtype unchanged."""
     return angle_rad - 2 * np.pi * np.rint(angle_rad / (2 * np.pi))

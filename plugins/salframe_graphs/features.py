@@ -57,7 +57,7 @@ def ring_hop_histograms(
 
 
 def feature_products(query: np.ndarray, features: Any, i: np.ndarray, row: np.ndarray) -> np.ndarray:
-    """Return the dot products (P,) of rows i of the query's features (n, F) with rows of a csr_array (N, F)."""
+    """Return the P dot products of row i[p] of `query` (n, F) and row row[p] of the csr_array `features` (N, F)."""
     length = np.diff(features.indptr)[row]
     entry = ranges(features.indptr[row], length)
     products = features.data[entry] * query[i.repeat(length), features.indices[entry]]

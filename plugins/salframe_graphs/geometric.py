@@ -22,9 +22,9 @@ class _Ranking:
 
     Attributes:
         candidates: The K graphs that the query is compared with.
-        best: (T,) indices of the best candidates, best first.
+        best: (T,) indices of the candidates with the highest scores, best first.
         score: (K,) score of each candidate.
-        pairs: The P node pairs whose similarity is at least the minimum.
+        pairs: The P node pairs with a similarity of at least `min_similarity`.
         similarity: (P,) similarity of each pair.
         verified: The pose of each candidate.
     """
@@ -174,14 +174,15 @@ class GeometricMatcher(NodeMatcher):
         )
 
     def _scale_bound(self, candidates: Candidates) -> ScaleBound | None:
-        """Return the bounds of the query's scale; None if ranges are metric, or the query has none."""
+        """Return the bounds of the scale of the query's ranges; None if it is known or the query has no range."""
         if not self._estimates_scale or candidates.graph.bearings_only:
             return None
         heights = candidates.query.centroid_m[:, 2], candidates.nodes.centroid_m[:, 2]
         return ScaleBound(self.config.max_scale_error, *heights, self.config.height_scale_m)
 
     def _scale(self, candidates: Candidates, row: int, nodes: np.ndarray) -> float:
-        """Return the scale, within the bounds, that gives the query's aligned nodes the spread of candidate `row`'s."""
+        """Return the scale, within its bounds, at which the query's aligned nodes have the same spread as the nodes of
+        candidate `row`."""
         bound = self._scale_bound(candidates)
         if bound is None or len(nodes) < 2:
             return 1.0

@@ -1,4 +1,4 @@
-"""Base of localizers that describe a panorama by its saliency graph, from a detector and a saliency model."""
+"""Base class of localizers that use a detector and a saliency model to compute a saliency graph of each panorama."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class GraphLocalizerConfig(LevelledConfig):
 
 
 class GraphLocalizer(DetectingLocalizer):
-    """Base of localizers whose description of a panorama is its saliency graph."""
+    """Base class of localizers whose description of a panorama is its saliency graph."""
 
     uses: ClassVar[frozenset[str]] = frozenset({"range"})
 
@@ -79,14 +79,15 @@ class GraphLocalizer(DetectingLocalizer):
         return build_graph(objects, self._saliency.score(objects), self.config.graph)
 
     def joined_arrays(self, joined: SaliencyGraph, descriptions: Sequence[Description]) -> Description:
-        """Return the description of the joined graph of views, from their descriptions."""
+        """Return the description of a joined graph, including the original labels of all views."""
         written = np.unique(np.concatenate([description[WRITTEN_LABELS] for description in descriptions]))
         return {**graph_to_arrays(joined), WRITTEN_LABELS: written}
 
     def complete(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> Sequence[Description]:
         """Triangulate the objects of frames without range from the bearings of several frames.
 
-        Objects without a position are left out. A frame none of whose objects has a position keeps its description.
+        Objects without a position are left out. If no object of a frame has a position, its description does not
+        change.
         """
         graphs = [graph_from_arrays(description) for description in descriptions]
         rows = [number for number, graph in enumerate(graphs) if graph.bearings_only]

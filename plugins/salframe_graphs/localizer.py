@@ -33,7 +33,10 @@ class SaliencyGraphLocalizer(GraphLocalizer):
 
     @property
     def column_step(self) -> int | None:  # type: ignore[override]
-        """The `column_step` of the detector; None if the pose does not turn with the panorama."""
+        """The `column_step` of the detector.
+
+        None if rotating the panorama does not change the estimated heading by the same angle.
+        """
         return super().column_step if self._matching.is_equivariant else None
 
     def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> None:

@@ -1,4 +1,4 @@
-"""Base of graph matchers that compare nodes of the same label: selection of candidates, and node similarity."""
+"""Base class of graph matchers that compare nodes of the same label: selection of candidates, and node similarity."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ class GraphIndex:
         graphs: The graphs.
         scenes: The index that returns candidates; None if every graph is a candidate.
         nodes: The nodes of all graphs; None if `scenes` returns candidates.
-        rarity: (L + 1,) inverse document frequency of each label. The last one is for labels that the map lacks.
+        rarity: (L + 1,) inverse document frequency of each label. The last value is for labels that no graph has.
         structure: csr_array of the structural features of all nodes; None if the features of the candidates are
             computed for each query.
     """
@@ -127,7 +127,7 @@ class Candidates:
         query: The query's nodes, with labels numbered by the map's vocabulary.
         weight: (n,) weights of the query's nodes.
         graphs: (K,) indices of the graphs in the map, ascending.
-        jaccard: (K,) Jaccard index of the labels.
+        jaccard: (K,) Jaccard index of the labels of the query and each graph.
         nodes: The nodes of the graphs.
         node_weight: (N,) weights of these nodes.
     """
@@ -147,7 +147,7 @@ class Candidates:
 
 
 class NodeMatcher(GraphMatcher):
-    """Base of matchers that select candidates by their labels and compare nodes of the same label.
+    """Base class of matchers that select candidates by their labels and compare nodes of the same label.
 
     The Config of a subclass inherits from NodeMatcherConfig.
     """
@@ -177,7 +177,7 @@ class NodeMatcher(GraphMatcher):
             raise DataError(
                 f"{folder / _RARITY} is {rarity.dtype} {rarity.shape}, expected {expected}: build the map again"
             )
-        max_rarity = np.log(1 + len(graphs)) + 1  # that of a label that no graph has
+        max_rarity = np.log(1 + len(graphs)) + 1  # rarity of a label that no graph has
         if not ((rarity > 0) & (rarity <= max_rarity + 1e-9)).all():
             raise DataError(
                 f"{folder / _RARITY} has values from {rarity.min():g} to {rarity.max():g}, expected over 0 and at most "
@@ -202,7 +202,7 @@ class NodeMatcher(GraphMatcher):
         return scene_index
 
     def _rarity(self, table: GraphTable) -> np.ndarray:
-        """Return the rarity (L + 1,) of each label as in GraphIndex; 1 where the setting is off."""
+        """Return the rarity (L + 1,) of each label as in GraphIndex; all 1 if the setting `rarity` is false."""
         if not self.config.rarity:
             return np.ones(len(table.labels) + 1)
         num_graphs_with_label = np.append(table.having, 0)
@@ -226,11 +226,11 @@ class NodeMatcher(GraphMatcher):
         return vstack(rows, format="csr")[np.argsort(table.nodes(by_size))]
 
     def _structure(self, nodes: GraphNodes, adjacency: np.ndarray, labels: np.ndarray) -> np.ndarray:
-        """Return the structural features (N, F) of nodes, with the columns of the requested labels."""
+        """Return the structural features (N, F) of nodes. They count only neighbours with the requested labels."""
         return ring_hop_histograms(nodes, adjacency, labels, self.config.ring_edges_m, self.config.hops)
 
     def _candidates(self, graph: SaliencyGraph, index: GraphIndex) -> Candidates | None:
-        """Return the graphs to compare with; None if the query has no label of the map."""
+        """Return the graphs to compare the query with; None if no label of the query is in the map."""
         query = GraphNodes.of(graph, index.graphs.vocabulary)
         if not (query.label >= 0).any():
             return None
@@ -249,7 +249,7 @@ class NodeMatcher(GraphMatcher):
         return Candidates(graph, query, weight, numbers[is_candidate], jaccard[is_candidate], nodes, node_weight)
 
     def _shortlist(self, graph: SaliencyGraph, index: GraphIndex) -> np.ndarray:
-        """Return the indices (K,) of the graphs to match: the candidates of the scene index, or all. Ascending."""
+        """Return the indices (K,) of the graphs to match, ascending: all, or the candidates of the scene index."""
         if index.scenes is None:
             return np.arange(len(index.graphs))
         return np.sort(index.scenes.candidates(graph, self.config.max_candidates).scene)
@@ -257,14 +257,14 @@ class NodeMatcher(GraphMatcher):
     def _label_jaccard(
         self, graph: SaliencyGraph, query: GraphNodes, nodes: GraphNodes, rarity: np.ndarray
     ) -> np.ndarray:
-        """Return the Jaccard index (K,) of the multisets of labels, weighted by rarity."""
+        """Return the Jaccard index (K,) of the labels of the query and each graph, weighted by rarity."""
         distinct, number, counts = label_counts(query.label, len(rarity) - 1, nodes.label, nodes.count)
         shared = np.minimum(counts, number) @ rarity[distinct]
         union = nodes.segments.sum(rarity[nodes.label]) + number @ rarity[distinct] - shared
         return np.divide(shared, union, out=np.zeros(len(shared)), where=union > 0)
 
     def _confidence(self, nodes: GraphNodes) -> np.ndarray:
-        """Return the weight (N,) of each node without the rarity of its label: the detector's score, or 1."""
+        """Return the confidence (N,) of each node: the detector's score, or 1 if the setting `confidence` is false."""
         return nodes.scores if self.config.confidence else np.ones(len(nodes))
 
     def _ring_products(self, candidates: Candidates, index: GraphIndex) -> np.ndarray:

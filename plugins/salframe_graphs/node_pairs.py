@@ -13,11 +13,11 @@ from salframe.graphs.table import GraphNodes
 
 @dataclass(frozen=True, eq=False)
 class NodePairs:
-    """P pairs of a query's nodes (n) and the nodes of K graphs (N together), sorted by graph, query node, graph node.
+    """P pairs of a node of a query and a node of one of K graphs, sorted by graph, query node and graph node.
 
     Attributes:
-        query: (P,) int64, positions among the query's nodes.
-        node: (P,) int64, positions among the nodes of all graphs.
+        query: (P,) int64, indices of the query nodes.
+        node: (P,) int64, indices of the graph nodes among the nodes of all graphs.
         graph: (P,) int64, index of the graph of each pair.
         num_graphs: Number of graphs, K.
     """
@@ -50,12 +50,18 @@ class NodePairs:
 
     @cached_property
     def first_of_query(self) -> np.ndarray:
-        """(Q,) position of the first pair of each query node in each graph."""
+        """(Q,) index of the first pair of each of the Q combinations of query node and graph that have pairs."""
         return run_starts(self.query, self.graph)
 
     def best_per_query(self, value: np.ndarray) -> tuple[np.ndarray, Segments]:
-        """Return the maximum of non-negative values (P,) for each query node in each graph, (Q,), and its grouping by
-        graph."""
+        """Return the maximum value of the pairs of each combination of query node and graph.
+
+        Args:
+            value: (P,) values of the pairs, at least 0.
+
+        Returns:
+            (Q,) maxima, in the order of `first_of_query`, and their grouping by graph.
+        """
         first = self.first_of_query
         graphs = Segments(np.bincount(self.graph[first], minlength=self.num_graphs))
         return (np.maximum.reduceat(value, first) if len(first) else value), graphs
@@ -65,7 +71,7 @@ class NodePairs:
         return replace(self, query=self.query[mask], node=self.node[mask], graph=self.graph[mask]), values[mask]
 
     def take(self, graphs: np.ndarray) -> tuple[NodePairs, np.ndarray]:
-        """Return the pairs of graphs (T,), in the order of the argument, and their positions among all pairs."""
+        """Return the pairs of graphs (T,), in the order of the argument, and the indices of these pairs in `self`."""
         count = self.segments.count[graphs]
         position = ranges(self.segments.start[graphs], count)
         owner = np.arange(len(graphs)).repeat(count)
@@ -75,7 +81,7 @@ class NodePairs:
 def label_counts(
     label: np.ndarray, num_labels: int, map_label: np.ndarray, count: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Count the labels of a query in graphs.
+    """Count the nodes with each label of a query, in the query and in K graphs.
 
     Args:
         label: (n,) labels of the query's nodes, -1 for a label outside the vocabulary.
@@ -84,8 +90,8 @@ def label_counts(
         count: (K,) number of nodes of each graph.
 
     Returns:
-        The distinct labels of the query (J,), with L for all labels outside the vocabulary; the number of query nodes
-        of each label (J,); and the number of nodes of each label in each graph (K, J).
+        Three arrays: (J,) the distinct labels of the query, with L for all labels outside the vocabulary; (J,) the
+        number of query nodes of each label; (K, J) the number of nodes of each label in each graph.
     """
     number = np.bincount(np.where(label >= 0, label, num_labels), minlength=num_labels + 1)
     distinct = np.flatnonzero(number)

@@ -50,12 +50,12 @@ class PanoramaMatching(PanoramaScores):
 
     @property
     def is_equivariant(self) -> bool:
-        """Whether the pose turns with the panorama of the query. Without a positioner it does not: the answer then has
-        the pose of a reference frame."""
+        """Whether rotating the query panorama changes the estimated heading by the same angle. False without a
+        positioner, because the answer then has the pose of a reference frame."""
         return self.positioner is not None and self.positioner.is_equivariant
 
     def localize(self, query: SaliencyGraph) -> Localization:
-        """Return the ranked places of the best matches, and the pose by the best one."""
+        """Return the ranked places of the best matches, and the pose that the best match gives."""
         if not len(query):
             return Localization((), None, LocalizationStatus.NO_OBJECTS)
         matches: Sequence[GraphMatch] = self._matcher.match(query, self._index, self._config.top_k)
@@ -84,7 +84,11 @@ class PanoramaMatching(PanoramaScores):
         return Localization(places, T_world_query, LocalizationStatus.OK, covariance)
 
     def _rank(self, matches: Sequence[GraphMatch], T_world_query: np.ndarray | None = None) -> tuple[RankedPlace, ...]:
-        """Return the ranked places of the matching frames and, if needed, of the scene frame nearest to the pose."""
+        """Return the ranked places of the matching frames.
+
+        If the best match is a transition frame and `T_world_query` is not None, the scene frame nearest to this pose is
+        ranked too.
+        """
         score = {match.scene: match.score for match in matches}
         best = min(score, key=lambda scene: (-score[scene], scene))
         nearest = None if T_world_query is None else self._scene_near(self.frames[best], T_world_query)

@@ -20,7 +20,7 @@ from salframe.panoramas.frames import FrameKind, ReferenceFrame
 from salframe_graphs.agreement import add_agreement
 
 _MATCHER = "matcher"
-"""Name of the matcher's files in the folder of the index."""
+"""Name under which the index of the matcher is stored in the folder of the map's index."""
 
 
 class PanoramaScoresConfig(ComponentConfig):
@@ -92,7 +92,8 @@ class PanoramaScores:
             self._scene_tree = KDTree(T_world_pano[self._scenes_at, :, 3])
 
     def place_scores(self, query: SaliencyGraph) -> dict[str, float]:
-        """Return for each place with a match the best score of its reference frames."""
+        """Return the best score of the reference frames of each place, by place name. Places without a match are
+        omitted."""
         ranked = self._matcher.rank(query, self._index, self._config.top_k)
         if not len(ranked.scene):
             return {}

@@ -138,7 +138,7 @@ class RobustPositioner(Positioner):
         return (np.maximum(1 - squared, 0) * (1 if weights is None else weights)).sum(1), squared < 1
 
     def _runner_up(self, query, reference, weights, hypotheses, best, inliers) -> float:
-        """Return the ratio of the support of the best different pose to that of the best pose.
+        """Return the support of the best different pose, divided by the support of the best pose.
 
         The best pose turned by 180 degrees about its inliers is among the different poses.
         """

@@ -11,7 +11,7 @@ from salframe.localization.positioner import PoseEstimate, PoseStatus
 from salframe.panoramas.geometry import pose_2d, wrap_angle
 
 MAX_SD_M, MAX_SD_RAD = 1.0, np.radians(10)
-"""Maximum standard deviation of a position and of a heading that are reported."""
+"""Maximum standard deviations of a position and of a heading. Poses with larger ones are not reported."""
 MIN_SD_M = 0.1
 """Lower bound of the standard deviation of a residual: objects are not points, so their visible centres vary."""
 SEPARATE_M, SEPARATE_RAD = 0.5, np.radians(30)
@@ -28,7 +28,7 @@ class _Rows:
 
     Attributes:
         lateral: (M, 4); lateral @ v is the distance of each point from the vertical plane of its direction, in metres.
-        forward: (M, 4); forward @ v is the distance of each point in front of the camera within that plane, in metres.
+        forward: (M, 4); forward @ v is the horizontal distance in that plane from the camera to each point, in metres.
         cos_elevation: (M,) cosine of the elevation.
         sin_elevation: (M,) sine of the elevation.
         z_m: (M,) height of each point above the camera in metres.
@@ -41,10 +41,9 @@ class _Rows:
     z_m: np.ndarray
 
     def distance_m(self, v: np.ndarray) -> np.ndarray:
-        """Return the distances (..., M) in metres of the M points from their bearings,
-        seen from poses v (..., 4).
+        """Return the distances (..., M) in metres of the M points from the rays of their directions.
 
-        The distance of a point behind the camera is infinite.
+        The rays start at the poses v (..., 4). The distance of a point behind the camera is infinite.
         """
         forward = v @ self.forward.T
         above = self.z_m * self.cos_elevation - forward * self.sin_elevation
@@ -55,15 +54,16 @@ class _Rows:
 def resect(bearing: np.ndarray, reference_m: np.ndarray, tolerance_m: float, ambiguity: float) -> PoseEstimate:
     """Estimate an upright pose, at the height of the reference frame, from directions to known points.
 
-    Every two directions with their elevations, and every three azimuths, give a hypothesis. All directions score it.
-    The best hypotheses are refined by least squares on their inliers. A position needs three consistent directions.
-    Two give a heading only, where their elevations determine the distances.
+    Every two directions give a hypothesis if their elevations determine the distances. Every three azimuths give
+    another hypothesis. All directions score each hypothesis, and the best hypotheses are refined by least squares on
+    their inliers. A position needs three consistent directions. Two consistent directions give at most a heading.
 
     Args:
         bearing: (M, 3) unit vectors in the query frame.
         reference_m: (M, 3) points in the reference frame, in metres.
         tolerance_m: Maximum distance in metres of a point from the ray of its direction.
-        ambiguity: The pose is ambiguous if a different pose has at least this share of its support.
+        ambiguity: Fraction of the best pose's support. The result is ambiguous, without a pose, if a different pose has
+            at least this fraction.
     """
     count = len(bearing)
     if count < 2:
@@ -123,7 +123,7 @@ def _conditions(bearing: np.ndarray, reference_m: np.ndarray) -> _Rows:
 
 
 def _from_pairs(rows: _Rows) -> np.ndarray:
-    """Return poses (H, 4) from every two directions whose elevations determine the distances."""
+    """Return a pose for each pair of directions whose elevations determine the distances, (H, 4) in all."""
     pair = np.array(list(combinations(range(len(rows.z_m)), 2)))
     matrix = np.concatenate([rows.lateral[pair], rows.sin_elevation[pair, None] * rows.forward[pair]], 1)
     heights = (rows.z_m * rows.cos_elevation)[pair]
@@ -133,9 +133,10 @@ def _from_pairs(rows: _Rows) -> np.ndarray:
 
 
 def _from_triples(rows: _Rows) -> np.ndarray:
-    """Return poses (H, 4) from every three azimuths, without elevations.
+    """Return a pose for each set of three azimuths, (H, 4) in all. Elevations are not used.
 
-    A pose is the null space of their conditions, with the sign that puts the points in front of the camera.
+    A pose is the null space of the conditions of the azimuths, with the sign that puts the points in front of the
+    camera.
     """
     triple = np.array(list(combinations(range(len(rows.z_m)), 3)), int).reshape(-1, 3)
     _, singular, right = np.linalg.svd(rows.lateral[triple])
@@ -164,7 +165,8 @@ def _fit(rows: _Rows, v: np.ndarray, inliers: np.ndarray) -> np.ndarray:
 
 
 def _linearised(rows: _Rows, v: np.ndarray, inliers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the residuals (2 M,) in metres beside and above the rays, and their derivatives (2 M, 3) by yaw and t."""
+    """Return the horizontal and vertical distances (2 M,) in metres of the inliers from their rays, and the derivatives
+    (2 M, 3) of these residuals with respect to yaw and t."""
     matrix = np.concatenate([rows.lateral, -rows.sin_elevation[:, None] * rows.forward])[np.tile(inliers, 2)]
     constant = np.concatenate([np.zeros(len(rows.z_m)), rows.z_m * rows.cos_elevation])[np.tile(inliers, 2)]
     by_yaw = -matrix[:, 0] * v[1] + matrix[:, 1] * v[0]

@@ -68,8 +68,8 @@ class RandomSaliency(SaliencyModel):
 def object_volumes_m3(detections: Detections) -> np.ndarray:
     """Return the volume of each detection, (N,) float64 in m^3.
 
-    It is the volume of the convex hull of an object's points. Where the points are coplanar, fewer than four or not
-    known, it is the volume of the upright box. It is NaN where the size is not known.
+    This is the volume of the convex hull of the object's points. If the points are coplanar, fewer than four or
+    unknown, the volume of the upright box is returned. It is NaN if the size of the box is unknown.
     """
     from scipy.spatial import ConvexHull, QhullError
 

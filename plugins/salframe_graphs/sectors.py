@@ -11,17 +11,17 @@ from salframe.panoramas.geometry import as_complex, column_azimuth, row_elevatio
 BINS = 72
 """Number of azimuth bins of an outline and of the sectors, 5 degrees each."""
 HORIZON_RAD = np.radians(15)
-"""Maximum elevation and depression of the pixels that decide whether a sector was seen."""
+"""Maximum angle above or below the horizon of the pixels that decide whether a sector was seen."""
 MIN_SHOWN_SHARE = 0.5
-"""Minimum share of seen pixels near the horizon in a sector that was seen."""
+"""A sector was seen if the image shows at least this share of its pixels near the horizon."""
 MARGIN_M = 0.3
-"""Distance behind the outline of free space within which objects should be seen: objects stand at walls."""
+"""Distance behind the outline of free space up to which objects should be visible, because objects stand at walls."""
 MIDDLES_RAD = (np.arange(BINS) + 0.5) * (2 * np.pi / BINS)
 """(BINS,) azimuths of the centres of the bins, float64."""
 
 
 def azimuth_bins(azimuth_rad: np.ndarray) -> np.ndarray:
-    """Return the bins (int32) of azimuths in [-2 pi, 2 pi); 0 where the azimuth is NaN."""
+    """Return the bin indices (int32) of azimuths in [-2 pi, 2 pi); 0 where the azimuth is NaN."""
     with np.errstate(invalid="ignore"):
         number = np.floor(azimuth_rad * azimuth_rad.dtype.type(BINS / (2 * np.pi))).astype(np.int32)
     number += BINS * (number < 0)
@@ -32,7 +32,7 @@ def shown_bins(valid: np.ndarray) -> np.ndarray:
     """Return whether each azimuth bin of a panorama was seen near the horizon, (BINS,) bool.
 
     Args:
-        valid: (H, 2H) bool, the visible part of the sphere.
+        valid: (H, 2H) bool, true for the pixels that the image shows.
     """
     height, width = valid.shape
     near = np.abs(row_elevation(height)) <= HORIZON_RAD
@@ -45,11 +45,12 @@ def shown_bins(valid: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Sectors:
-    """Parts of the floor in which V views of a query should see objects, in the frame of the query.
+    """Parts of the floor in which V views of a query should show objects, in the frame of the query.
 
     Attributes:
-        reach_m: (V, BINS) float32: distance up to which each view should see objects in each azimuth bin around its
-            position, metres. 0: the view does not show the bin; inf: the distance of the walls is unknown.
+        reach_m: (V, BINS) float32: distance in metres up to which each view should show objects, in each azimuth bin
+            around the position of the view. 0: the view does not show the bin; inf: the distance of the walls is
+            unknown.
         position_m: (V, 2) float64 x and y of the views.
     """
 
@@ -58,7 +59,7 @@ class Sectors:
 
     @classmethod
     def of_view(cls, shown: np.ndarray | None, outline_m: np.ndarray | None) -> Sectors:
-        """Return the part that one view shows.
+        """Return the sectors that one view shows, in the frame of this view.
 
         Args:
             shown: (BINS,) bool, whether the view shows each bin; None: all bins.
@@ -73,11 +74,15 @@ class Sectors:
 
     @property
     def share(self) -> float:
-        """Share of the azimuths that at least one view showed."""
+        """Fraction of the azimuths that at least one view showed."""
         return float((self.reach_m > 0).any(0).mean())
 
     def show(self, points: np.ndarray) -> np.ndarray:
-        """Return whether at least one view should see objects at points (T,) complex x + iy in metres, (T,) bool."""
+        """Return whether at least one view should show an object at each point, (T,) bool.
+
+        Args:
+            points: (T,) complex x + iy in the query frame, in metres.
+        """
         if np.isinf(self.reach_m).all(1).any():  # a whole panorama, with walls at unknown distances
             return np.ones(len(points), bool)
         shown = np.zeros(len(points), bool)

@@ -1,4 +1,5 @@
-"""Sightings of objects in panoramas with known poses, where equal label and position mean one object."""
+"""Sightings of objects in panoramas with known poses. Sightings with the same label and about the same position are
+merged into one object."""
 
 from __future__ import annotations
 
@@ -11,7 +12,7 @@ from salframe.graphs.graph import SaliencyGraph
 from salframe.panoramas.geometry import transform_points
 
 MAX_SIGMAS = 3.0
-"""Maximum distance of two sightings of one object, in standard deviations of their difference."""
+"""Maximum distance between two sightings of one object, in standard deviations of the distance."""
 MIN_SALIENCY = 1e-3
 """Lower bound of saliency relative to the panorama's average, which keeps its logarithm finite."""
 
@@ -26,7 +27,7 @@ class Sightings:
         centroid_m: (N, 3) positions in the common frame.
         range_m: (N,) horizontal distances from the camera.
         log_size: (N, 3) logarithms of length, width and height.
-        log_saliency: (N,) logarithm of saliency relative to the panorama's average.
+        log_saliency: (N,) ln(saliency / average saliency of the panorama).
         common_m2: (N,) variance of the part of the position error that all sightings of an object have in common,
             because they were triangulated together; 0 where positions were measured.
     """
@@ -42,15 +43,15 @@ class Sightings:
 
 @dataclass(frozen=True, eq=False)
 class MergedSightings:
-    """M objects that N sightings were merged to.
+    """M objects that N sightings were merged into.
 
     Attributes:
         owner: (N,) index of the object of each sighting.
         labels: M labels.
         centroid_m: (M, 3) mean of the sightings, weighted by inverse variance.
-        variance_m2: (M,) variance of that mean along each axis.
+        variance_m2: (M,) variance of the mean position along each axis.
         log_size: (M, 3) mean logarithms of length, width and height.
-        log_saliency: (M,) mean logarithm of saliency.
+        log_saliency: (M,) mean of the sightings' `log_saliency`.
         sightings: (M,) number of sightings.
     """
 
@@ -64,14 +65,15 @@ class MergedSightings:
 
 
 def merge_sightings(sightings: Sightings, variance_m2: np.ndarray) -> MergedSightings:
-    """Merge sightings of one object.
+    """Merge the sightings that show the same object.
 
-    Sightings are processed in the order of range. A sighting is merged with the nearest object that has the same label,
-    lies within MAX_SIGMAS, and has no sighting of the same panorama. Without such an object, it is a new object.
+    Sightings are processed in ascending order of range. A sighting is merged with the nearest object that has the same
+    label, lies within MAX_SIGMAS, and has no sighting of the same panorama. If there is no such object, the sighting
+    becomes a new object.
 
     Args:
         sightings: N sightings.
-        variance_m2: (N,) variance of each sighting's position along each axis, without the error in common.
+        variance_m2: (N,) variance of each sighting's position along each axis, without `sightings.common_m2`.
     """
     count = len(sightings.labels)
     owner = np.full(count, -1)
@@ -117,7 +119,7 @@ def merge_sightings(sightings: Sightings, variance_m2: np.ndarray) -> MergedSigh
 
 
 def relative_log_saliency(graph: SaliencyGraph) -> np.ndarray:
-    """Return the logarithm (N,) of each node's saliency relative to the panorama's average; 0 where all are equal."""
+    """Return ln(saliency / average saliency of the panorama) of each node, (N,)."""
     return np.log(np.maximum(graph.saliency * len(graph), MIN_SALIENCY))
 
 
@@ -127,7 +129,7 @@ def sightings_of(number: int, graph: SaliencyGraph, T_common_pano: np.ndarray) -
     Args:
         number: Number of the panorama.
         graph: The graph.
-        T_common_pano: (4, 4) motion from the panorama to the common frame.
+        T_common_pano: (4, 4) transform from the panorama frame to the common frame.
     """
     return Sightings(
         np.full(len(graph), number),
@@ -145,7 +147,7 @@ def select_sightings(sightings: Sightings, rows: np.ndarray) -> Sightings:
 
 
 def concatenate_sightings(parts: Sequence[Sightings]) -> Sightings:
-    """Return the sightings of all parts, at least one."""
+    """Concatenate the sightings of all parts. At least one part is needed."""
     return Sightings(
         *(np.concatenate([getattr(part, name) for part in parts]) for name in Sightings.__dataclass_fields__)
     )

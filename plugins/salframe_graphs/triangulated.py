@@ -14,16 +14,16 @@ from salframe.panoramas.geometry import invert_pose, transform_points
 from salframe_graphs.association import Rays, TriangulatedObjects, triangulate_objects
 
 HIDDEN_LOG = 0.3
-"""Mean difference between ln(projected area) of an object and that of its visible part, as `size_bias_log` of the
+"""Mean of ln(projected area of an object / projected area of its visible part). It is `-size_bias_log` of the
 likelihood."""
 
 
 def place_objects(
     graphs: Sequence[SaliencyGraph], frames: Sequence[ReferenceFrame]
 ) -> list[tuple[Detections, np.ndarray]]:
-    """Return the objects of reference frames that several frames see, with their positions.
+    """Triangulate the objects that several reference frames show.
 
-    The box of an object is a cube with the projected area that its solid angles show.
+    The box of an object is a cube whose projected area agrees with the solid angles of the object.
 
     Args:
         graphs: The graph of each frame, without range.
@@ -44,7 +44,7 @@ def place_objects(
 
 
 def _rays(graphs: Sequence[SaliencyGraph], frames: Sequence[ReferenceFrame]) -> Rays:
-    """Return the bearings of all objects in the world. Frames of transitions may see the objects of all places."""
+    """Return the bearings of all objects in the world. A transition frame may show objects of several places."""
     number: dict[str, int] = {}
     kinds = {frame.kind for frame in frames}
     group = [
@@ -67,7 +67,7 @@ def _rays(graphs: Sequence[SaliencyGraph], frames: Sequence[ReferenceFrame]) -> 
 def _objects_of(
     graph: SaliencyGraph, frame: ReferenceFrame, objects: TriangulatedObjects, owner: np.ndarray
 ) -> tuple[Detections, np.ndarray]:
-    """Return the objects of a frame that have a position, in the frame of its panorama, and their variances."""
+    """Return the objects of a reference frame that have a position, in its panorama frame, and their variances."""
     nodes = np.flatnonzero(owner >= 0)
     owner = owner[nodes]
     # The mean projected area of a cube is 1.5 times the area of a side.

@@ -129,7 +129,7 @@ class TripletMatcher(NodeMatcher):
         """Return the triplet score, I = sum(W o M) over the edges that both graphs have between aligned nodes (paper,
         triplet matching).
 
-        Where the query has no edge, it is the sum of the saliency of the aligned nodes.
+        If the query has no edge, the score is the sum of the saliencies of the aligned query nodes.
         """
         if not len(query.edges):
             return float(query.saliency[nodes[:, 0]].sum())

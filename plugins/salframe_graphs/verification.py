@@ -13,8 +13,9 @@ from salframe_graphs.node_pairs import NodePairs
 MAX_HYPOTHESES = 120
 """Maximum number of hypotheses for each candidate. A hypothesis consists of two node pairs."""
 MIN_BASE_M, MAX_BASE_M, BASE_WORTH = 0.3, 4.0, 0.1
-"""The base is the distance of the two nodes of a hypothesis, which gives its heading. Minimum base (m), base up to
-which longer is better (m), and value of a metre of base relative to the similarity of the pairs."""
+"""Base: the distance between the two nodes of a hypothesis, whose direction gives the heading. Minimum base (m),
+maximum base that increases the rank of a hypothesis (m), and value of one metre of base (in similarity) when hypotheses
+are ranked."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,8 +25,8 @@ class VerifiedPoses:
     Attributes:
         yaw_rad: (K,) yaw of the query frame in the reference frame, NaN where there is no pose.
         shift_m: (K, 2) position of the query frame in the reference frame, NaN where there is no pose.
-        kernel: (P,) for each node pair, 1 where both nodes coincide under the pose of the candidate, falling to 0 at
-            the tolerance.
+        kernel: (P,) for each node pair, its similarity times a factor. The factor is 1 if both nodes coincide under the
+            pose of the candidate, and falls to 0 at a distance equal to the tolerance.
     """
 
     yaw_rad: np.ndarray
@@ -65,7 +66,10 @@ class ScaleBound:
         return np.clip(scale, 1 - self.max_error, 1 + self.max_error)
 
     def height_similarity(self, scale: np.ndarray, i: np.ndarray, node: np.ndarray) -> np.ndarray | float:
-        """Return the similarity of the heights of query nodes i, multiplied by scales, and of map nodes, all (E,)."""
+        """Return the similarity (E,) of the heights of query nodes i (E,) and map nodes (E,).
+
+        The heights of the query nodes are multiplied by `scale` (E,).
+        """
         if self.height_scale_m is None:
             return 1.0
         difference_m = scale * self.query_z[i] - self.map_z[node]
@@ -82,10 +86,11 @@ def verify(
     max_shift_m: float,
     scale_bound: ScaleBound | None = None,
 ) -> VerifiedPoses:
-    """Find the pose with the largest support for each candidate. A hypothesis is a pose from two similar pairs.
+    """Find the pose with the largest support for each candidate.
 
-    All similar nodes score a hypothesis. For each candidate the MAX_HYPOTHESES hypotheses with the most similar pairs
-    are evaluated.
+    A hypothesis is a pose that follows from two node pairs. Its support is summed over all node pairs of the candidate
+    that agree with the pose. Only the MAX_HYPOTHESES hypotheses with the most similar pairs are evaluated for each
+    candidate.
 
     Args:
         query_xy: (n, 2) positions of the query's nodes in metres.
@@ -95,8 +100,9 @@ def verify(
         tolerance_m: (P,) maximum distance in metres between the two nodes of the same object.
         weights: (n,) weights of the query's nodes.
         max_shift_m: Maximum distance in metres of a pose from the reference frame.
-        scale_bound: Bounds of the query's scale. If given, each hypothesis has a scale: the distance between its two
-            map nodes divided by the distance between its two query nodes. None if ranges are metric.
+        scale_bound: Bounds of the scale of the query's ranges; None if the ranges are metric. With bounds, each
+            hypothesis has a scale: the distance between its two map nodes divided by the distance between its two query
+            nodes.
     """
     result = VerifiedPoses.none(pairs)
     i, node = pairs.query, pairs.node

@@ -1,4 +1,4 @@
-"""Several views of a query as one: their objects, outlines and seen sectors in the frame of the last view."""
+"""Functions that join several views of a query: their objects, outlines and sectors, in the frame of the last view."""
 
 from __future__ import annotations
 
@@ -35,15 +35,16 @@ class ViewObjects(Settings):
 def join_objects(
     graphs: Sequence[SaliencyGraph], T_last_view: np.ndarray, odometry: OdometryNoise, errors: ViewObjects
 ) -> Detections:
-    """Return the objects of views in the frame of the last view. Sightings of one object are merged.
+    """Return the objects of several views in the frame of the last view. Sightings of the same object are merged.
 
-    An object has the highest score of its sightings, and the yaw and the text of the nearest sighting.
+    An object has the highest score of its sightings and the yaw of its nearest sighting. Its text is the text of the
+    nearest sighting that has a text.
 
     Args:
         graphs: The graphs of V views, with positions.
-        T_last_view: (V, 4, 4) motions that map coordinates of the views to those of the last view.
-        odometry: The errors of the motions.
-        errors: The errors of objects in a view.
+        T_last_view: (V, 4, 4) transforms from the frame of each view to the frame of the last view.
+        odometry: Expected errors of the motions.
+        errors: Expected position errors of the objects in a view.
     """
     parts, variances = [], []
     for number, (graph, T) in enumerate(zip(graphs, T_last_view, strict=True)):
@@ -72,11 +73,12 @@ def join_objects(
 def join_bearings(graphs: Sequence[SaliencyGraph], T_last_view: np.ndarray) -> SaliencyGraph:
     """Return the nodes without range of views as one graph in the frame of the last view.
 
-    Sightings of one object in several views stay separate nodes: each has the position of its camera as its origin.
+    Sightings of one object in several views remain separate nodes. The origin of a node is the position of the camera
+    of its view.
 
     Args:
         graphs: The graphs of V views.
-        T_last_view: (V, 4, 4) motions that map coordinates of the views to those of the last view.
+        T_last_view: (V, 4, 4) transforms from the frame of each view to the frame of the last view.
     """
     labels: list[str] = []
     texts: list[str] = []
@@ -111,8 +113,8 @@ def join_outlines(outlines_m: Sequence[np.ndarray | None], T_last_view: np.ndarr
     """Return the outline of free space of views: the nearest point in each bin around the last view.
 
     Args:
-        outlines_m: The outline (BINS,) of each view in metres, or None.
-        T_last_view: (V, 4, 4) motions that map coordinates of the views to those of the last view.
+        outlines_m: The outline (BINS,) of each view in metres; None for a view without an outline.
+        T_last_view: (V, 4, 4) transforms from the frame of each view to the frame of the last view.
 
     Returns:
         (BINS,) float32 in metres; NaN for a bin without points.
@@ -129,11 +131,11 @@ def join_outlines(outlines_m: Sequence[np.ndarray | None], T_last_view: np.ndarr
 
 
 def join_sectors(sectors: Sequence[Sectors], T_last_view: np.ndarray) -> Sectors:
-    """Return the parts of the floor that views showed, in the frame of the last view.
+    """Return the sectors of several views as one object, in the frame of the last view.
 
     Args:
-        sectors: The parts that the views showed.
-        T_last_view: (V, 4, 4) motions that map coordinates of the views to those of the last view.
+        sectors: The sectors of each view, in the frame of this view.
+        T_last_view: (V, 4, 4) transforms from the frame of each view to the frame of the last view.
     """
     reach_m, position_m = [], []
     for part, T in zip(sectors, T_last_view, strict=True):
@@ -148,5 +150,5 @@ def sectors_to_arrays(sectors: Sectors) -> dict[str, np.ndarray]:
 
 
 def sectors_from_arrays(arrays: Mapping[str, np.ndarray]) -> Sectors | None:
-    """Return the sectors of arrays of `sectors_to_arrays`; None if they have none."""
+    """Return the sectors that `sectors_to_arrays` stored in a description; None if it has no sectors."""
     return Sectors(arrays["reach_m"], arrays["shown_from_m"]) if "reach_m" in arrays else None

@@ -186,7 +186,7 @@ def _lookup(
         left: Atlas column of each slot, (N,).
         u: Texture coordinate in tiles, (N,).
         v: Texture coordinate in tiles, (N,).
-        footprint: Footprint of the pixel in tiles, (N,).
+        footprint: Size of the area that a pixel covers, in tiles, (N,).
 
     Returns:
         (3, N) float64; (1, N) for an atlas of one channel.

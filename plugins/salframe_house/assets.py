@@ -30,7 +30,7 @@ MAX_MODEL_BYTES = 1_000_000
 _MAX_LIBRARY_BYTES = 1 << 32
 
 SHARE = 0.5
-"""Share of the objects of a class that use a catalogue mesh, where the catalogue covers the class."""
+"""Fraction of the objects of a class that use a catalogue mesh, if the catalogue has models of the class."""
 
 _DEFAULT_RGBA = (0.8, 0.8, 0.8, 1.0)
 
@@ -105,7 +105,8 @@ NAMES = {
     "water cooler": r"water cooler",
     "whiteboard": r"white board",
 }
-"""Object class -> regular expression of the English model names, without digits, that belong to it."""
+"""Mapping from each object class to a regular expression. A model belongs to the class if its English name, in lower
+case and without digits, matches."""
 
 
 @dataclass(frozen=True)
@@ -136,10 +137,10 @@ class Catalogue:
 
     Args:
         folder: Folder of the libraries, searched recursively.
-        part: Restricts the models. One in five models of a class is held out from training.
+        part: Models to use: "training"; "held-out", one in five models of each class; or None for all.
 
     Attributes:
-        assets: Object class -> its models.
+        assets: Mapping from each object class to its models.
 
     Raises:
         DataError: The folder contains no library.
@@ -212,7 +213,7 @@ def read_library(path: Path) -> list[Asset]:
 
 
 def class_of(name: str) -> str | None:
-    """Return the object class of an English model name; None if it belongs to none."""
+    """Return the object class of an English model name; None if the name belongs to no class."""
     plain = " ".join(re.sub(r"[0-9]", " ", name.lower()).split())
     return next((label for label, pattern in NAMES.items() if re.fullmatch(pattern, plain)), None)
 
@@ -274,7 +275,7 @@ def _material(part: Any) -> Any:
 
 
 def _look(part: Any) -> Material:
-    """Convert a material: catalogue colours are display values, materials here use linear albedo."""
+    """Convert a catalogue material, whose colours are display values (gamma 2.2), to a material with linear albedo."""
     material = _material(part)
     red, green, blue, opacity = np.asarray(material.diffuse) / 255 if material else _DEFAULT_RGBA
     if opacity < 0.5:

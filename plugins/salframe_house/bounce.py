@@ -18,7 +18,7 @@ _OFFSET_M = np.float32(0.004)
 def gather_directions(normal: np.ndarray, sample_set: np.ndarray, count: int) -> np.ndarray:
     """Return cosine-distributed unit directions about normals, (N, count, 3) float32.
 
-    The sample sets are stratified jointly.
+    The directions of all sample sets together are evenly spaced.
 
     Args:
         normal: Unit normals, (N, 3).

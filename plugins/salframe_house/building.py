@@ -29,8 +29,8 @@ Changes = Literal["uniform", "by-class"]
 ChangeKind = Literal["removed", "moved", "added"]
 CHANGE_KINDS: tuple[ChangeKind, ...] = get_args(ChangeKind)
 ROUNDING_M = 1e-6
-"""Length by which thresholds overlap the rooms in the floor masks. Without it, a row of pixels whose centres lie on the
-edge of both would belong to neither, because their edges are rounded differently, and the doorway would be closed."""
+"""Length by which thresholds overlap the rooms in the floor masks. Without the overlap, rounding errors could leave a
+row of pixels between threshold and room that belongs to neither, which would close the doorway."""
 MIN_ROOMS = 4
 
 # Fittings of the building: a uniform draw changes them only after all other objects.
@@ -57,7 +57,7 @@ _FITTINGS = frozenset(
 class Building:
     """A furnished single-floor building in the world frame (metres, z up, floor at z = 0).
 
-    Corridors count as rooms. Signs are on walls; their labels state their texts.
+    Corridors count as rooms. A sign is an object on a wall, and its label contains its text.
     """
 
     style: Style
@@ -75,14 +75,15 @@ class Building:
 
     @property
     def labels(self) -> dict[int, str]:
-        """Instance id -> label."""
+        """Mapping from instance id to label."""
         return {obj.instance_id: obj.label for obj in (*self.objects, *self.signs)}
 
     def scene(self, catalogue: Catalogue | None = None) -> Scene:
         """Return the triangles, materials and lights of the building.
 
         Args:
-            catalogue: Furniture models; some of the objects use one of these instead of the parametric mesh.
+            catalogue: Furniture models; some objects use one of these models instead of the parametric mesh. None:
+                parametric meshes only.
         """
         meshes: list[tuple[Mesh, PlacedObject | None]] = [(shell_mesh(self.layout, self.style, self.seed), None)]
         meshes += [(object_mesh(o.label, o.size_m, o.seed, o.mirrored, catalogue), o) for o in self.objects]
@@ -155,7 +156,7 @@ class Building:
             resolution_m: Spacing of the points.
 
         Returns:
-            Room id -> (N, 2) points (x, y) in metres.
+            Mapping from room id to (N, 2) points (x, y) in metres.
         """
         masks = self.floor_masks(resolution_m)
         # Distances are measured between pixel centres; an obstacle may extend half a diagonal beyond the centre of its
@@ -204,8 +205,8 @@ def change_building(
 ) -> Building:
     """Return the building after objects were removed, moved within their room, or added.
 
-    Objects that carry others stay until these are gone. Moved objects retain their instance id; new objects get new
-    ids. Objects do not collide.
+    An object that carries other objects, such as a desk with a monitor, does not change while it carries them. Moved
+    objects keep their instance ids; added objects get new ids. Objects do not collide.
 
     Args:
         building: The original building.

@@ -32,7 +32,7 @@ FRAME_SETTINGS = (
     "query_height_m",
     "lighting",
 )
-"""Settings that determine which frames exist and their lighting. They affect the pixels only through the frame."""
+"""Settings that determine the poses and the lighting of the frames. They have no other effect on the pixels."""
 CHANGE_SETTINGS = (
     "changed_fraction",
     "changes",
@@ -46,8 +46,8 @@ CHANGE_SETTINGS = (
 MASKS_VERSION = 2
 """Version of the floor masks. It is part of the fingerprint, so that folders and answers with older masks expire.
 
-Raise it where a change affects the floor masks but no pixel. Rendered panoramas, descriptions and stored results remain
-valid then, which the version of the dataset would discard.
+Raise this number if a change of the code affects the floor masks but no pixel. Rendered panoramas, descriptions and
+stored results then remain valid. Raising the version of the dataset would discard them.
 """
 
 
@@ -78,7 +78,7 @@ class House(RenderedDataset["HouseFrame"], NavigableDataset):
         return self._parts(self.config.query_range if frame.is_query else self.config.map_range)
 
     def _parts(self, has_range: bool) -> frozenset[str]:
-        """Return the names of the parts of a panorama, such as rgb, with or without range."""
+        """Return the names of the data that a panorama has ("annotations", "rgb", "range"), with or without range."""
         return frozenset({"annotations", *(["rgb"] if self.config.rgb else []), *(["range"] if has_range else [])})
 
     def list_frames(self) -> Sequence[HouseFrame]:
@@ -148,9 +148,9 @@ class House(RenderedDataset["HouseFrame"], NavigableDataset):
         return as_query(render_pose(self.config, T_world_pano), self.config)
 
     def worlds(self) -> Sequence[World]:
-        """Return the building as a navigation world, mapped before it changed.
+        """Return the changed building as a navigation world. The map shows the building before the changes.
 
-        Objects that were moved or added block the agent although the map does not contain them there.
+        Moved and added objects therefore block the agent although the map does not show them there.
         """
         from salframe_house.rendering import floors_of
 

@@ -16,9 +16,9 @@ from salframe_house.building import Building
 from salframe_house.frames import CLEARANCE_M, HouseFrame
 
 STEP_M = 0.5
-"""Distance from one view to the next along the path."""
+"""Distance in metres from one view to the next along the path."""
 MIN_STEPS = 11
-"""Minimum number of steps of a path. Queries with fewer views have the last views of the path."""
+"""Minimum number of steps of a path. A query with fewer views takes only the last views of the path."""
 _START_TOLERANCE_M = 0.05
 _SMOOTHING_M = 0.3  # length of the path over which a heading is measured
 
@@ -38,8 +38,9 @@ class Drives:
     def drive(self, query: HouseFrame, num_views: int) -> list[HouseFrame]:
         """Return the views of a query, STEP_M apart, in the order in which they are taken.
 
-        The path is the shortest one from a random point to the query, of MIN_STEPS steps or more. Where no point is so
-        far away, it begins at the farthest one, and steps are shorter if necessary. Every view looks along the path.
+        The path is the shortest path from a random point to the query. It has at least MIN_STEPS steps. If no point is
+        that far away, the path begins at the farthest point, and its views may be less than STEP_M apart. Every view
+        looks along the path.
 
         Args:
             query: The query. The last view has its id and position.
@@ -64,7 +65,7 @@ class Drives:
         return self._views(query, points_m, num_views)
 
     def _views(self, query: HouseFrame, points_m: np.ndarray, num_views: int) -> list[HouseFrame]:
-        """Return views at equal distances along the end of a path (P, 2), each looking along it."""
+        """Return views at equal distances along the last part of the path `points_m` (P, 2), each looking along it."""
         along_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points_m, axis=0), axis=1))])
 
         def at(distance_m: float) -> np.ndarray:
@@ -90,7 +91,7 @@ class Drives:
         return views
 
     def _place(self, xy_m: np.ndarray) -> str:
-        """Return the room at a position, or the nearest one."""
+        """Return the room at a position; outside all rooms, the nearest room."""
         label = self._grid.label
         pixel = nearest_pixel(label > 0, self._grid.to_pixel(xy_m))
         if pixel is None:

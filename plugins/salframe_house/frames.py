@@ -28,7 +28,8 @@ REACH_M = 3.0
 MEAN_SHIFT_M = 0.70
 """Mean distance of a query from the nearest reference frame of its room."""
 SHIFT_M = (0.3, 1.1)
-"""Minimum and maximum of this distance, for a mean of `MEAN_SHIFT_M`."""
+"""Minimum and maximum distance of a query from the nearest reference frame of its room, if the mean is
+`MEAN_SHIFT_M`."""
 _MEAN_TOLERANCE_M = 0.01
 _POSITION_STEP_M = 0.1  # grid spacing of candidate positions of reference frames
 _GRID_M = 0.05  # grid spacing of candidate query positions
@@ -106,8 +107,8 @@ def choose_frames(
     """Choose the frames of a building.
 
     Reference frames (roles "map" and "transition") show the building by day. Queries show its changed version in the
-    evening or in dim light. They stand in free space, 0.3 to 1.1 m from the nearest reference frame of their room; the
-    mean of these distances is within 0.01 m of 0.70 m.
+    evening or in dim light. Queries stand in free space, by default 0.3 to 1.1 m from the nearest reference frame of
+    their room. The mean of these distances is within 0.01 m of `query_shift_m`, if the rooms are large enough.
 
     Args:
         building: The building at the time of mapping.
@@ -116,8 +117,8 @@ def choose_frames(
         queries_per_room: Number of queries in each room.
         query_yaw: Yaw of the queries: "uniform" over the circle; "normal": yaw of the nearest reference frame plus a
             normal angle of 16.6 deg mean absolute value; "same": yaw of the nearest reference frame.
-        query_shift_m: Mean distance of the queries from the reference frames. Another mean than 0.70 m scales the
-            limits, as far as the size of the rooms allows.
+        query_shift_m: Mean distance of a query from the nearest reference frame of its room. Minimum and maximum
+            distance are proportional to this mean, as far as the size of the rooms allows.
         frames_per_room: Maximum number of reference frames in a room. Rooms that need more get this number of frames at
             new positions. The queries do not change.
         frames_per_position: Maximum number of reference frames at each of the positions that cover a room. The queries
@@ -166,7 +167,7 @@ def _neighbours(
 ) -> list[HouseFrame]:
     """Return up to `count` more frames near each scene frame, `spacing_m` from each other and from it.
 
-    A frame is left out where the room is too small, and where it would be nearer than half of the distance to another.
+    A frame is left out if the room is too small, or if it would be nearer than `spacing_m` / 2 to another frame.
     """
     if not count:
         return []
@@ -193,10 +194,12 @@ def _neighbours(
 
 
 def _map_points(building: Building, max_points: float = np.inf) -> dict[str, np.ndarray]:
-    """Choose positions that cover the free floor of each room: greedily, then each moved to the centre of its part.
+    """Choose positions of reference frames that cover the free floor of each room.
+
+    Positions are added greedily. After each addition, every position moves to the centre of the floor nearest to it.
 
     Returns:
-        Room id -> (N, 2) positions, N at most `max_points`.
+        Mapping from room id to (N, 2) positions in metres, N at most `max_points`.
     """
     open_space = building.free_space(_MAP_CLEARANCE_M, _POSITION_STEP_M)
     positions = {}
@@ -224,7 +227,7 @@ def _queries(
     Args:
         frames: Reference frames, including those in doorways.
         changed: The building at the time of the queries.
-        rng: Source of the draws.
+        rng: Random generator.
         per_room: Number of queries per room.
         yaw_mode: See `choose_frames`.
         mean_m: Mean distance from the nearest reference frame.
@@ -258,8 +261,11 @@ def _queries(
 
 
 def _near(shift_m: np.ndarray, target_m: float, rng: np.random.Generator) -> int:
-    """Return a random point with a shift within 3 cm of the target, or the point with the closest shift if there is
-    none."""
+    """Return the index of a random point whose shift is within 3 cm of the target.
+
+    If there is no such point, return the index of the point with the closest shift. The shift is the distance from the
+    nearest reference frame.
+    """
     close = np.flatnonzero(np.abs(shift_m - target_m) < 0.03)
     return int(rng.choice(close)) if len(close) else int(np.abs(shift_m - target_m).argmin())
 
@@ -272,7 +278,7 @@ def _balance(
     limits_m: tuple[float, float],
     rng: np.random.Generator,
 ) -> None:
-    """Redraw random queries, nearer or farther, until the mean shift is right.
+    """Redraw random queries, nearer or farther, until the mean distance is within 0.01 m of `mean_m`.
 
     This is necessary because not all rooms are large enough for the larger shifts.
     """

@@ -23,7 +23,8 @@ def object_mesh(
         size_m: Size of the object.
         seed: Seed of the shape and the materials.
         mirrored: Exchange left and right.
-        catalogue: Furniture models; some objects use one of these instead of the parametric mesh.
+        catalogue: Furniture models; some objects use one of these models instead of the parametric mesh. None:
+            parametric meshes only.
     """
     mesh = None if catalogue is None else catalogue.mesh(label, size_m, seed)
     if mesh is None:

@@ -10,7 +10,7 @@ DOOR_HEIGHT_M = 2.05
 
 @dataclass(frozen=True)
 class Room:
-    """A rectangle, measured between the wall faces.
+    """A rectangular room, measured between the wall faces.
 
     Attributes:
         id: Unique identifier.
@@ -18,8 +18,8 @@ class Room:
         low_m: Corner (x, y) with the smaller coordinates.
         high_m: Corner (x, y) with the larger coordinates.
         height_m: Height of the ceiling.
-        twin: Group of rooms that hold the same list of objects.
-        mirror_of: Room whose furniture this room repeats mirrored.
+        twin: Name of the group of rooms with the same list of objects; None if no other room has the same list.
+        mirror_of: Id of the room whose furniture is mirrored in this room; None if the room has its own furniture.
     """
 
     id: str
@@ -32,7 +32,7 @@ class Room:
 
     @property
     def mirrored(self) -> bool:
-        """Whether the furniture repeats that of another room mirrored."""
+        """Whether the furniture is the mirror image of the furniture of another room."""
         return self.mirror_of is not None
 
     @property
@@ -54,7 +54,7 @@ class Door:
         centre_m: Centre (x, y).
         width_m: Width of the opening.
         axis: Direction of passage, "x" or "y".
-        rooms: The two rooms; rooms[0] lies at the smaller coordinate.
+        rooms: Ids of the two rooms; rooms[0] lies at the smaller coordinate along `axis`.
         leaf_room: Room in which the open leaf stands; None for an opening without a leaf.
         hinge: Side of the hinge across the axis, -1 or +1.
     """
@@ -68,9 +68,10 @@ class Door:
 
     @property
     def leaf_m(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Ranges of an open leaf relative to the centre of the door.
+        """Two ranges in metres that the open leaf covers, relative to the centre of the door.
 
-        Along `axis` from hinge to edge, and across it from back to face.
+        The first range is along `axis`, from the hinge to the edge of the leaf. The second range is across `axis`, from
+        the back to the face of the leaf.
         """
         into, half = (1 if self.leaf_room == self.rooms[1] else -1), self.width_m / 2
         near = WALL_M / 2 + 0.015

@@ -24,7 +24,7 @@ class Condition:
         window_rgb: Colour of windows.
         lamp: Radiance of a lamp of 0.36 m^2.
         lamp_rgb: Colour of lamps.
-        lamps_on: Share of lamps that are switched on.
+        lamps_on: Fraction of lamps that are switched on. The first lamp of a room is always on.
         glow: Scale of the emission of materials.
         zenith_rgb: Radiance of the sky at the zenith.
         horizon_rgb: Radiance of the sky at the horizon.
@@ -87,8 +87,8 @@ CONDITIONS: dict[Lighting, Condition] = {
 }
 
 INTERLEAVED = 16
-"""Number of sample sets. Each point is shaded with one of them; the sets are stratified jointly, so that averaging
-4 x 4 points removes noise."""
+"""Number of sample sets. Each point is shaded with one sample set. All sets together are evenly spaced, so that
+averaging 4 x 4 points with different sets removes noise."""
 
 _CELL_M = 0.5
 _CANDIDATES = 12
@@ -186,8 +186,8 @@ class Lights:
     def direct(self, point_m: np.ndarray, normal: np.ndarray, sample_set: np.ndarray, samples: int) -> np.ndarray:
         """Return the direct irradiance with soft shadows, (N, 3) float32 in Fortran order.
 
-        The unshadowed irradiance of each light has a closed form. The shadow rays are distributed over the lights in
-        proportion to it.
+        The unshadowed irradiance of each light has a closed form. The number of shadow rays to a light is proportional
+        to its unshadowed irradiance.
 
         Args:
             point_m: Points, (N, 3).
@@ -202,7 +202,8 @@ class Lights:
         return irradiance.T
 
     def _targets_m(self, orders: int) -> np.ndarray:
-        """Return points spread over each light, the ends of shadow rays, (L * orders, 3) float32 in Fortran order."""
+        """Return the ends of shadow rays: `orders` points spread over each of the L lights, (L * orders, 3) float32 in
+        Fortran order."""
         across = (np.arange(orders)[:, None] * _GOLDEN % 1 - 0.5).astype(np.float32)
         along_u, along_v = (self._edges_m[:, None, i] * across[:, i : i + 1] for i in range(2))
         return np.asfortranarray((self._centre_m[:, None] + along_u + along_v).reshape(-1, 3))

@@ -90,12 +90,12 @@ def upholstery(rng: np.random.Generator) -> Material:
 
 
 def linen(rng: np.random.Generator) -> Material:
-    """Return the cloth of bedding, towels and curtains."""
+    """Return a random cloth for bedding, towels and curtains."""
     return _draw(rng, "fabric", _LINENS)
 
 
 def metal(rng: np.random.Generator) -> Material:
-    """Return the metal of frames and legs."""
+    """Return a random metal for frames and legs."""
     return _draw(rng, "metal", _METALS)
 
 

@@ -24,7 +24,8 @@ def _box_template() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the faces of the unit box.
 
     Returns:
-        Corners (6, 4, 3) of the faces, their texture coordinates (4, 2), and the axes (6, 2) that scale these.
+        Corners (6, 4, 3) of the faces, their texture coordinates (4, 2), and the axes (6, 2) along which the texture
+        coordinates are scaled with the box.
     """
     corners, axes = np.zeros((6, 4, 3)), np.zeros((6, 2), int)
     uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], float)
@@ -124,14 +125,14 @@ class MeshBuilder:
         caps: tuple[bool, bool] = (True, True),
         cap: Material | None = None,
     ) -> None:
-        """Add a solid through cross-sections, closed by flat caps at its ends.
+        """Add a solid through cross-sections, with flat caps at its ends.
 
         Args:
             sections: Cross-sections: (n, 2) points, counter-clockwise, and their position along `axis`.
             material: Material of the solid.
             axis: Axis of the loft. The cross-sections of an "x" loft are in (y, z), of a "y" loft in (z, x).
             origin: Offset of the solid.
-            caps: Whether the first and the last cap are closed.
+            caps: Whether the solid has the first cap, and whether it has the last cap.
             cap: Material of the last cap, by default `material`.
         """
         rings = np.array([np.column_stack([points, np.full(len(points), height)]) for points, height in sections])

@@ -27,8 +27,8 @@ RATES: dict[float, tuple[str, ...]] = {
         "piano", "treadmill", "copier", "water cooler", "vending machine", "picture", "mirror", "clock", "curtain",
     ),
 }  # fmt: skip
-"""Relative rate -> classes. The rates are an estimate of the effort of moving an object, not the result of a survey.
-Classes that are not listed are built in or screwed on and do not move."""
+"""Mapping from a relative rate to the classes with this rate. The rates are an estimate of the effort of moving an
+object, not the result of a survey. Classes that are not listed are built in or screwed on and do not move."""
 
 _RATE_OF = {label: rate for rate, labels in RATES.items() for label in labels}
 
@@ -39,7 +39,7 @@ def rate_of(label: str) -> float:
 
 
 def mobile_first(objects: Sequence[PlacedObject], rng: np.random.Generator) -> list[PlacedObject]:
-    """Return the objects that can move in a random order, weighted by their rates.
+    """Return the objects that can move, in a random order in which objects with high rates tend to come first.
 
     At each position, the probability of each remaining object is proportional to its rate (sorting by exponential
     clocks).

@@ -324,7 +324,8 @@ def _by_partner(
 ) -> tuple[float, float, float, float]:
     """Return a random pose relative to a partner.
 
-    In front of the partner or around it, facing it; beside it, in the same direction; or on top of it.
+    `kind.stand` determines whether the object stands in front of the partner or around it (and faces the partner),
+    beside the partner (and looks in the same direction), or on top of it.
     """
     half_x, half_y, gap = partner.size_m[0] / 2, partner.size_m[1] / 2, rng.uniform(*kind.gap_m)
     turn, z = 0.0, 0.0

@@ -68,9 +68,9 @@ _ROOMS_PER_WING = 12
 
 @dataclass(frozen=True)
 class _Cell:
-    """A piece of a row of rooms.
+    """One or several rooms that are placed together in a row of rooms, with their doors and windows.
 
-    Coordinates: u along the corridor from 0 to `width_m`, v away from it from 0 to the depth of the row.
+    Coordinates: u along the corridor from 0 to `width_m`, v away from the corridor from 0 to the depth of the row.
 
     Attributes:
         width_m: Width along the corridor.
@@ -78,9 +78,9 @@ class _Cell:
         doors: (u, v, axis, width, room, other room or -1 for the corridor).
         windows: (u, width, sill, head, room), all in the outer wall.
         leaves: Hinge side of the leaf of each door; 0 for no leaf.
-        twins: Twin group of each room.
-        copy_of: Index of the cell that this cell repeats.
-        mirrored: Whether the cell is the mirror image of that cell.
+        twins: `Room.twin` of each room.
+        copy_of: Index of the cell that this cell repeats; None for an original cell.
+        mirrored: Whether the cell is the mirror image of the cell `copy_of`.
     """
 
     width_m: float
@@ -222,7 +222,7 @@ def _add_row(
     row: int,
     depth: float,
 ) -> None:
-    """Add the cells of a row (0 above the corridor, 1 below) that are copies, or those that are not."""
+    """Add cells of a row (0 above the corridor, 1 below): the copies if `copies` is true, otherwise the originals."""
     x, y, direction, corridor = origin
     up = 1 if row == 0 else -1
     base = y + up * corridor / 2
@@ -352,10 +352,10 @@ def _suite_cell(depth: float, rng: np.random.Generator) -> _Cell:
 
 
 def _make_twins(cells: list[_Cell], start: int, num_twins: int, rng: np.random.Generator) -> list[_Cell]:
-    """Replace cells by copies of others until `num_twins` rooms are twins: pairs, of which about 40 % are mirrored.
+    """Replace cells by copies of other cells until `num_twins` rooms are twins. About 40 % of the copies are mirrored.
 
-    Cells before `start` are suites and pair only with suites. In a lone suite, the two rooms are twins, and so are the
-    two bathrooms.
+    Cells before `start` are hotel suites, and only suites are copied to suites. If there is only one suite, its two
+    rooms become twins, and so do its two bathrooms.
     """
     cells = list(cells)
     num_made, group = 0, 0

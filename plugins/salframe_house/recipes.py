@@ -10,8 +10,8 @@ class Recipe:
     """The furniture of a kind of room.
 
     Attributes:
-        core: Label -> (minimum, maximum) number of objects.
-        optional: Label -> weight in the random draw.
+        core: Mapping from label to the minimum and maximum number of objects that every such room has.
+        optional: Mapping from label to its weight in the random draw of further objects.
     """
 
     core: dict[str, tuple[int, int]]

@@ -89,7 +89,7 @@ class HouseRenderer:
         self._tracer = self._surfaces.tracer
 
     def relit(self, lighting: Lighting) -> HouseRenderer:
-        """Return a renderer of the same scene under another lighting that shares the geometry and textures."""
+        """Return a renderer of the same scene under another lighting. Both renderers share geometry and textures."""
         return HouseRenderer(self._scene, lighting, self._height, self._surfaces)
 
     @cached_property
@@ -244,7 +244,8 @@ class HouseRenderer:
         )
 
     def _exposure(self, radiance: np.ndarray, surface: RayHits) -> float:
-        """Return the exposure that brings the surfaces to the key of the lighting without overexposing bright ones."""
+        """Return the exposure factor: surfaces get the mean brightness `Condition.key`, unless bright surfaces would be
+        overexposed."""
         is_reflective = (self._emission == 0) & ~self._surfaces.glass
         pixels = np.flatnonzero(surface.hit & is_reflective.take(surface.triangle))[::7]
         luminance = radiance[pixels] @ _LUMINANCE

@@ -150,7 +150,7 @@ def is_driven(config: HouseConfig) -> bool:
 
 
 def sequences_of(config: HouseConfig) -> dict[str, list[str]]:
-    """Return the ids of the earlier views of driven queries, by query."""
+    """Return the ids of the earlier views of each driven query, by the id of the query."""
     if not is_driven(config):
         return {}
     ids = [frame.id for frame in frames_of(config) if frame.is_query]
@@ -206,7 +206,7 @@ def render_pose(config: HouseConfig, T_world_pano: np.ndarray) -> Panorama:
 
 
 def _render(config: HouseConfig, T_world_pano: np.ndarray, changed: bool, lighting: Lighting, id: str) -> Panorama:
-    """Render a panorama with annotations and the channels of the settings."""
+    """Render a panorama with annotations, and with colour and range as the settings select."""
     number = storey_at(config, T_world_pano[2, 3])
     storey, T_storey_pano = storey_configs(config)[number], lower_pose(T_world_pano, number)
     renderer = _renderer(storey, changed, lighting)

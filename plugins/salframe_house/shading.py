@@ -22,7 +22,7 @@ class IrradianceGrid:
 
     Attributes:
         index: Indices of the N grid points among the pixels.
-        sample_set: Sample set of each point, (N,) int; each 4 x 4 points use all 16 sets.
+        sample_set: Sample set of each point, (N,) int; each block of 4 x 4 points uses all 16 sets.
         point_m: Positions of the grid points, (N, 3).
         normal: Normals of the grid points, (N, 3).
     """
@@ -39,7 +39,7 @@ class IrradianceGrid:
         self._packed[:3], self._packed[3:6] = self.point_m.T, self.normal.T
 
     def fill(self, irradiance: np.ndarray) -> None:
-        """Set the irradiance of the grid points, (N, 3), smoothed over the interleaved samples."""
+        """Set the irradiance of the grid points, (N, 3), smoothed over neighbouring points with other sample sets."""
         point, normal, value = (a.T.reshape(3, *self._shape) for a in (self.point_m, self.normal, irradiance))
         tolerance_m = self._tolerance_m.reshape(self._shape)
         for axis in (1, 0):
@@ -101,7 +101,7 @@ _DITHER = np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]
 
 
 def _tolerance_m(range_m: np.ndarray) -> np.ndarray:
-    """Return the maximum distance from a plane of points on one surface, at a viewing distance."""
+    """Return the maximum distance of a point from the plane of a surface to which it belongs, at a viewing distance."""
     return np.float32(0.02) + np.float32(0.01) * np.fmax(range_m, 0)
 
 
@@ -123,10 +123,11 @@ def _similarity(point_m, normal, other_point_m, other_normal, tolerance_m) -> np
         normal: Normals, (3, ...).
         other_point_m: Other points, (3, ...).
         other_normal: Other normals, (3, ...).
-        tolerance_m: Distance from the plane at which the weight drops to a quarter.
+        tolerance_m: Distance from the plane at which the result drops to a quarter.
 
     Returns:
-        1 on a plane, decreasing with the distance from the plane and the angle between the normals.
+        1 if both points lie on one plane. The value decreases with the distance from the plane and with the angle
+        between the normals.
     """
     facing = np.einsum("i...,i...->...", normal, other_normal)
     np.maximum(facing, 0, out=facing)

@@ -38,7 +38,7 @@ _TILES = ((0.55, 0.56, 0.56), (0.46, 0.44, 0.40), (0.36, 0.38, 0.40), (0.60, 0.5
 
 
 def shell_mesh(layout: Layout, style: str, seed: int) -> Mesh:
-    """Return the mesh of the structure, all that is not an object, in the world frame."""
+    """Return the mesh of the structure (everything except objects) in the world frame."""
     m = MeshBuilder()
     rng = np.random.default_rng((seed, 3))
     trim, pane = Material("plastic", (0.62, 0.62, 0.60)), looks.GLASS

@@ -33,15 +33,16 @@ PIXELS = (512, 256)
 
 
 def room_number(index: int) -> str:
-    """Return the number of a room: 99 rooms a group, such as 3.14 for the 14th room of the third group."""
+    """Return the number of a room as text. A group has 99 rooms: 3.14 is the 14th room of the third group."""
     return f"{1 + index // 99}.{index % 99 + 1:02d}"
 
 
 def place_signs(layout: Layout, objects: Sequence[PlacedObject], seed: int) -> tuple[PlacedObject, ...]:
     """Return the signs of all rooms, at most two for each, with the labels "text: NUMBER".
 
-    The poster is at a random free position of a wall in the room. The plate is on the wall outside of the first door,
-    beside it. A sign without a free position is left out. Twin rooms draw the same random numbers.
+    A room has a poster and a plate. The poster is at a random free position of a wall in the room. The plate is on the
+    wall outside of the first door, beside the door. A sign without a free position is left out. Twin rooms (rooms with
+    the same list of objects) use the same random numbers.
     """
     signs: list[PlacedObject] = []
     for index, room in enumerate(layout.rooms):

@@ -31,7 +31,8 @@ class TextureKind:
         paint: Painter of the tile (TILE, TILE, 3); v grows with the rows and points upwards on a wall.
         extent_m: Size of a tile along (u, v); None if one tile fills the surface.
         wear: Contrast of stains and scuffs.
-        fixed: Whether the texture starts at its coordinates; others are shifted by a pseudo-random offset.
+        fixed: True: the pattern is placed exactly at its texture coordinates. False: the pattern is shifted by a
+            pseudo-random offset.
     """
 
     paint: Callable[[np.random.Generator], np.ndarray]
@@ -55,7 +56,8 @@ def texture_kind(name: str) -> TextureKind:
 def image_texture(rgb: np.ndarray, *, fills: bool = False) -> str:
     """Register an image (h, w, 3) uint8 sRGB as a texture and return its name.
 
-    The rows go upwards. The image spans one unit of u and v, or, if it `fills`, the whole surface.
+    Row 0 of the image is at the lower edge (v = 0). The image covers one unit of u and v. If `fills` is true, it covers
+    the whole surface instead.
     """
     tile = (cv2.resize(rgb, (TILE, TILE), interpolation=cv2.INTER_AREA) / 255) ** 2.2
     name = f"{'sign' if fills else 'image'} {zlib.crc32(tile.tobytes()):08x}"
@@ -140,12 +142,12 @@ def _cell_tones(rng: np.random.Generator, count_u: int, count_v: int, spread: fl
 
 
 def _tinted(pattern: np.ndarray, tint: tuple[float, float, float] = (0, 0, 0)) -> np.ndarray:
-    """Return the pattern in three channels; `tint` shifts the hue with the deviation from 1."""
+    """Return the pattern in three channels. `tint` shifts the hue in proportion to the pattern's deviation from 1."""
     return pattern[..., None] + (pattern - 1)[..., None] * np.asarray(tint)
 
 
 def _grain(rng: np.random.Generator) -> np.ndarray:
-    """Wood grain along u, mean 0: fine fibres, and broad rings that wander."""
+    """Return wood grain along u, with mean 0: fine fibres, and broad wavy rings."""
     drift = 0.8 * _noise(rng, 0.5, 3, stretch=(3, 1))
     rings = np.sin(2 * np.pi * (7 * _V + drift)) * 0.06
     fibres = 0.045 * _noise(rng, 6, 40, stretch=(10, 1)) + 0.04 * _noise(rng, 2, 14, stretch=(5, 1))

@@ -1,4 +1,4 @@
-"""Open a ROS 1 or ROS 2 bag by the library rosbags, without ROS, and choose its topics."""
+"""Open a ROS 1 or ROS 2 bag with the library rosbags, without ROS, and choose its topics."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from salframe.framework.errors import DataError, describe_error
 IMAGE, COMPRESSED_IMAGE = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 CAMERA_INFO, ODOMETRY, TF = "sensor_msgs/msg/CameraInfo", "nav_msgs/msg/Odometry", "tf2_msgs/msg/TFMessage"
 TF_TYPES = (TF, "tf/msg/tfMessage")
-"""Types of the topics /tf and /tf_static; the second is that of ROS 1 before Hydro."""
+"""Types of the topics /tf and /tf_static. ROS 1 before Hydro used the second type."""
 ROS1_SUFFIX = ".bag"
 _DISTRIBUTIONS = {
     "foxy": "ROS2_FOXY",
@@ -27,7 +27,8 @@ _DISTRIBUTIONS = {
     "kilted": "ROS2_KILTED",
 }
 DISTRIBUTIONS = tuple(_DISTRIBUTIONS)
-"""ROS 2 distributions whose message definitions are used for bags without definitions. ROS 1 bags have them."""
+"""ROS 2 distributions whose message definitions can be used for bags without definitions. ROS 1 bags always have
+definitions."""
 
 
 @dataclass(frozen=True)
@@ -35,8 +36,8 @@ class StampedMessage:
     """A message of a bag.
 
     Attributes:
-        stamp_ns: Time in its header, or of its recording where the type has no header.
-        log_ns: Time of its recording.
+        stamp_ns: Header stamp in nanoseconds; the recording time if the type has no header.
+        log_ns: Recording time in nanoseconds.
         content: The message, as rosbags reads it.
     """
 
@@ -46,18 +47,18 @@ class StampedMessage:
 
     @classmethod
     def of(cls, content: Any, log_ns: int) -> StampedMessage:
-        """Return a message with the time of its recording."""
+        """Return a message whose content was recorded at `log_ns`."""
         stamp = getattr(getattr(content, "header", None), "stamp", None)
         return cls(log_ns if stamp is None else stamp.sec * 10**9 + stamp.nanosec, log_ns, content)
 
 
 class MessageStore(ABC):
-    """Messages of topics: those of a bag, or the latest ones of running topics.
+    """Base class of sources of ROS messages: a bag, or the latest messages of running topics.
 
-    All methods raise DataError, in one line, where the messages cannot be read.
+    All methods raise DataError with a one-line message if messages cannot be read.
 
     Attributes:
-        path: The file or folder, or a name of the store for messages.
+        path: The file or folder; a name for error messages if there is none.
         types: Type of the messages of each topic.
     """
 
@@ -70,7 +71,7 @@ class MessageStore(ABC):
 
         Args:
             topics: Names of topics of the store.
-            at_log_ns: Time of the recording of the messages to read; None: all.
+            at_log_ns: Recording time of the messages to read; None: all messages.
         """
 
     def topics(self, types: Collection[str]) -> list[str]:
@@ -83,13 +84,14 @@ class MessageStore(ABC):
         """Return the topic that an option names, or the only candidate.
 
         Args:
-            option: Name of the option, for messages.
+            option: Name of the option, for error messages.
             name: Value of the option; None: the only candidate.
             types: Types that the topic may have.
             candidates: Topics to choose from; None: all topics of these types.
 
         Raises:
-            DataError: The topic is missing or has another type, or there is not one candidate.
+            DataError: The topic is missing or has another type, or `name` is None and there is not exactly one
+                candidate.
         """
         candidates = self.topics(types) if candidates is None else candidates
         expected = " or ".join(types)
@@ -113,9 +115,7 @@ class MessageStore(ABC):
         raise DataError(f"the topic {topic} of {self.path} has no message, expected at least one")
 
     def stamps(self, topics: Collection[str]) -> dict[str, np.ndarray]:
-        """Return the header stamps and the times of the recording of the messages of topics, (N, 2) int64 each.
-
-        They are sorted by stamp.
+        """Return for each topic the header stamps and recording times of its N messages, (N, 2) int64, by stamp.
 
         Raises:
             DataError: A topic has no message, or a stamp is 0.
@@ -134,7 +134,7 @@ class MessageStore(ABC):
         return {topic: np.array(sorted(times), np.int64) for topic, times in rows.items()}
 
     def read(self, topic: str, stamp_ns: int, log_ns: int) -> Any:
-        """Return the message of a topic with this header stamp and this time of recording."""
+        """Return the message of a topic with this header stamp and this recording time."""
         for _, message in self.messages([topic], log_ns):
             if message.stamp_ns == stamp_ns:
                 return message.content
@@ -145,8 +145,9 @@ class MessageStore(ABC):
 
 
 class Bag(MessageStore):
-    """An open ROS bag: a file .bag, .mcap or .db3, a folder of .bag files, or the folder of a ROS 2 bag. It is closed
-    when it is not used.
+    """An open ROS bag: a file .bag, .mcap or .db3, a folder of .bag files, or the folder of a ROS 2 bag.
+
+    The bag is closed when this object is deleted.
 
     Attributes:
         files: The files of the bag.

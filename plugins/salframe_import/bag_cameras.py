@@ -24,7 +24,7 @@ class BagImages:
 
     Attributes:
         topic: Name of the topic.
-        frame: Name of the frame of its headers.
+        frame: Name of the coordinate frame in the message headers (frame_id).
         camera: The camera; None for equirectangular images.
     """
 
@@ -35,7 +35,7 @@ class BagImages:
 
 @dataclass(frozen=True, eq=False)
 class BagCamera:
-    """A topic of pictures, and the topic of the depth of the same camera if it has one."""
+    """A topic of pictures of a camera, and the topic of its depth; None if the camera has no depth."""
 
     color: BagImages
     depth: BagImages | None
@@ -55,8 +55,9 @@ def find_cameras(
         images: Topics of pictures, separated by commas; None: the only topic of images that are not depth.
         depths: Topics of depth in the same order; "none": without depth; None: the only topic of depth, if there is
             one.
-        infos: Topics of CameraInfo in the same order; None: the topic `camera_info` beside each topic of images.
-        projection: Projection of the images. "auto": pinhole if there are intrinsics.
+        infos: Topics of CameraInfo in the same order; None: the topic `camera_info` in the namespace of each topic of
+            images, if it exists.
+        projection: Projection of the images. "auto": pinhole if there are intrinsics, otherwise equirectangular.
 
     Raises:
         DataError: A topic is missing, has another type, or is not the only candidate; or a camera is invalid.
@@ -153,14 +154,14 @@ def _intrinsics(info: Any) -> tuple[list[float], list[float], list[float]]:
 
 
 def _info_topic(bag: MessageStore, topic: str) -> str | None:
-    """Return the topic camera_info beside a topic of images; None if there is none."""
+    """Return the topic camera_info in the namespace of a topic of images; None if there is none."""
     parent = topic.rsplit("/", 2)[0] if topic.rsplit("/", 1)[-1] in _TRANSPORTS else topic.rsplit("/", 1)[0]
     name = f"{parent}/camera_info"
     return name if bag.types.get(name) == CAMERA_INFO else None
 
 
 def _base_name(topic: str) -> str:
-    """Return the last part of the name of a topic, without that of image_transport."""
+    """Return the last part of a topic name that image_transport did not add."""
     parts = [part for part in topic.split("/") if part not in _TRANSPORTS]
     return parts[-1]
 

@@ -28,9 +28,10 @@ _CHANNELS = {
     "bayer_gbrg8": (np.uint8, 1, "COLOR_BayerGR2RGB"),
     "bayer_grbg8": (np.uint8, 1, "COLOR_BayerGB2RGB"),
 }
-"""Type of a value, values per pixel, and OpenCV conversion to RGB of each colour encoding."""
+"""Mapping from each colour encoding to the type of its values, the number of values per pixel, and the OpenCV
+conversion to RGB (None: no conversion is needed)."""
 _DEPTH = {"16UC1": np.uint16, "mono16": np.uint16, "32FC1": np.float32}
-"""Type of a value of each depth encoding. By REP-118 the integers are millimetres, the floats metres."""
+"""Type of the values of each depth encoding. By REP-118, integers are millimetres and floats are metres."""
 _COMPRESSED_DEPTH_HEADER = 12
 """Number of bytes before the PNG of compressed_depth_image_transport: an int32 and two float32."""
 
@@ -41,7 +42,7 @@ def is_depth(message: Any) -> bool:
 
 
 def image_size(message: Any, topic: str) -> tuple[int, int]:
-    """Return width and height of an image message of a topic. Raises DataError."""
+    """Return width and height of an image message of a topic. Raises DataError if a compressed image is damaged."""
     if not _is_compressed(message):
         return message.width, message.height
     image = _decompress(message, topic)
@@ -76,8 +77,8 @@ def depth_image(message: Any, topic: str, unit_m: float) -> np.ndarray:
 
     Args:
         message: A message of which `is_depth` is true.
-        topic: Name of its topic, for messages.
-        unit_m: Metres per step of 16-bit integers. Floats are metres.
+        topic: Name of its topic, for error messages.
+        unit_m: Metres per unit of 16-bit integers. Floats are metres.
 
     Raises:
         DataError: The encoding is not depth, or the data are damaged.
@@ -140,7 +141,7 @@ def _decompress(message: Any, topic: str) -> np.ndarray:
 
 
 def _unquantized(message: Any, steps: np.ndarray) -> np.ndarray:
-    """Return the depth in metres of the quantized inverse depth of compressed_depth_image_transport."""
+    """Return the depth in metres from quantized inverse depth, the encoding of compressed_depth_image_transport."""
     a, b = np.frombuffer(np.asarray(message.data, np.uint8)[4:_COMPRESSED_DEPTH_HEADER].tobytes(), "<f4")
     with np.errstate(divide="ignore"):
         return np.where(steps > 0, a / (steps.astype(np.float32) - b), np.nan)

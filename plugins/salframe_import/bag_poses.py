@@ -13,17 +13,23 @@ from salframe.panoramas.geometry import invert_pose
 from salframe_import.bag import ODOMETRY, TF_TYPES, MessageStore
 
 MAX_GAP_S = 1.0
-"""Maximum time between two poses, to interpolate a pose between them."""
+"""Maximum time in seconds between two poses between which a pose is interpolated."""
 MAX_NORM_ERROR = 0.01
-"""Maximum difference of the length of a quaternion from 1."""
+"""Maximum difference between the length of a quaternion and 1."""
 MAP, TF_SOURCE = "map", "tf"
-"""Name of the frame of a map by REP-105, and of the poses of /tf."""
+"""Name of the map frame by REP-105, and the name that selects /tf as the source of poses."""
 MAX_DEPTH = 100
-"""Maximum number of frames from a frame to the root of the tree; more are a loop."""
+"""Maximum number of transforms from a frame to the root of the tree. A longer chain is reported as a loop."""
 
 
 class StampedPose(NamedTuple):
-    """A pose of a message: its header stamp, the time of its recording, and x, y, z, then the quaternion x, y, z, w."""
+    """A pose of a message.
+
+    Attributes:
+        stamp_ns: Header stamp in nanoseconds.
+        log_ns: Recording time in nanoseconds.
+        numbers: Position x, y, z, then quaternion x, y, z, w.
+    """
 
     stamp_ns: int
     log_ns: int
@@ -40,8 +46,8 @@ class PoseTrack:
         stamp_ns: (N,) int64 header stamps, increasing.
         position_m: (N, 3) float64 positions in metres.
         quaternion_xyzw: (N, 4) float64 unit quaternions.
-        is_static: Whether the only pose holds at all times.
-        delay_s: Median time from the stamp to the recording in seconds.
+        is_static: Whether the track has a single pose that holds at all times.
+        delay_s: Median time from the header stamp to the recording, in seconds.
     """
 
     parent: str
@@ -84,7 +90,8 @@ class PoseTrack:
     def pose(self, stamp_ns: int, tolerance_s: float) -> np.ndarray | None:
         """Return the pose (4, 4) at a time, interpolated between the poses before and after it.
 
-        None if these are more than MAX_GAP_S apart, or if the time is more than the tolerance outside of the track.
+        None if these two poses are more than MAX_GAP_S apart, or if the time is more than `tolerance_s` before the
+        first or after the last pose.
         """
         from scipy.spatial.transform import Rotation
 
@@ -210,9 +217,9 @@ class PoseSource:
 
     Attributes:
         tree: The transforms of the bag.
-        world: Name of the frame of the poses.
-        odometry: The odometry; None for poses of the tree alone.
-        topic: Name of the topic of the odometry; "tf" without one.
+        world: Name of the frame in which the poses are expressed.
+        odometry: The odometry; None if the poses come from the tree alone.
+        topic: Name of the odometry topic; "tf" if the poses come from the tree alone.
     """
 
     tree: TransformTree
@@ -225,7 +232,7 @@ class PoseSource:
 
     @property
     def delay_s(self) -> float:
-        """Median time from the stamps of the poses to their recording in seconds."""
+        """Median time from the header stamp of a pose to its recording, in seconds."""
         moving = [track.delay_s for track in self.tree.tracks.values() if not track.is_static]
         if self.odometry is not None:
             return self.odometry.delay_s
@@ -249,11 +256,12 @@ def find_poses(bag: MessageStore, tree: TransformTree, frame: str, topic: str | 
 
     Args:
         bag: The bag.
-        tree: Its transforms.
+        tree: The transforms of the bag.
         frame: Name of the frame of the camera.
-        topic: Topic of odometry, or TF_SOURCE; None: TF_SOURCE if the tree has the frame MAP above the camera or the
-            frame of the poses is given, else the only topic of odometry, else TF_SOURCE.
-        world: Frame of the poses of the tree; None: MAP, or the root above the camera.
+        topic: Odometry topic, or TF_SOURCE. None: TF_SOURCE if `world` is not None, if the tree has the frame MAP above
+            the camera, or if the bag has no odometry; otherwise the only odometry topic.
+        world: Frame in which the poses of the tree are expressed; None: MAP if it is above the camera, otherwise the
+            root above the camera.
 
     Raises:
         DataError: The bag has no such topic or frame, no pose over time, or several topics of odometry.
@@ -280,13 +288,13 @@ def find_poses(bag: MessageStore, tree: TransformTree, frame: str, topic: str | 
 
 
 def odometry_source(bag: MessageStore, tree: TransformTree, topic: str) -> PoseSource:
-    """Return the poses of a topic of odometry. Raises DataError."""
+    """Return an odometry topic as a source of poses. Raises DataError if it is empty or a pose is invalid."""
     odometry = read_odometry(bag, topic)
     return PoseSource(tree, odometry.parent, odometry, topic)
 
 
 def frame_name(name: str) -> str:
-    """Return the name of a frame without the slash of tf 1."""
+    """Return the name of a frame without the leading slash that tf 1 allowed."""
     return name.lstrip("/")
 
 

@@ -24,18 +24,18 @@ from salframe_import.bag_poses import TransformTree
 from salframe_import.stations import PosedImage, station_record, z_depth
 
 MIN_UP = float(np.cos(np.radians(45)))
-"""Minimum mean z of the up directions of equirectangular images."""
+"""Minimum mean z of the up directions of equirectangular images that are considered upright."""
 CameraAxes = Literal["auto", "optical", "body"]
 Message = tuple[int, int]
-"""Header stamp and time of the recording of a message in nanoseconds."""
+"""Header stamp and recording time of a message, in nanoseconds."""
 
 
 @dataclass(frozen=True)
 class BagShot:
-    """The messages of one time.
+    """The messages of all cameras at one time.
 
     Attributes:
-        number: Number of the picture of the first camera in its topic.
+        number: Index of the picture of the first camera in its topic.
         colors: The picture of each camera.
         depths: The depth of each camera; None for a camera without depth.
     """
@@ -52,16 +52,17 @@ class BagShot:
 
 @dataclass(frozen=True, eq=False)
 class BagRig:
-    """The cameras of a bag: one that is equirectangular, or any number of others.
+    """The cameras of a bag: one equirectangular camera, or any number of other cameras.
 
     Attributes:
         bag: The bag.
         cameras: The cameras.
         tree: The transforms between the frames of the cameras.
-        tolerance_s: Maximum difference of stamps that belong together.
-        depth_unit_m: Metres per step of depth of 16 bits.
+        tolerance_s: Maximum difference between the header stamps of messages that belong together.
+        depth_unit_m: Metres per unit of 16-bit depth images.
         depth_kind: Quantity that the depth images measure.
-        axes: Axes of the frame of equirectangular images.
+        axes: Axes of the frame of equirectangular images: "optical" (x right, y down, z forward) or "body" (x forward,
+            y left, z up).
     """
 
     bag: MessageStore
@@ -83,7 +84,7 @@ class BagRig:
         return self.cameras[0].color.camera is None
 
     def find_shots(self) -> tuple[list[BagShot], list[str]]:
-        """Return the shots in the order of time, and notes about pictures that are left out.
+        """Return the shots in temporal order, and notes about pictures that are left out.
 
         Raises:
             DataError: A topic has no message or no stamps, or no picture has messages of the other topics at its time.
@@ -115,7 +116,15 @@ class BagRig:
         return shots, notes
 
     def posed_images(self, shot: BagShot, T_world_frame: np.ndarray) -> list[PosedImage]:
-        """Return the pictures of a shot, by the pose of the frame of the first camera. Raises DataError."""
+        """Return the pictures of a shot with their poses.
+
+        Args:
+            shot: The shot.
+            T_world_frame: (4, 4) pose of the frame of the first camera.
+
+        Raises:
+            DataError: The transform of a camera is unknown, or a camera is equirectangular.
+        """
         images = []
         for camera, color, depth in zip(self.cameras, shot.colors, shot.depths, strict=True):
             name = f"{camera.color.topic} at {color[0] / 1e9:.3f} s"
@@ -153,7 +162,8 @@ class BagRig:
         Args:
             shot: The shot.
             T_world_frame: (4, 4) pose of the frame of the first camera.
-            height: Height of the panorama of images that are not equirectangular.
+            height: Height in pixels of a panorama that is stitched from pinhole images. Equirectangular pictures keep
+                their height.
             sources: Files of the bag.
 
         Raises:
@@ -168,17 +178,17 @@ class BagRig:
         return PanoramaRecord(id, load, parts, pose, t_s=shot.stamp_ns / 1e9, sources=tuple(sources))
 
     def with_upright_axes(self, T_world_frames: Sequence[np.ndarray], axes: CameraAxes | Literal["auto"]) -> BagRig:
-        """Return the rig with the axis convention of its frame.
+        """Return a copy of the rig with `axes` set, after a check that equirectangular images are upright.
 
-        Images that are not equirectangular always have the optical convention (x right, y down, z forward).
+        Images that are not equirectangular always have optical axes (x right, y down, z forward).
 
         Args:
             T_world_frames: (4, 4) poses of the frame of the first camera, at least one.
-            axes: Axes of the frame of equirectangular images; "auto": those under which the images are upright.
+            axes: Axes of the frame of equirectangular images; "auto": the axes under which the images are upright.
 
         Raises:
-            DataError: Equirectangular images are not upright under `axes`. If they are upright under neither
-                convention, explicit `axes` are accepted, and "auto" is an error.
+            DataError: The equirectangular images are upright only under the axes that `axes` excludes. Or `axes` is
+                "auto", and the images are upright under no axes. Explicit `axes` are accepted in this case.
         """
         if not self.is_equirectangular:
             return self
@@ -207,7 +217,7 @@ class BagRig:
         return T_world_frame if self.axes == "body" else T_world_frame @ invert_pose(LEVEL)
 
     def notes(self, shot: BagShot, T_world_frame: np.ndarray) -> list[str]:
-        """Return one-line warnings about images that are not upright by the transforms, by one shot."""
+        """Return one-line warnings about cameras that are not upright according to the transforms at one shot."""
         if self.is_equirectangular:
             return []
         notes = []
@@ -224,7 +234,7 @@ class BagRig:
         return notes
 
     def _posed(self, images: BagImages, T_world_frame: np.ndarray, stamp_ns: int) -> PosedCamera:
-        """Return the camera of a topic in the world. Raises DataError without a pinhole camera or its transform."""
+        """Return the camera of a topic in the world. Raises DataError if it is equirectangular or has no transform."""
         T_frame_camera = self.tree.pose(self.frame, images.frame, stamp_ns, self.tolerance_s)
         if images.camera is None:
             raise DataError(f"the topic {images.topic} is equirectangular, expected images with pinhole intrinsics")
@@ -249,6 +259,7 @@ class BagRig:
 
 
 def _nearest(times: np.ndarray, stamp_ns: int, tolerance_ns: int) -> Message | None:
-    """Return the row (stamp, time of recording) of times (N, 2) that is nearest to a stamp; None if none is near."""
+    """Return the row (stamp, recording time) of `times` (N, 2) with the nearest stamp; None if it is beyond the
+    tolerance."""
     stamp, log = times[int(np.abs(times[:, 0] - stamp_ns).argmin())].tolist()
     return (stamp, log) if abs(stamp - stamp_ns) <= tolerance_ns else None

@@ -24,7 +24,7 @@ from salframe_import.colmap_world import floor_height, up_direction, upright_rot
 from salframe_import.stations import PosedImage, StationSettings, group_by_motion, read_depth, station_record, thinned
 
 DENSE_SUFFIXES = (".geometric.bin", ".photometric.bin")
-"""Suffixes of the depth maps that COLMAP computes, the best first."""
+"""Suffixes of the depth maps that COLMAP computes, in order of preference."""
 
 
 class ColmapImporter(Importer):
@@ -97,7 +97,7 @@ class ColmapImporter(Importer):
         return Recording(tuple(pictures.record(frame) for frame in frames.values()), notes=tuple(notes))
 
     def _world(self, model: Model) -> tuple[ModelWorld, list[str]]:
-        """Return the transformation from the model to metres with z up, and notes about it."""
+        """Return the transformation from the model to a world in metres with z up, and notes for the user."""
         config = self.config
         if (config.scale is None) == (config.camera_height is None):
             received = "neither scale nor" if config.scale is None else "both scale and"
@@ -135,12 +135,12 @@ class ColmapImporter(Importer):
 
 @dataclass(frozen=True, eq=False)
 class ModelWorld:
-    """The world in metres with z up, relative to the world of a model.
+    """The transformation from the world of a model to a world in metres with z up.
 
     Attributes:
         rotation: (3, 3) from the axes of the model to z up.
         scale: Metres per unit of the model.
-        zero_z: Height in the unit of the model, after the rotation, that gets z = 0.
+        zero_z: Height after the rotation, in the unit of the model, that becomes z = 0.
     """
 
     rotation: np.ndarray
@@ -164,7 +164,7 @@ class _Pictures:
     config: ColmapImporter.Config
 
     def record(self, pictures: list[ModelPicture]) -> PanoramaRecord:
-        """Return the panorama of the pictures of a frame.
+        """Return the panorama of the pictures that one rig, or one camera, took at the same time.
 
         Raises:
             DataError: A depth image is missing, or a rig has an equirectangular camera and others.

@@ -26,7 +26,8 @@ _COEFFICIENTS: dict[str, tuple[DistortionModel, tuple[str, ...]]] = {
     "SIMPLE_RADIAL_FISHEYE": (DistortionModel.FISHEYE, ("k", "0", "0", "0")),
     "RADIAL_FISHEYE": (DistortionModel.FISHEYE, ("k1", "k2", "0", "0")),
 }
-"""Distortion model and coefficients of COLMAP's camera models, in the order of OpenCV; "0" means no coefficient."""
+"""Distortion model and names of the coefficients of COLMAP's camera models, in the order of OpenCV. "0" stands for a
+coefficient that the model lacks."""
 EQUIRECTANGULAR = "EQUIRECTANGULAR"
 """COLMAP's model of a 360 camera, since COLMAP 4.1."""
 
@@ -38,7 +39,7 @@ class ModelPicture:
     Attributes:
         name: Path of the file, relative to the folder of the pictures.
         frame: Number of its frame: pictures of a rig that were taken together have the same number.
-        camera: The camera, with a T_base_camera without meaning; None for an equirectangular picture.
+        camera: The intrinsics (T_base_camera has no meaning here); None for an equirectangular picture.
         T_model_camera: (4, 4) float64 pose of the optical frame (x right, y down, z forward) in the world of the model.
             The unit is arbitrary.
     """
@@ -123,7 +124,7 @@ def _submodels(source: Path) -> list[Path]:
 
 
 def _pose(cam_from_world: Any) -> np.ndarray:
-    """Return the pose of a camera in the world, (4, 4), of a pycolmap.Rigid3d that maps the world to the camera."""
+    """Return the pose (4, 4) of a camera in the world, from a pycolmap.Rigid3d that maps the world to the camera."""
     matrix = np.eye(4)
     matrix[:3] = cam_from_world.matrix()
     return invert_pose(matrix)

@@ -1,4 +1,4 @@
-"""Turn the arbitrary axes of a COLMAP model upright, and give it metres."""
+"""Rotate the arbitrary axes of a COLMAP model upright, and compute its scale in metres."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ import numpy as np
 from salframe.framework.errors import DataError
 
 MIN_AGREEMENT = 0.5
-"""Minimum length of the mean up direction of the pictures: 1 if all are equal. The six faces of a cube have 0.67."""
+"""Minimum length of the mean up direction of the pictures. The length is 1 if all directions are equal, and 0.67 for
+the six faces of a cube."""
 BIN_SHARE, MIN_RELATIVE_SUPPORT = 0.05, 0.3
-"""Maximum relative difference of heights of the floor, and its minimum number of points relative to the level with the
-most points. The floor is the lowest such level, so that a table is not taken for it."""
+"""Points form a level if their distances below the cameras differ by at most the fraction BIN_SHARE. The floor is the
+lowest level whose density of points is at least MIN_RELATIVE_SUPPORT times the maximum density. The lowest level is
+used so that a table is not mistaken for the floor."""
 MIN_POINTS = 50
-"""Minimum number of points below the cameras to find the floor in."""
+"""Minimum number of points below the cameras that are needed to detect the floor."""
 MAX_SPREAD = 0.5
 """Maximum difference of the heights of the cameras (10 to 90 %), relative to their height above the floor."""
 
@@ -28,7 +30,7 @@ def up_direction(T_model_cameras: Sequence[np.ndarray]) -> np.ndarray:
         T_model_cameras: (4, 4) poses of the optical frames (x right, y down, z forward).
 
     Raises:
-        DataError: The pictures do not agree.
+        DataError: The up directions of the pictures do not agree.
     """
     mean = -np.mean([pose[:3, 1] for pose in T_model_cameras], axis=0)
     length = float(np.linalg.norm(mean))
@@ -57,8 +59,8 @@ def floor_height(points_z: np.ndarray, cameras_z: np.ndarray) -> float:
         cameras_z: (K,) heights of the cameras, in the same unit.
 
     Raises:
-        DataError: There are too few points below the cameras, they show no level, or the cameras are at very different
-            heights.
+        DataError: There are too few points below the cameras, the points show no level, or the cameras are at very
+            different heights.
     """
     camera_z = float(np.median(cameras_z))
     below = np.sort(camera_z - points_z[points_z < camera_z])

@@ -31,10 +31,11 @@ _AXES = {
     "up": (-_LEFT, _FORWARD, _UP),
     "down": (-_LEFT, -_FORWARD, -_UP),
 }
-"""Right, down and forward axis of each face in the panorama frame. The lower edge of the face above, and the upper edge
-of the face below, join the face in front."""
+"""Right, down and forward axis of each face in the panorama frame. The lower edge of the face "up" and the upper edge
+of the face "down" touch the face "front"."""
 MIN_SEAM_AGREEMENT, MAX_SEAM_GREY = 0.8, 24.0
-"""Minimum share of the edges of the cube where both faces agree, and maximum difference of their grey values."""
+"""Minimum share of the points on the edges of the cube at which the two faces agree, and maximum difference of grey
+values that agree."""
 SEAMS = (
     "the faces do not join at the edges of the cube: check their order and rotation (setting faces), and the unit and "
     "kind of the depth"
@@ -140,7 +141,7 @@ def seam_note(panorama: Panorama) -> str | None:
     The grey values and the ranges on both sides of the twelve edges are compared.
 
     Args:
-        panorama: The panorama, whose axes are those of the cube.
+        panorama: The panorama. Its axes are the axes of the cube.
     """
     step = 3.0 / len(np.asarray(panorama.rgb))
     along = np.linspace(-0.95, 0.95, 41)

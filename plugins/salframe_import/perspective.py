@@ -40,11 +40,11 @@ _MODELS = {
     "SIMPLE_PINHOLE": DistortionModel.NONE,
     "perspective": DistortionModel.PLUMB_BOB,
 }
-"""Camera models of the file."""
+"""Mapping from the camera_model of the file to the distortion model."""
 
 
 class _Intrinsics(BaseModel):
-    """Intrinsics, of all frames or of one. The centre of the first pixel is at (0.5, 0.5), as in COLMAP."""
+    """Intrinsics of all frames or of one frame. The centre of the first pixel is at (0.5, 0.5), as in COLMAP."""
 
     camera_model: str | None = None
     w: int | None = None
@@ -180,7 +180,11 @@ class PerspectiveImporter(Importer):
 
 
 def _camera(path: Path, content: _Transforms, frame: _FrameOfFile, picture: Path) -> Camera:
-    """Return the intrinsics of a frame. Those of the file apply where the frame has none. Raises DataError."""
+    """Return the camera of a frame. Intrinsics that the frame lacks are taken from the file.
+
+    Raises:
+        DataError: The focal length is missing, or the camera model or a value is not supported.
+    """
     names = _Intrinsics.model_fields
     values = {name: getattr(content, name) if getattr(frame, name) is None else getattr(frame, name) for name in names}
     if values["w"] is None or values["h"] is None:

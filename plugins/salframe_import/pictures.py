@@ -14,7 +14,7 @@ from salframe_import.pose_table import PoseRow, PoseSettings, read_pose_table
 
 PICTURES = (".jpg", ".jpeg", ".png")
 RANGE, VALID, OBJECTS = ".range.png", ".valid.png", ".objects.png"
-"""Endings of range images, of masks, and of pictures that `show-objects` writes."""
+"""Endings of range images, of masks of valid pixels, and of the pictures that `show-objects` writes."""
 
 
 class PictureImporter(Importer):
@@ -76,6 +76,6 @@ def _record(source: Path, name: str, encoding: RangeEncoding, row: PoseRow | Non
 
 
 def _is_picture(path: Path) -> bool:
-    """Return whether a file is a picture, and no range image, mask or picture of detections."""
+    """Return whether a file is a colour picture, and not a range image, a mask or a picture of detections."""
     name = path.name.lower()
     return name.endswith(PICTURES) and not name.endswith((RANGE, VALID, OBJECTS)) and not name.startswith(".")

@@ -16,9 +16,9 @@ from salframe.panoramas.pose_conventions import PoseConvention, convert_pose
 
 POSITION, ANGLES, QUATERNION = ("x_m", "y_m", "z_m"), ("roll_deg", "pitch_deg"), ("qx", "qy", "qz", "qw")
 LEVEL_CONVENTIONS: tuple[PoseConvention, ...] = ("ros", "compass", "image-plan")
-"""Conventions with z up and x forward, in which a heading is a yaw."""
+"""Pose conventions in which yaw_deg can give the orientation, because z is up and x is forward."""
 MAX_NORM_ERROR = 0.01
-"""Maximum difference of the length of a quaternion from 1."""
+"""Maximum difference between the length of a quaternion and 1."""
 
 
 class PoseSettings(ComponentConfig):
@@ -35,7 +35,13 @@ class PoseSettings(ComponentConfig):
 
 @dataclass(frozen=True, eq=False)
 class PoseRow:
-    """A row of the table: pose (4, 4), place by source, and time in seconds if the table has it."""
+    """A row of the table.
+
+    Attributes:
+        T_world_pano: (4, 4) pose of the panorama.
+        places: Name of the place, by the source of the name; empty if the table has no place.
+        t_s: Time in seconds; None if the table has no time.
+    """
 
     T_world_pano: np.ndarray
     places: dict[PlaceSource, str]

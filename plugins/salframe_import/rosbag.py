@@ -22,9 +22,10 @@ from salframe_import.stations import StationSettings, group_by_motion, station_r
 from salframe_import.view_selection import ViewSpacing, choose_views
 
 MAX_DELAY_S = 0.25
-"""Maximum difference of the delays of pictures and poses, from their stamps to their recording, without a warning."""
+"""Maximum difference in seconds between the delay of pictures and the delay of poses. A delay is the time from the
+header stamp to the recording. A larger difference gives a warning."""
 VIEWS = "views"
-"""Name of the sequence of all views."""
+"""Name of the sequence that `read_views` returns."""
 
 
 class RosBagImporter(Importer):
@@ -137,8 +138,8 @@ class RosBagImporter(Importer):
     def read_views(self, source: Path) -> Recording:
         """Return the views of the recording as one sequence.
 
-        A view is taken after each `view_distance_m` or `view_turn_deg` of the odometry. The true poses are those of
-        `poses` where these are not the odometry.
+        A view is taken whenever the odometry has moved by `view_distance_m` or turned by `view_turn_deg`. The true
+        poses of the views come from the setting `poses`. They are unknown if this source is the odometry itself.
         """
         if self.config.group_by == "motion":
             raise ConfigError("group_by is motion, expected group_by=time for a sequence of views")
@@ -163,7 +164,7 @@ class RosBagImporter(Importer):
         return Recording(tuple(views), np.array(rows, np.float64), notes=tuple(notes))
 
     def _open(self, source: Path) -> tuple[Bag, BagRig]:
-        """Return a bag and its cameras, with optical axes."""
+        """Return a bag and its cameras. The axes of the cameras are set to optical until they are checked."""
         config = self.config
         bag = Bag(source, config.distribution)
         cameras = find_cameras(bag, config.image, config.depth, config.camera_info, config.projection)
@@ -178,7 +179,7 @@ class RosBagImporter(Importer):
         )
 
     def _check_settings(self) -> None:
-        """Check that the settings do not contradict each other. Raises ConfigError."""
+        """Raise ConfigError if two settings contradict each other."""
         config = self.config
         if config.num_views and config.group_by == "motion":
             raise ConfigError(f"num_views is {config.num_views} with group_by=motion, expected group_by=time")
@@ -189,7 +190,7 @@ class RosBagImporter(Importer):
             )
 
     def _kind(self, cameras: Sequence[BagCamera]) -> RangeKind:
-        """Return the quantity in the depth. Raises ConfigError if it does not apply to the projection."""
+        """Return the quantity in the depth images. Raises ConfigError if it does not apply to the projection."""
         is_equirectangular = any(camera.color.camera is None for camera in cameras)
         if is_equirectangular and len(cameras) > 1:
             raise ConfigError(
@@ -206,7 +207,7 @@ class RosBagImporter(Importer):
         return kind
 
     def _motion(self, bag: Bag, poses: PoseSource) -> PoseSource:
-        """Return the source of the motion between views."""
+        """Return the source of the motion between views: odometry if the bag has it, otherwise `poses`."""
         topic = self.config.odometry
         if topic is None and poses.odometry is not None:
             return poses
@@ -215,7 +216,10 @@ class RosBagImporter(Importer):
         return odometry_source(bag, poses.tree, bag.choose("odometry", topic, [ODOMETRY]))
 
     def _with_sequences(self, records: Sequence[PanoramaRecord]) -> tuple[list[PanoramaRecord], set[int]]:
-        """Return the records with the views of sequences, and the indices of the records between views.
+        """Mark the records that are views of sequences.
+
+        Returns:
+            The records, and the indices of the records that lie between the views of a sequence.
 
         Raises:
             DataError: The recording has too few views for a sequence.
@@ -242,7 +246,10 @@ class RosBagImporter(Importer):
 def _posed(
     rig: BagRig, shots: Sequence[BagShot], poses: PoseSource
 ) -> tuple[list[tuple[BagShot, np.ndarray]], list[str]]:
-    """Return the shots with a pose of the frame of the first camera (4, 4), at least one, and a note on the others.
+    """Return the shots that have a pose, and notes about the others.
+
+    Returns:
+        Pairs of a shot and the pose (4, 4) of the frame of the first camera, at least one; and at most one note.
 
     Raises:
         DataError: No shot has a pose.
@@ -258,7 +265,7 @@ def _posed(
 
 
 def _delay_notes(shots: Sequence[BagShot], poses: PoseSource) -> list[str]:
-    """Return a warning if the stamps of pictures and poses seem to be of different clocks."""
+    """Return a warning if the header stamps of pictures and poses seem to come from different clocks."""
     delay_s = float(np.median([log_ns - stamp_ns for shot in shots for stamp_ns, log_ns in shot.colors[:1]])) / 1e9
     if abs(delay_s - poses.delay_s) <= MAX_DELAY_S:
         return []
@@ -272,12 +279,12 @@ def _delay_notes(shots: Sequence[BagShot], poses: PoseSource) -> list[str]:
 def _odometry_rows(
     rig: BagRig, motion: PoseSource, shots: Sequence[tuple[BagShot, np.ndarray, PanoramaRecord]]
 ) -> np.ndarray:
-    """Return the poses of the panoramas of views by the odometry, (N, 5): t_s, x_m, y_m, z_m, yaw_deg.
+    """Return the poses of the views of sequences by the odometry, (N, 5): t_s, x_m, y_m, z_m, yaw_deg.
 
     Args:
         rig: The cameras.
         motion: The odometry.
-        shots: Each shot with T_world_frame and its panorama.
+        shots: Each shot with T_world_frame and its record.
     """
     rows = []
     for shot, T_world_frame, record in shots:

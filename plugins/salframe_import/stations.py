@@ -1,4 +1,4 @@
-"""Stations: images of cameras with known poses that are stitched to one panorama."""
+"""Stations: a station is a group of images with known poses that are stitched to one panorama."""
 
 from __future__ import annotations
 
@@ -23,11 +23,13 @@ from salframe.panoramas.range_encoding import RangeEncoding, RangeKind
 from salframe.panoramas.stitching import PosedCamera, reading_agreement, stitch_color, stitch_range
 
 MAX_ASPECT_ERROR = 0.02
-"""Maximum relative difference of the aspect ratio of an image and of its camera."""
+"""Maximum relative difference between the aspect ratios of an image and of its calibration."""
 MIN_OVERLAP, MIN_AGREEMENT = 0.02, 0.6
-"""Minimum share of the sphere that two depth images both show, and minimum share of this part where they agree."""
+"""Share of the sphere that two depth images must both show to be compared, and minimum share of this overlap in which
+they must agree."""
 MAX_IMAGE_TILT_DEG, LEVEL_TILT_DEG = 60.0, 35.0
-"""Maximum median tilt of the images without an error, and maximum for another convention to be named in the error."""
+"""Maximum median tilt of the images; a larger tilt is an error. The error suggests another convention if the median
+tilt under that convention is at most LEVEL_TILT_DEG."""
 DISAGREES = (
     "the depth images of one place contradict each other: check the convention of the poses, the extrinsics, the "
     "times, and the unit and kind of the depth"
@@ -64,19 +66,19 @@ class StationSettings(ComponentConfig):
 
 @dataclass(frozen=True, eq=False)
 class PosedImage:
-    """An image with its pose, which is read later.
+    """An image with a known pose. Its pixels are read when they are needed.
 
     Attributes:
-        name: Name for messages.
+        name: Name for error messages.
         camera: Intrinsics and pose.
         read_color: Returns (h, w, 3) uint8 RGB. Raises DataError.
-        read_depth: Returns (h', w') float32 depth along the optical axis in metres, NaN where unknown; None without
-            depth. Raises DataError.
+        read_depth: Returns (h', w') float32 depth along the optical axis in metres, NaN where unknown. Raises
+            DataError. None for an image without depth.
         t_s: Time in seconds; None if it is unknown.
         station: Name of its station; None if it is unknown.
-        places: Place by the source of its name.
-        sources: The files.
-        depth_camera: Intrinsics and pose of the depth; None: those of the image.
+        places: Name of the place, by the source of the name.
+        sources: Files that the image is read from.
+        depth_camera: Intrinsics and pose of the depth image; None: equal to `camera`.
     """
 
     name: str
@@ -101,7 +103,7 @@ class PosedImage:
 
 
 def z_depth(range_m: np.ndarray, lens: Camera) -> np.ndarray:
-    """Return the depth along the optical axis (h, w) float32 of ranges (h, w) along the rays of a camera."""
+    """Convert ranges (h, w) along the rays of a camera to depth (h, w) float32 along its optical axis."""
     height, width = range_m.shape
     return (range_m * (lens.scaled(width, height).rays() @ lens.rotation[:, 2])).astype(np.float32)
 
@@ -116,17 +118,18 @@ def station_record(
     *,
     is_posed: bool = True,
 ) -> PanoramaRecord:
-    """Return the record of the panorama that images are stitched to.
+    """Return the record of a panorama. The images are stitched when the panorama is loaded.
 
     Args:
         id: Id of the record.
-        images: The images, which have depth or not, all alike.
-        height: Height of the panorama.
+        images: The images. The panorama has range if all of them have depth.
+        height: Height of the panorama in pixels.
         sources: Further files that the panorama depends on, such as the list of poses.
         T_world_pano: Pose of the panorama; None: upright, at the mean position of the cameras, with the heading of the
-            first image.
-        check: Returns a warning about the panorama, or None. By default the overlap of depth images is checked.
-        is_posed: Whether the poses of the cameras are poses in the world. If not, the panorama is a query.
+            most level image.
+        check: Function that returns a warning about the panorama, or None. By default, the agreement of overlapping
+            depth images is checked.
+        is_posed: Whether the poses of the cameras are poses in the world. If not, the record has no pose.
     """
     pose = _upright_pose(images) if T_world_pano is None else T_world_pano
     has_depth = all(image.read_depth is not None for image in images)
@@ -151,7 +154,7 @@ def read_depth(path: Path, encoding: RangeEncoding, lens: Camera) -> np.ndarray:
     Args:
         path: A 16-bit grey image.
         encoding: Encoding of the values, of the kind Z or RAY.
-        lens: The camera of the image, at any size.
+        lens: The camera of the image. Its resolution may differ from the resolution of the image.
 
     Raises:
         DataError: The file is not a 16-bit grey image.
@@ -161,7 +164,7 @@ def read_depth(path: Path, encoding: RangeEncoding, lens: Camera) -> np.ndarray:
 
 
 def group_by_station(images: Sequence[PosedImage]) -> dict[str, list[PosedImage]]:
-    """Return the images by the name of their station. Raises DataError if an image has none."""
+    """Return the images of each station, by the name of the station. Raises DataError if an image has no station."""
     groups: dict[str, list[PosedImage]] = {}
     for image in images:
         if image.station is None:
@@ -171,7 +174,7 @@ def group_by_station(images: Sequence[PosedImage]) -> dict[str, list[PosedImage]
 
 
 def group_by_time(images: Sequence[PosedImage], max_gap_s: float) -> dict[str, list[PosedImage]]:
-    """Return groups of images without a gap of more than `max_gap_s` seconds. Raises DataError without times."""
+    """Split images into groups at gaps of more than `max_gap_s` seconds. Raises DataError if an image has no time."""
     if without := [image.name for image in images if image.t_s is None]:
         raise DataError(f"the image {without[0]} has no time, expected a time for every image")
     groups: list[list[PosedImage]] = []
@@ -185,19 +188,19 @@ def group_by_time(images: Sequence[PosedImage], max_gap_s: float) -> dict[str, l
 def group_by_motion(
     images: Sequence[PosedImage], config: StationSettings
 ) -> tuple[dict[str, list[PosedImage]], str | None]:
-    """Cut a recording into stations: runs of images in which the camera turned enough and moved little.
+    """Split a recording into stations: consecutive images in which the camera turned enough and moved little.
 
-    A station ends where the camera is more than `max_move_m` from its start.
+    A station ends when the camera is more than `max_move_m` from the first image of the station.
 
     Args:
         images: The images in the order of the recording.
         config: The settings.
 
     Returns:
-        The images of each station, and a note on the images that are in none; None if all are.
+        The images of each station, and a note about the images that are in no station; None if all images are in one.
 
     Raises:
-        DataError: No station shows enough.
+        DataError: No station shows at least `min_view_deg`.
     """
     runs: list[list[PosedImage]] = []
     views: list[np.ndarray] = []
@@ -226,7 +229,7 @@ def group_by_motion(
 
 
 def thinned(images: Sequence[PosedImage], min_step_deg: float) -> list[PosedImage]:
-    """Return images whose optical axes are at least `min_step_deg` apart, the first of each direction."""
+    """Select images whose optical axes are at least `min_step_deg` apart. Of similar directions, the first is used."""
     taken: list[PosedImage] = []
     limit = np.cos(np.radians(min_step_deg))
     for image in images:
@@ -240,10 +243,10 @@ def check_upright(poses: Sequence[np.ndarray], others: Mapping[str, Sequence[np.
 
     Args:
         poses: (4, 4) poses of cameras; x right, y down, z forward.
-        others: The poses under other settings, by "key=value".
+        others: The poses under other settings. The keys are the settings, written as "key=value".
 
     Raises:
-        DataError: They are not. The message names the settings under which they are.
+        DataError: The images are not upright. The message names the settings under which they would be upright.
     """
     tilt_deg = _median_tilt_deg(poses)
     if tilt_deg <= MAX_IMAGE_TILT_DEG:
@@ -261,7 +264,7 @@ def check_upright(poses: Sequence[np.ndarray], others: Mapping[str, Sequence[np.
 
 
 def other_conventions(convention: str) -> list[str]:
-    """Return the conventions that a user may have meant instead of another one."""
+    """Return the pose conventions that a user may have meant instead of `convention`."""
     return [name for name in NAMES if name not in (convention, "compass", "image-plan")]
 
 
@@ -285,7 +288,8 @@ def _view(image: PosedImage) -> np.ndarray:
 
 
 def _upright_pose(images: Sequence[PosedImage]) -> np.ndarray:
-    """Return T_world_pano (4, 4), upright, at the mean position of the cameras."""
+    """Return T_world_pano (4, 4): upright, at the mean position of the cameras, with the heading of the most level
+    image."""
     level = min(images, key=lambda image: round(abs(float(image.forward[2])), 1))
     x_m, y_m, z_m = np.mean([image.camera.T_world_camera[:3, 3] for image in images], axis=0)
     return pose_2d(x_m, y_m, np.radians(level.azimuth_deg), z_m)
@@ -299,7 +303,7 @@ def _stitch(
     has_depth: bool,
     check: Callable[[Panorama], str | None] | None,
 ) -> Panorama:
-    """Stitch images to a panorama; images that cannot be read are left out. Raises DataError if none can."""
+    """Stitch images to a panorama, without images that cannot be read. Raises DataError if no image can be read."""
     pictures, depths_m, cameras, depth_cameras, notes = [], [], [], [], []
     for image in images:
         try:
@@ -333,7 +337,7 @@ def _stitch(
 
 
 def _fitted(name: str, camera: PosedCamera, pixels: np.ndarray) -> PosedCamera:
-    """Return the camera of an image that may have been resized. Raises DataError if its aspect ratio is another."""
+    """Return the camera, scaled to the size of the image. Raises DataError if the aspect ratios differ."""
     lens = camera.camera
     height, width = pixels.shape[:2]
     if (width, height) == (lens.width, lens.height):

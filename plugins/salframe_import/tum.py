@@ -39,13 +39,18 @@ CAMERAS = {
     "freiburg3": (535.4, 539.2, 320.1, 247.6, 0.0, 0.0, 0.0, 0.0, 0.0),
     "default": (525.0, 525.0, 319.5, 239.5, 0.0, 0.0, 0.0, 0.0, 0.0),
 }
-"""fx, fy, cx, cy, k1, k2, p1, p2 and k3 of the cameras of the benchmark (calibrations that it publishes), of 640 x 480
-pixels. "default" is the factory calibration of the sensor."""
+"""fx, fy, cx, cy, k1, k2, p1, p2 and k3 of the cameras of the benchmark at 640 x 480 pixels, as published by the
+benchmark. "default" is the factory calibration of the sensor."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Stamped:
-    """Rows of a list with time stamps: (N,) float64 increasing seconds, and the words of each row."""
+    """Rows of a list with time stamps.
+
+    Attributes:
+        t_s: (N,) float64 times in seconds, ascending.
+        words: The words of each row after the time.
+    """
 
     t_s: np.ndarray
     words: tuple[tuple[str, ...], ...]
@@ -125,7 +130,7 @@ class TumImporter(Importer):
         return Recording(tuple(records), notes=tuple(text for text in notes if text))
 
     def _raw_poses(self, path: Path, poses: _Stamped) -> np.ndarray:
-        """Return the numbers of the poses, (N, 7) float64. Raises DataError."""
+        """Return position and quaternion of each pose, (N, 7) float64. Raises DataError if a row is invalid."""
         try:
             numbers = np.array([row[:7] for row in poses.words], np.float64)
         except ValueError as error:
@@ -198,7 +203,7 @@ def _read_list(path: Path, num_words: int) -> _Stamped:
 
 
 def _nearest(times_s: np.ndarray, wanted_s: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the index of the nearest of increasing times for each wanted time, and the time between them."""
+    """Return for each wanted time the index of the nearest of the ascending times, and their difference in seconds."""
     wanted = np.asarray(wanted_s)
     after = np.clip(np.searchsorted(times_s, wanted), 1, max(len(times_s) - 1, 1))
     after = np.minimum(after, len(times_s) - 1)

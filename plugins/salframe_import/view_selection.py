@@ -32,7 +32,7 @@ class ViewSpacing:
         """Return the indices of the images that are views.
 
         Args:
-            poses: (4, 4) poses of the images in the order of time.
+            poses: (4, 4) poses of the images in temporal order.
         """
         steps: list[int] = []
         for number, pose in enumerate(poses):
@@ -49,11 +49,11 @@ class ViewSpacing:
 def choose_views(poses: Sequence[np.ndarray], spacing: ViewSpacing) -> list[list[int]]:
     """Return the indices of the images of each sequence, in order.
 
-    First selects the views: images that are far enough from the view before. Then divides the views into groups of
-    `period`. The last `num_views` of each group are a sequence.
+    First, the views are selected: images that are far enough from the preceding view. Then the views are divided into
+    groups of `period`. The last `num_views` views of each group are a sequence.
 
     Args:
-        poses: (4, 4) poses of the images in the order of time.
+        poses: (4, 4) poses of the images in temporal order.
         spacing: Spacing of the views.
     """
     steps = spacing.steps(poses)

@@ -25,9 +25,10 @@ class Bearing(NamedTuple):
     """Direction and angular size of an object.
 
     Attributes:
-        azimuth_rad: Azimuth of its centre, counter-clockwise from +x.
-        elevation_rad: Elevation of its centre.
-        width_rad, height_rad: Angles that it subtends.
+        azimuth_rad: Azimuth of the object's centre, counter-clockwise from +x.
+        elevation_rad: Elevation of the object's centre.
+        width_rad: Horizontal angle that the object subtends.
+        height_rad: Vertical angle that the object subtends.
     """
 
     azimuth_rad: float
@@ -50,7 +51,7 @@ _AXES = _view_axes()
 
 
 def direction(azimuth_rad, elevation_rad) -> np.ndarray:
-    """Return unit vectors (..., 3) in the direction of bearings."""
+    """Return the unit vectors (..., 3) with these azimuths and elevations."""
     return np.stack(
         [
             np.cos(elevation_rad) * np.cos(azimuth_rad),
@@ -62,7 +63,11 @@ def direction(azimuth_rad, elevation_rad) -> np.ndarray:
 
 
 def project(rays: np.ndarray, view: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Project world directions (N, 3) into views (K,): columns and rows (K, N), and whether they are in the view."""
+    """Project world directions (N, 3) into views (K,).
+
+    Returns:
+        Columns (K, N) and rows (K, N) in pixels, and whether each direction is in the view, (K, N) bool.
+    """
     right, down, forward = np.moveaxis(_AXES[view] @ rays.T, 1, 0)
     ahead = forward > 1e-6
     depth = np.where(ahead, forward, 1.0)

@@ -1,4 +1,4 @@
-"""Chains of neighbouring viewpoints: the views of a query that was taken on a walk through a building."""
+"""Random walks between neighbouring viewpoints. The viewpoints of a walk are the views of a driven query."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Walks:
     """Generates random walks through a building, from one viewpoint to the next along unobstructed ways."""
 
     def __init__(self, root: Path, scan: str, seed: int) -> None:
-        """Read the ways of a building. Raises DataError if the connectivity file is malformed."""
+        """Read the ways between viewpoints of a building. Raises DataError if the connectivity file is malformed."""
         path = connectivity_path(root, scan)
         poses = read_connectivity(path)
         self._seed, self._number = seed, {f"{scan}/{viewpoint}": i for i, viewpoint in enumerate(poses)}
@@ -32,9 +32,10 @@ class Walks:
     def walk(self, query: ViewpointScene, scenes: Sequence[ViewpointScene], num_views: int) -> list[ViewpointScene]:
         """Return the scenes of a walk that ends at a query, in the order in which they are visited.
 
-        From each scene, the walk comes from a random scene that an unobstructed way connects with it, and from the
-        nearest one along the ways if there is none. It visits no scene twice. It is shorter where no other scene can
-        be reached. A longer walk ends with the shorter one.
+        The walk is generated backwards from the query. The scene before each scene is a random scene that an
+        unobstructed way connects with it. If there is no such scene, it is the nearest scene along the ways. The walk
+        visits no scene twice. It has fewer than `num_views` scenes if no other scene can be reached. A larger
+        `num_views` adds scenes at the start of the same walk.
 
         Args:
             query: The last scene.
@@ -56,9 +57,9 @@ class Walks:
 
 
 def with_keys_of(query: ViewpointScene, view: ViewpointScene) -> ViewpointScene:
-    """Return the scene of a view with the keys that its objects have at the query.
+    """Return the scene of a view with the object keys of the query's viewpoint.
 
-    Simulated errors of an object can thus be equal in all views of a query.
+    The keys seed the simulated errors. An object can thus have the same errors in all views of a query.
     """
     scan, _, viewpoint = query.id.partition("/")
     return replace(view, keys=tuple(object_key(scan, viewpoint, number) for number in view.object_id.tolist()))

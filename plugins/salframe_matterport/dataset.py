@@ -201,7 +201,7 @@ class MatterportAnnotations(NavigableDataset):
         return replace(panorama, annotations=directions)
 
     def scenes(self) -> dict[str, ViewpointScene]:
-        """Return every scene with its object ids, by the id of its reference frames.
+        """Return every scene (viewpoint) with its object ids, by the id of its reference frame.
 
         Like `truth`, this is for evaluation only; a localizer must not use it.
         """
@@ -253,7 +253,10 @@ class MatterportAnnotations(NavigableDataset):
         return [Fold(scene.id, tuple(self._map_of(scene)), (self._query(scene),)) for scene in query_scenes]
 
     def _folds_of_shared_maps(self, queries: Mapping[str, Sequence[ViewpointScene]]) -> list[Fold]:
-        """Return one fold for each building with queries, or one for all buildings, whose queries share a map."""
+        """Return one fold for each building with queries, or one fold for all buildings if `one_map` is set.
+
+        All queries of a fold share its map.
+        """
         folds = [
             Fold(scan, tuple(self._map_without(scan, self._outside_shared_map(scan))), tuple(map(self._query, scenes)))
             for scan, scenes in queries.items()
@@ -291,8 +294,8 @@ class MatterportAnnotations(NavigableDataset):
         return queries
 
     def _outside_shared_map(self, scan: str) -> frozenset[str]:
-        """Return the ids of the scenes of a building that are not in the map that all its queries share; all ids where
-        each query has its own map."""
+        """Return the ids of the scenes of a building that are not in its shared map. If each query has its own map,
+        return all ids."""
         ids = [scene.id for scene in self._building(scan)]
         if self.config.map_share is None:
             return frozenset(ids)
@@ -300,7 +303,7 @@ class MatterportAnnotations(NavigableDataset):
         return frozenset(generator(self.config.seed, "map", scan).permutation(ids)[size:].tolist())
 
     def _left_out(self, query: ViewpointScene) -> frozenset[str]:
-        """Return the ids of the scenes that are left out of the map of a query, with those of its views."""
+        """Return the ids of the scenes that are left out of the map of a query, including the scenes of its views."""
         scan = scan_of(query)
         if self.config.map_share is not None:
             return self._outside_shared_map(scan)
@@ -347,12 +350,12 @@ class MatterportAnnotations(NavigableDataset):
         return self._walks[scan].walk(query, scenes, self.config.query_views)
 
     def _query_pose(self, scene: ViewpointScene, id: str) -> np.ndarray:
-        """Return the pose (4, 4) in the world of the panorama `id` of a query at a scene."""
+        """Return the world pose (4, 4) of the query panorama `id` at a scene."""
         x_m, y_m, z_m = self._world_pose(scan_of(scene), scene)[:3, 3]
         return pose_2d(x_m, y_m, self._yaw_rad(id), z_m)
 
     def _yaw_rad(self, id: str) -> float:
-        """Return the yaw in the world of the panorama `id` of a query."""
+        """Return the world yaw of the query panorama `id`."""
         return float(generator(self.config.seed, "yaw", id).uniform(-np.pi, np.pi))
 
     def _map_of(self, query: ViewpointScene) -> list[ReferenceFrame]:
@@ -374,8 +377,8 @@ class MatterportAnnotations(NavigableDataset):
         """Triangulate the objects of left-out scenes again, from the other scenes of the building only.
 
         Returns:
-            The scenes that see these objects, with the new ranges, by the id of the scene that each replaces. The id of
-            a new scene identifies the scenes that were left out.
+            The scenes that see these objects, with the new ranges. The key is the id of the replaced scene. The id of a
+            new scene ends with a hash of the ids that were left out.
         """
         map_scenes = [scene for scene in self._building(scan) if scene.id not in left_out]
         objects = np.concatenate([scene.object_id for scene in self._building(scan) if scene.id in left_out])
@@ -387,7 +390,7 @@ class MatterportAnnotations(NavigableDataset):
 
     @property
     def _retriangulated_scenes(self) -> dict[str, ViewpointScene]:
-        """Scenes of `_retriangulate_without` of all folds, by their own ids."""
+        """Mapping from id to scene, for all scenes that `_retriangulate_without` returned in any fold."""
         _ = self._folds
         return self._retriangulated
 
@@ -400,7 +403,7 @@ def nearest_of_place(scenes: Sequence[ViewpointScene], query: ViewpointScene, co
 
 
 def scan_of(scene: ViewpointScene) -> str:
-    """Return the building of a scene."""
+    """Return the id of the building of a scene."""
     return scene.id.partition("/")[0]
 
 

@@ -18,7 +18,7 @@ from salframe_matterport.dataset import MatterportAnnotations
 from salframe_matterport.scenes import ViewpointScene
 
 MISPLACED_M = 0.3
-"""Maximum distance in metres between two viewpoints' positions of a shared object for them to confirm each other."""
+"""Maximum distance in metres between the positions of an object from two viewpoints. Within it, the positions agree."""
 
 CAUSES = ("no shared object", "one shared object", "bad bearing or range", "twin room", "other")
 
@@ -27,7 +27,7 @@ def diagnose(run: Run, method: str) -> dict[str, list[str]]:
     """Return the ids of the queries that a method answered wrongly, by cause, in the order of CAUSES.
 
     Raises:
-        DataError: The run is of another dataset or lacks answers.
+        DataError: The run is on another dataset, or it lacks answers.
     """
     config = run.data()
     if not isinstance(config, MatterportAnnotations.Config):

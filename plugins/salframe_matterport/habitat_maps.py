@@ -1,10 +1,10 @@
 """`habitat-maps`: a real building with floor masks from the top-down pictures of Object2HabitatMap.
 
 The pictures use a palette of about 100 colours; the colour of a region or object is its index modulo the palette
-length. Two rooms of a large building may therefore have the same colour. Scale and origin are not stored. Both are
-estimated from the positions of the rooms: each connected patch of one colour is assigned to the region whose box (in
-the .house file) it fills. The edges of the boxes give the metres per pixel and the origin. Colour alone identifies only
-what is walkable.
+length. Two rooms of a large building may therefore have the same colour. The files do not contain the scale (metres per
+pixel) and the origin. They are estimated from the positions of the rooms: each connected patch of one colour is
+assigned to the region whose box in the .house file overlaps it. The edges of patches and boxes give scale and origin.
+Walkable areas are identified by their colour.
 """
 
 from __future__ import annotations
@@ -24,12 +24,13 @@ from salframe_matterport.dataset import MatterportAnnotations
 
 _PICTURES = {"region": "the regions", "cat": "the categories of objects"}
 _WALKABLE_RGB = {"floor": (0, 255, 0), "door": (246, 0, 0), "stairs": (0, 244, 67), "void": (100, 100, 5)}
-"""Walkable categories. Door: seen from above, a lintel hides its doorway. Void: only unlabelled patches of floor."""
+"""Walkable categories and their colours. "door": seen from above, the lintel of a doorway hides the floor. "void": the
+areas are unlabelled floor."""
 _PATCH = 0.002
-"""Minimum area of a patch as a share of the picture. Smaller patches are noise at walls and furniture; their cells are
-assigned to the nearest room."""
+"""Minimum area of a patch as a fraction of the picture. Smaller patches are noise at walls and furniture. Their pixels
+are assigned to the nearest room."""
 _OVERLAP = 0.5
-"""Minimum intersection over union of a patch's box and its region's box."""
+"""Minimum intersection over union of the box of a patch and the box of its region."""
 _EDGE_SCALE_M = 0.05
 """Scale of the soft L1 loss on edge distances, in metres."""
 _MISFIT_M = 0.25
@@ -83,7 +84,7 @@ class HabitatMaps(MatterportAnnotations):
         self.floors()
 
     def floors(self) -> Sequence[FloorMasks]:
-        """Return the masks of the level that the maps show; its regions have the names of the viewpoints' places."""
+        """Return the floor masks of the level that the maps show. Its regions have the names of the places."""
         return [self._floor]
 
 
@@ -166,8 +167,12 @@ def _locate_regions(
 
 
 def _patches(colour: np.ndarray) -> tuple[dict[int, np.ndarray], np.ndarray]:
-    """Return the large connected patches of one colour: boxes (left, top, right, bottom) in pixels by patch number, and
-    the patch number of each pixel (H, W)."""
+    """Find the large connected patches of one colour.
+
+    Returns:
+        Box (left, top, right, bottom) in pixels by patch number, and the patch number of each pixel, (H, W) int32, 0
+        outside all patches.
+    """
     import cv2
 
     boxes: dict[int, np.ndarray] = {}
@@ -188,8 +193,8 @@ def _fit(
     """Fit the regions of a level to the patches.
 
     The initial guess aligns the bounding box of all regions with the bounding box of all patches. Then scale and origin
-    are fitted by least squares to the edges of overlapping boxes (soft L1 loss, since curtains and open doors move an
-    edge).
+    are fitted by least squares to the edges of overlapping boxes. The loss is soft L1, because curtains and open doors
+    shift edges.
 
     Returns:
         Region index by patch, metres per pixel, origin, and the median edge distance in metres.
@@ -246,7 +251,7 @@ def _overlap(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _share(mask: np.ndarray, step: int) -> np.ndarray:
-    """Return the share (rows, columns) of a mask in cells of step x step pixels; the picture is padded with False."""
+    """Return the fraction of true pixels in each cell of step x step pixels, (rows, columns). Padding is false."""
     rows, columns = (-(-size // step) * step for size in mask.shape)
     padded = np.pad(mask, ((0, rows - mask.shape[0]), (0, columns - mask.shape[1])))
     return padded.reshape(rows // step, step, columns // step, step).mean((1, 3))
@@ -255,7 +260,8 @@ def _share(mask: np.ndarray, step: int) -> np.ndarray:
 def _label_cells(label: np.ndarray, step: int, free: np.ndarray) -> np.ndarray:
     """Return the most frequent label of each cell (rows, columns).
 
-    Unassigned strips at door sills, and separate smaller patches of a label, get the label of the nearest room.
+    Each label keeps only its largest connected area. All other cells, such as strips at door sills, get the label of
+    the nearest area.
     """
     from scipy import ndimage
 

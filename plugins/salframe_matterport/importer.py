@@ -69,7 +69,7 @@ class Matterport3DImporter(Importer):
 
 
 def _stitch(viewpoint: Viewpoint, house: HouseFile, height: int, color: Color) -> Panorama:
-    """Stitch a viewpoint and label its pixels. Raises DataError."""
+    """Stitch the panorama of a viewpoint and label its pixels. Raises DataError if an image is missing or damaged."""
     panorama = viewpoint.stitch(height, color)
     range_m = cast(np.ndarray, panorama.range_m)  # a stitched panorama always has a range image
     annotations = Annotations(label_pixels(range_m, viewpoint.T_world_pano, house.objects), labels(house.objects))

@@ -116,7 +116,7 @@ class Matterport3D(Dataset):
         return cache_home() / self.name
 
     def _cached_files(self, id: str) -> dict[str, Any]:
-        """Return the cached files of a viewpoint's stitched panorama, by part."""
+        """Return the names of the cached files of a viewpoint's panorama, by their content (such as "rgb")."""
         return image_names(f"{id.split('/')[0]}/{self._key(id)[:24]}", self.provides | {"valid"})
 
     def prepare(self, progress: Callable[[int, int], None]) -> None:
@@ -204,7 +204,7 @@ def _stamp(path: Path) -> list[str | int]:
 def _load(
     id: str, root: Path, files: Mapping[str, str], columns: int, labels_by_id: Mapping[int, str], broken: str | None
 ) -> Panorama:
-    """Load a stitched panorama and turn it by `columns` columns. Raises DataError if its images were not usable."""
+    """Load a stitched panorama and turn it by `columns` columns. Raises DataError if it could not be stitched."""
     if broken is not None:
         raise DataError(broken)
     images_by_part = (

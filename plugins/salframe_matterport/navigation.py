@@ -21,7 +21,8 @@ from salframe_matterport.scenes import ViewpointScene
 View = Callable[[Panorama], Panorama]
 
 TURN_OFF_RAD, LENGTH_OFF_M = np.radians(30.0), 1.0
-"""Maximum errors in bearing and in length at which a move still leads to a neighbour; beyond them, the agent stays."""
+"""Maximum differences in bearing and in length (m) between a move and the way to a neighbour. If no neighbour is within
+both, the agent stays."""
 
 
 class ViewpointChart(Chart):
@@ -31,7 +32,12 @@ class ViewpointChart(Chart):
     aside_m = 2.0
 
     def __init__(self, map: TopologicalMap, camera_m: np.ndarray) -> None:
-        """Create the navigation map of a viewpoint graph. camera_m (N, 3): camera positions of its nodes in metres."""
+        """Create the chart of a viewpoint graph.
+
+        Args:
+            map: The viewpoint graph with N nodes.
+            camera_m: (N, 3) camera positions of the nodes in metres.
+        """
         self.map = map
         self._camera_m = camera_m
         self._node_m = np.array([node.xyz_m for node in map.nodes])
@@ -47,11 +53,11 @@ class ViewpointChart(Chart):
         return int(np.linalg.norm(self._camera_m - position_m, axis=1).argmin())
 
     def spot(self, position_m: np.ndarray) -> np.ndarray:
-        """See Chart: at the nearest viewpoint."""
+        """See Chart. Return the camera position of the nearest viewpoint."""
         return self._camera_m[self.nearest(position_m)]
 
     def reach(self, position_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:
-        """See Chart: from the nearest viewpoint to itself (0) and to its neighbours."""
+        """See Chart. Distances are finite only to the nearest viewpoint itself (0) and to its neighbours."""
         points = np.linalg.norm(self._node_m - points_m[:, None], axis=2).argmin(1)
         return self.step_m[self.nearest(position_m), points]
 
@@ -59,8 +65,8 @@ class ViewpointChart(Chart):
 class ViewpointWorld(World):
     """Viewpoint graph of a building.
 
-    A panorama at a viewpoint has the viewpoint's annotations. The viewpoint's own scene is left out of the map while
-    the agent is there.
+    A panorama at a viewpoint has the annotations of this viewpoint. While the agent is at a viewpoint, the reference
+    frame of this viewpoint is left out of the map.
     """
 
     def __init__(
@@ -80,7 +86,7 @@ class ViewpointWorld(World):
             poses: T_world_pano (4, 4) of the map's nodes, by node id, in the order of the nodes.
             scenes: Scenes by node id, for the nodes that have one.
             references: Reference frames of all scenes.
-            view: Function that returns the part of a panorama that queries show.
+            view: Function that limits a panorama to the part that a query shows, such as a smaller field of view.
         """
         self._poses, self._scenes, self._frames = list(poses.values()), scenes, tuple(references)
         self._view = view
@@ -119,9 +125,10 @@ class ViewpointWorld(World):
         return self._view(Panorama(f"{node.id} {np.degrees(yaw_rad):.3f}", annotations=annotations))
 
     def move(self, T_world_pano: np.ndarray, turn_rad: float, length_m: float) -> tuple[np.ndarray, bool]:
-        """See World: move to the neighbour that fits the move best, or only turn if none fits.
+        """See World. Move to the neighbour that fits the move best, or only turn if no neighbour fits.
 
-        The neighbour's bearing and horizontal distance must be within TURN_OFF_RAD and LENGTH_OFF_M of the move.
+        A neighbour fits if its bearing differs from the bearing of the move by at most TURN_OFF_RAD, and its horizontal
+        distance from the length of the move by at most LENGTH_OFF_M.
         """
         here, yaw_rad = self._viewpoints.nearest(T_world_pano[:3, 3]), pose_yaw(T_world_pano) + turn_rad
         walk_m = length_m * np.array([np.cos(yaw_rad), np.sin(yaw_rad)])
@@ -159,15 +166,15 @@ def viewpoint_world(
     """Build the world of a building.
 
     Two included viewpoints are neighbours if the way between them is unobstructed. The length of an edge is its 3D
-    length. Nodes are at floor level, below the camera by its height.
+    length. Nodes are on the floor below the cameras.
 
     Args:
         path: Connectivity file.
         scan: Building.
-        scenes: Scenes of its viewpoints.
+        scenes: Scenes of the building's viewpoints.
         references: Reference frames of the scenes.
         regions: Region index of each viewpoint.
-        view: Function that returns the part of a panorama that queries show.
+        view: Function that limits a panorama to the part that a query shows.
 
     Raises:
         DataError: The file is missing or malformed.

@@ -1,4 +1,5 @@
-"""Assignment of panorama pixels to annotated objects: a pixel shows an object if its point is in the object's box."""
+"""Assignment of panorama pixels to annotated objects. A pixel shows an object if its 3D point is in the box of the
+object."""
 
 from __future__ import annotations
 
@@ -13,18 +14,18 @@ _STUFF = frozenset({"void", "wall", "floor", "ceiling", "beam", "column", "stair
 """Categories that are not objects."""
 _UNKNOWN = "unknown"
 _SLACK_M = 0.03
-"""Margin added to boxes in metres: measured ranges scatter, and pictures and curtains are thin."""
+"""Margin in metres that is added to boxes, because measured ranges scatter, and pictures and curtains are thin."""
 
 
 def labels(objects: Iterable[HouseObject]) -> dict[int, str]:
-    """Return the labels of all objects by instance id (index in the file + 1)."""
+    """Return the label of each object by instance id (index in the file + 1). Structure such as walls is omitted."""
     return {o.index + 1: o.label for o in objects if o.category not in _STUFF and o.label != _UNKNOWN}
 
 
 def label_pixels(range_m: np.ndarray, T_world_pano: np.ndarray, objects: Iterable[HouseObject]) -> np.ndarray:
     """Return the instance id of each pixel: (H, 2H) int32, 0 where there is no object or no range.
 
-    In nested boxes, the smallest box wins.
+    A point in several boxes belongs to the smallest box.
 
     Args:
         range_m: Range image (H, 2H) in metres, NaN where unknown.

@@ -22,8 +22,8 @@ class Boxes:
 
     Attributes:
         label: Label of the object.
-        view: Indices (K,) int64 of the views that show it.
-        box_px: Boxes (K, 4): x, y, width, height in pixels.
+        view: Indices (K,) int64 of the views that show the object.
+        box_px: Boxes (K, 4) of the object in these views: x, y, width, height in pixels.
     """
 
     label: str
@@ -126,7 +126,11 @@ def read_viewpoints(path: Path) -> tuple[ConnectivityViewpoint, ...]:
 
 
 def read_ways(path: Path) -> set[tuple[str, str]]:
-    """Read the pairs of viewpoints of a connectivity file between which the way is unobstructed. Raises DataError."""
+    """Read the ways: pairs of viewpoints between which a connectivity file has an unobstructed way.
+
+    Raises:
+        DataError: The file is malformed.
+    """
     listed = read_viewpoints(path)
     ways = set()
     for viewpoint in listed:
@@ -176,9 +180,9 @@ def read_boxes(path: Path, viewpoint: str) -> dict[int, Boxes]:
 
 
 def read_room_types(path: Path) -> dict[str, dict[int, str]]:
-    """Read room types: building -> region index -> room type, without the explanation in parentheses.
+    """Read the room type of each region: building -> region index -> room type.
 
-    Regions without a label are left out.
+    An explanation in parentheses is removed from a room type. Regions without a label are left out.
     """
     content: _Regions = read_as(path, _Regions)
     types: dict[str, dict[int, str]] = {}

@@ -29,15 +29,15 @@ _NO_SHEAR = np.array([[0, 1, 0], [1, 0, 0], [1, 1, 0]], bool)
 _RIGID_TOLERANCE = 1e-3
 """Maximum deviation of a camera pose from a rigid motion."""
 _SKYBOX_STOP = "i1_5"
-"""Level picture that looks in the direction of skybox face 1. Faces 2, 3 and 4 follow clockwise, face 0 looks up and
-face 5 down."""
+"""Part of the name of the level picture that looks in the direction of skybox face 1. Faces 2, 3 and 4 follow
+clockwise. Face 0 looks up, and face 5 looks down."""
 
 Color = Literal["skybox", "pictures"]
 
 
 @dataclass(frozen=True)
 class DepthShot:
-    """File names of a depth image and of its colour picture, and their camera."""
+    """File names of a depth image and of the colour picture with the same camera, and this camera."""
 
     depth: str
     picture: str
@@ -53,7 +53,7 @@ class Viewpoint:
         folder: Folder of the building.
         shots: Images of the viewpoint and their cameras.
         T_world_pano: Pose (4, 4) of the panorama: upright, at the mean position of the cameras, with the
-            heading of the first image of the horizontal camera.
+            heading of the first image of the level camera.
     """
 
     name: str
@@ -75,7 +75,16 @@ class Viewpoint:
         return [self.folder / "matterport_skybox_images" / f"{self.name}_skybox{face}_sami.jpg" for face in range(6)]
 
     def stitch(self, height: int, color: Color) -> Panorama:
-        """Stitch the panorama at `T_world_pano`. Raises DataError on a missing, damaged or wrongly sized image."""
+        """Stitch the panorama at `T_world_pano`.
+
+        Args:
+            height: Height of the panorama in pixels.
+            color: Images that give the colour: "skybox" (six cube faces) or "pictures" (the colour picture of each
+                depth image).
+
+        Raises:
+            DataError: An image is missing, damaged or of the wrong size.
+        """
         for path in self.files(color):
             if not path.exists():
                 raise DataError(
@@ -93,7 +102,11 @@ class Viewpoint:
         return Panorama(self.name, rgb, range_m, valid)
 
     def _skybox(self, widths_px: Sequence[int]) -> list[PosedCamera]:
-        """Return the cameras of the six skybox faces, centred between the viewpoint's cameras; widths in pixels."""
+        """Return the cameras of the six skybox faces, at the mean position of the viewpoint's cameras.
+
+        Args:
+            widths_px: Width of each face in pixels.
+        """
         first = next((shot.camera for shot in self.shots if _SKYBOX_STOP in shot.picture), None)
         if first is None:
             raise DataError(
@@ -112,7 +125,11 @@ class Viewpoint:
 
 
 def find_buildings(root: Path) -> dict[str, Path]:
-    """Return the folders of all buildings with a camera file, by building. Raises DataError if there is none."""
+    """Return the folder of each building with a camera file, by the id of the building.
+
+    Raises:
+        DataError: No building has a camera file.
+    """
     for scans in (root / "v1" / "scans", root / "scans", root):
         buildings = {
             path.parent.parent.name: path.parent.parent

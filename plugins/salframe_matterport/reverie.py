@@ -27,9 +27,9 @@ from salframe_matterport.readers import Number, boxes_path, connectivity_path, r
 _log = logging.getLogger("salframe.reverie")
 METRICS = ("SR", "OSR", "SPL", "RGS", "RGSPL")
 MIN_LENGTH_M = 0.01
-"""Divisor of SPL when neither the agent nor the reference path moves, in metres (DUET)."""
+"""Minimum divisor of SPL in metres, as in DUET. It is used if neither the agent nor the reference path moves."""
 NAMED = 5
-"""Maximum number of missing instructions that an error lists."""
+"""Maximum number of instructions without an answer that an error lists."""
 
 
 class Reverie(Scorer):
@@ -40,7 +40,7 @@ class Reverie(Scorer):
     version = "1"
 
     def score(self, answers: Path, root: Path) -> Sequence[Mapping[str, Any]]:
-        """See Scorer. Metrics are percentages with two decimals; path lengths are shortest paths of the 3D graph.
+        """See Scorer. Metrics are percentages with two decimals. Lengths are shortest paths in the viewpoint graph.
 
         A split is scored if the file answers any of its instructions; the file must then answer all of them. The column
         `ignored` counts answers to instructions that `root` does not have, and repeated answers to one instruction.
@@ -111,7 +111,7 @@ class Reverie(Scorer):
         ]
 
     def submission(self, split: str, root: Path, walked: Sequence[np.ndarray | None]) -> list[dict[str, Any]]:
-        """See Scorer: the same answer to all instructions of a task, without an object, since localization finds none.
+        """See Scorer. Return the same answer to all instructions of a task, without an object.
 
         Headings are clockwise from the world's y axis, as in the simulator; elevations are 0.
         """
@@ -164,7 +164,12 @@ class ReverieEpisode:
 
 @dataclass(frozen=True)
 class Answer:
-    """An agent's answer: the viewpoints of its path, from the start on, and the object id ("None": no object)."""
+    """The answer of an agent.
+
+    Attributes:
+        path: Viewpoints of the agent's path, including the start.
+        object_id: Id of the object that the agent named; "None": no object.
+    """
 
     path: tuple[str, ...]
     object_id: str
@@ -180,7 +185,7 @@ class BuildingGraph:
         self._visible: dict[str, frozenset[int]] = {}
 
     def distance_m(self, start: str, end: str) -> float:
-        """Return the length of the shortest path, inf if there is none."""
+        """Return the length of the shortest path between two viewpoints in metres; inf if there is none."""
         return float(self._distance_m[self.number[start], self.number[end]])
 
     def shows(self, viewpoint: str, object_id: int) -> bool:
@@ -201,7 +206,7 @@ def walking_distances(path: Path) -> tuple[dict[str, int], np.ndarray]:
     length.
 
     Returns:
-        Row of each viewpoint, by viewpoint id, and path lengths (N, N) float64 in metres.
+        Mapping from viewpoint id to row, and path lengths (N, N) float64 in metres.
     """
     from scipy.sparse.csgraph import dijkstra
 
@@ -217,11 +222,11 @@ def walking_distances(path: Path) -> tuple[dict[str, int], np.ndarray]:
 def score_episode(name: str, episode: ReverieEpisode, answer: Answer, building: BuildingGraph) -> tuple[float, ...]:
     """Return the METRICS of one episode, each from 0 to 1.
 
-    A step between viewpoints that are not connected has the length of the shortest path between them. The named object
-    counts regardless of where the agent stopped.
+    A step between viewpoints that are not neighbours has the length of the shortest path between them. The named object
+    is scored regardless of where the agent stopped.
 
     Raises:
-        DataError: The path cannot be walked.
+        DataError: The path does not begin at the start, or contains unknown or unconnected viewpoints.
     """
     for viewpoint in (*answer.path, episode.path[-1]):
         if viewpoint not in building.number:
@@ -267,7 +272,12 @@ def read_episodes(root: Path) -> dict[str, dict[str, ReverieEpisode]]:
 
 
 def read_split(split: str, root: Path) -> dict[str, ReverieEpisode]:
-    """Read the episodes of one split, by instr_id. Raises UnknownName, DataError."""
+    """Read the episodes of one split, by instr_id.
+
+    Raises:
+        UnknownName: The split does not exist.
+        DataError: The files are missing or malformed.
+    """
     splits = read_episodes(root)
     if split not in splits:
         raise UnknownName(f"{root}: {unknown('split', split, list(splits))}")
@@ -275,17 +285,17 @@ def read_split(split: str, root: Path) -> dict[str, ReverieEpisode]:
 
 
 def task_of(name: str) -> str:
-    """Return the part of an instr_id that all instructions to one object along one path share."""
+    """Return the task of an instr_id: the part that is equal for all instructions to one object along one path."""
     return name.rpartition("_")[0]
 
 
 def by_task(split: str, root: Path) -> dict[str, ReverieEpisode]:
-    """Read one episode per task, by `task_of`; the episodes of a task differ only in their words."""
+    """Read one episode per task, by the result of `task_of`. Episodes of one task differ only in their instruction."""
     return {task_of(name): episode for name, episode in read_split(split, root).items()}
 
 
 def read_answers(content: Any, path: Path) -> dict[str, Answer]:
-    """Parse the answers of a submission file, by instr_id; the first answer to an instruction counts.
+    """Parse the answers of a submission file, by instr_id. Of several answers to an instruction, the first is used.
 
     Two formats are accepted: the format of REVERIE (`predObjId`, steps are [viewpoint, heading, elevation]), and the
     format of the DUET family (`pred_objid`, trajectories nested one list deeper, steps may be viewpoints only).
@@ -327,8 +337,11 @@ def read_answers(content: Any, path: Path) -> dict[str, Answer]:
 
 
 def _object_id(named: Any, where: str) -> str:
-    """Return the object id of an answer as text. Raises DataError unless it is an integer of at most 9 digits, such an
-    integer as text, "None" or null."""
+    """Return the object id of an answer as text.
+
+    Raises:
+        DataError: The id is not an integer of at most 9 digits (as a number or as text), "None" or null.
+    """
     is_typed = isinstance(named, int | str | None) and not isinstance(named, bool)
     if not is_typed or not re.fullmatch("-?[0-9]{1,9}|None", str(named)):
         raise DataError(
@@ -338,7 +351,10 @@ def _object_id(named: Any, where: str) -> str:
 
 
 def viewpoints(trajectory: Any) -> Iterator[str]:
-    """Yield the viewpoints of a trajectory in order; steps are [viewpoint, heading, elevation], viewpoints or lists."""
+    """Yield the viewpoints of a trajectory in order.
+
+    A step is [viewpoint, heading, elevation], a viewpoint, or a list of steps.
+    """
     if not isinstance(trajectory, list):
         raise TypeError(f"the trajectory is {type(trajectory).__name__}, expected a list")
     if len(trajectory) == 3 and isinstance(trajectory[0], str) and not isinstance(trajectory[1], str):

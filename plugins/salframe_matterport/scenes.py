@@ -1,5 +1,5 @@
-"""Scenes of a building from its official files: the objects that a labelled RGB-D panorama would show at every
-viewpoint."""
+"""Scenes of a building from its official files. A scene consists of the objects that a labelled RGB-D panorama would
+show at a viewpoint."""
 
 from __future__ import annotations
 
@@ -27,10 +27,11 @@ class ViewpointScene:
         T_world_pano: Pose (4, 4) of the panorama.
         object_id: Object ids (N,) int64, used only for triangulation and ground truth.
         labels: Label of each object.
-        keys: Key of each object; it is not the same at another viewpoint.
+        keys: Key of each object, which seeds simulated errors. An object has different keys at different viewpoints.
         azimuth_rad: Azimuths (N,), counter-clockwise from world +x.
         elevation_rad: Elevations (N,).
-        width_rad, height_rad: Angles (N,) that the objects subtend.
+        width_rad: Horizontal angles (N,) that the objects subtend.
+        height_rad: Vertical angles (N,) that the objects subtend.
         range_m: Ranges (N,) in metres, NaN where unknown.
     """
 
@@ -49,7 +50,7 @@ class ViewpointScene:
     def annotations(self, yaw_rad: float, ranged: bool = True) -> Annotations:
         """Return the objects in the frame of an upright panorama that looks along the world azimuth `yaw_rad`.
 
-        If `ranged` is false, detectors do not use their ranges.
+        If `ranged` is false, detectors do not use the ranges of the objects.
         """
         azimuth = self.azimuth_rad - yaw_rad
         # Diameter of a sphere that subtends this angle; bounded for objects that surround the viewpoint.
@@ -80,16 +81,16 @@ def object_key(scan: str, viewpoint: str, number: int) -> str:
 def read_scenes(
     root: Path, scan: str, regions: Mapping[str, int], range_noise: float, seed: int
 ) -> list[ViewpointScene]:
-    """Read the viewpoints of a building that see an object, in the order of its connectivity file.
+    """Read the scenes of the viewpoints that show at least one object, in the order of the connectivity file.
 
-    A range is the distance to the object's triangulated position times a random factor. An object that could not be
-    triangulated gets a random range of the building's other objects, NaN if there are none.
+    The range of an object is the distance to its triangulated position times a random factor. An object that could not
+    be triangulated gets the range of another object of the building, drawn at random; NaN if there is none.
 
     Args:
         root: Folder of the official files.
-        scan: Building.
+        scan: Id of the building.
         regions: Region index of each viewpoint.
-        range_noise: Standard deviation of the range factor.
+        range_noise: Standard deviation of the logarithm of the random factor.
         seed: Random seed of the ranges.
 
     Raises:
@@ -150,7 +151,10 @@ def read_scenes(
 
 
 def _noisy_range(range_m: float, others_m: np.ndarray, range_noise: float, random: np.random.Generator) -> float:
-    """Return a range in metres with a random factor; if it is unknown, a random one of `others_m`, NaN if empty."""
+    """Return a range in metres times a random factor.
+
+    If the range is unknown, return a random value of `others_m`, or NaN if `others_m` is empty.
+    """
     if np.isfinite(range_m):
         return float(range_m * np.exp(range_noise * random.standard_normal()))
     return float(random.choice(others_m)) if len(others_m) else np.nan
@@ -161,17 +165,17 @@ def retriangulate_ranges(
 ) -> dict[str, ViewpointScene]:
     """Triangulate the ranges of some objects again, from the bearings of `scenes` only.
 
-    Factors are drawn as in `read_scenes`. Objects that cannot be triangulated get a random range of the scenes' other
-    objects.
+    Random factors are drawn as in `read_scenes`. An object that cannot be triangulated gets the range of another object
+    of the scenes, drawn at random.
 
     Args:
         scenes: Scenes of a building.
         objects: Ids of the objects.
-        range_noise: Standard deviation of the range factor.
+        range_noise: Standard deviation of the logarithm of the random factor.
         seed: Random seed of the ranges.
 
     Returns:
-        Copies of the scenes that see some of the objects, with the new ranges, by scene id.
+        Copies of the scenes that show some of the objects, with the new ranges, by scene id.
     """
     affected = [np.isin(scene.object_id, objects) for scene in scenes]
     rays = [(scene, i) for scene, shared in zip(scenes, affected, strict=True) for i in np.flatnonzero(shared)]

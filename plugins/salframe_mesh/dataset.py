@@ -98,8 +98,11 @@ class MeshDataset(RenderedDataset[FrameSpec]):
 
     @cached_property
     def fingerprint(self) -> str:
-        """Hash of the settings, of the content of tables (frames.csv, regions.json, .house, .mtl), and of path, size
-        and modification time of all other files in the folder, since materials may name any image."""
+        """Hash of the settings and of all files in the folder, because materials may name any image.
+
+        The content of tables (frames.csv, regions.json, .house, .mtl) is hashed. Of other files, only path, size and
+        modification time are hashed.
+        """
         files = sorted(path for path in self._source.rglob("*") if path.is_file())
         stamps = [[path.relative_to(self._source).as_posix(), *_content_or_stamp(path)] for path in files]
         settings = self.config.model_dump(mode="json", exclude={"root", "hide_query_place", *VIEW_SETTINGS})
@@ -163,7 +166,7 @@ class MeshDataset(RenderedDataset[FrameSpec]):
 
 
 def _content_or_stamp(path: Path) -> list[str | int]:
-    """Return the text of a table; for any other file, which may be large, its size and modification time."""
+    """Return the text of a table. For other files, which may be large, return size and modification time."""
     if path.suffix in (".csv", ".json", ".house", ".mtl"):
         with reading(path, "a table"):
             return [read_bytes(path).decode("utf-8", "replace")]
@@ -210,9 +213,9 @@ def read_frames(path: Path) -> list[FrameSpec]:
 
 
 def beside(references: Sequence[FrameSpec], floors: Sequence[FloorMasks], per_frame: int, seed: int) -> list[FrameSpec]:
-    """Return queries 0.3 to 1.1 m from their reference frame, on free floor of the same room, with random yaw.
+    """Return random queries 0.3 to 1.1 m from each reference frame, on free floor of the same room, with random yaw.
 
-    A reference frame without such floor gets no query.
+    A reference frame without free floor at this distance gets no query.
 
     Args:
         references: Reference frames.

@@ -1,4 +1,4 @@
-"""Floor masks of a mesh: where the floor is, which obstacles stand on it, and to which room each cell belongs."""
+"""Floor masks of a mesh: where the floor is, where obstacles stand, and to which room each cell belongs."""
 
 from __future__ import annotations
 
@@ -20,27 +20,28 @@ from salframe_mesh.renderer import MeshRenderer
 BAND_M = 0.1, 1.5
 """Heights above the floor, in metres, between which a surface is an obstacle for a robot."""
 _SLICES = 8
-"""Number of horizontal cuts of the mesh. They show walls and tall furniture, in which a ray from above the band would
-start inside."""
+"""Number of horizontal cuts through the mesh. Cuts are needed for walls and tall furniture: a vertical ray from the top
+of BAND_M would start inside them and miss their surface."""
 _BELOW_M = 0.3
-"""Maximum depth of the floor below its stated height in metres, since a scanned floor is uneven."""
+"""Maximum distance in metres of the floor below its stated height, because a scanned floor is uneven."""
 _MARGIN_M = 0.4
-"""Distance in metres by which rooms grow: outlines end at the walls, but floor in a doorway is part of a room."""
+"""Distance in metres by which rooms are extended. Outlines end at the walls, but the floor in a doorway belongs to a
+room too."""
 _POCKET_M2 = 1.0
-"""Minimum area of a free patch in square metres. Smaller ones are the insides of furniture and walls."""
+"""Minimum area in square metres of a connected free area. Smaller areas are inside furniture and walls."""
 _MAX_CELLS = 1 << 23
 """Maximum number of cells of a floor's masks: 145 m x 145 m at 0.05 m."""
 
 
 @dataclass(frozen=True, eq=False)
 class FloorRegion:
-    """A place on a level.
+    """The floor area of a place.
 
     Attributes:
         place: Name of the place.
-        outlines_m: Outlines (n, 2) in metres in the world.
-        floor_m: Height of its floor in metres.
-        level: Index of its level.
+        outlines_m: Polygons (n, 2) around the area, in metres in the world.
+        floor_m: Height of the floor in metres.
+        level: Index of the level (storey).
     """
 
     place: str
@@ -57,7 +58,9 @@ class _PlaceRegion(Settings):
 
 
 def read_rooms(root: Path) -> tuple[FloorRegion, ...]:
-    """Read the rooms of a folder from regions.json, else from .house files; empty if there are neither.
+    """Read the rooms of a folder from regions.json or, if it does not exist, from .house files.
+
+    The result is empty if there are no such files.
 
     Format of regions.json: {place: {"outline_m": [[x, y], ...], "floor_m": z}}.
 
@@ -159,7 +162,7 @@ def _cut_mesh(surface: MeshSurface, height_m: float) -> np.ndarray:
 
 
 def _extend_labels(region: np.ndarray, reach_px: float) -> np.ndarray:
-    """Extend the labels to unlabelled cells within `reach_px` of a room; the nearest room wins."""
+    """Give unlabelled cells within `reach_px` of a room the label of the nearest room."""
     from scipy import ndimage
 
     distance, nearest = ndimage.distance_transform_edt(region == 0, return_indices=True)
@@ -167,7 +170,7 @@ def _extend_labels(region: np.ndarray, reach_px: float) -> np.ndarray:
 
 
 def _small_patches(clear: np.ndarray, pixels: float) -> np.ndarray:
-    """Return the connected patches of `clear` with fewer than `pixels` pixels."""
+    """Return a mask of the connected areas of `clear` with fewer than `pixels` pixels."""
     from scipy import ndimage
 
     parts, _ = ndimage.label(clear)

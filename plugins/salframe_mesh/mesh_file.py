@@ -30,9 +30,9 @@ class MeshSurface:
     Attributes:
         vertices_m: Vertices (V, 3) float32.
         triangles: Vertex indices (F, 3) int32.
-        paint: Index (F,) int32 of each triangle's texture.
+        paint: Index (F,) int32 in `textures` of the texture of each triangle.
         uv: Texture coordinates (F, 3, 2) float32 of the corners; (0, 0) is the lower left.
-        colors: Vertex colours (V, 3) float32 in 0..255 that textures are multiplied with; white if there is a texture.
+        colors: Vertex colours (V, 3) float32 in 0..255, which multiply the texture; white without vertex colours.
         textures: Textures (h, w, 3) uint8.
     """
 
@@ -45,7 +45,7 @@ class MeshSurface:
 
 
 def read_mesh(path: Path, up: str) -> MeshSurface:
-    """Read a mesh file in a separate process, since a damaged file may crash it.
+    """Read a mesh file in a separate process, because a damaged file may crash the process.
 
     Args:
         path: Path of the file.
@@ -75,7 +75,7 @@ def read_mesh(path: Path, up: str) -> MeshSurface:
 
 
 def _read(path: Path) -> MeshSurface:
-    """Read the surface of a file in the file's own frame. Raises DataError."""
+    """Read the surface of a file in the frame of the file. Raises DataError if the mesh has no faces or is invalid."""
     import open3d
 
     # Open3D reports a damaged file on stdout and returns an empty mesh.
@@ -112,7 +112,7 @@ def _check_counts(path: Path, size: int) -> None:
 
 
 def _check(surface: MeshSurface, path: Path) -> None:
-    """Raise DataError on values that would crash the renderer."""
+    """Raise DataError if the surface has values that would crash the renderer."""
     if not (np.isfinite(surface.vertices_m).all() and np.isfinite(surface.uv).all()):
         raise DataError(
             f"{path} has a vertex or texture coordinate that is not finite in float32, expected finite numbers"
@@ -132,7 +132,7 @@ def _uniform_texture(rgb) -> np.ndarray:
 
 
 def _texture(material) -> np.ndarray:
-    """Return the texture of a material; one pixel of its colour if it has no image."""
+    """Return the texture of a material. Without an image, it is one pixel with the colour of the material."""
     image = None if material.albedo_img is None else np.asarray(material.albedo_img)
     if image is None or not image.size:
         return _uniform_texture(np.round(255 * np.asarray(material.base_color)[:3]))

@@ -10,12 +10,14 @@ from salframe_mesh.mesh_file import MeshSurface
 
 _NO_HIT_M = np.float32(1e30)  # embree returns a range of 1e37 for a ray without a hit
 _SUPERSAMPLING = 2
-"""Rays per pixel along each axis for colour."""
+"""Number of rays per pixel along each image axis, for colour."""
 
 
 class MeshRenderer:
-    """Renders panoramas of one mesh without shading; its colours are assumed to include the light. The same pose gives
-    identical bytes."""
+    """Renders panoramas of one mesh without shading, because the colours of the mesh are assumed to include the light.
+
+    The same pose gives identical bytes.
+    """
 
     def __init__(self, surface: MeshSurface):
         from embreex.mesh_construction import TriangleMesh
@@ -33,8 +35,8 @@ class MeshRenderer:
             direction: Unit directions (N, 3).
 
         Returns:
-            range_m (N,) float32, NaN without a hit; the triangle (N,) int32 that is hit, 0 without a hit; and the
-            barycentric weights (N, 3) float32 of its corners.
+            range_m (N,) float32, NaN without a hit; index (N,) int32 of the triangle that is hit, 0 without a hit; and
+            barycentric weights (N, 3) float32 of the triangle's corners.
         """
         direction = np.ascontiguousarray(direction, np.float32)
         origin_m = np.ascontiguousarray(np.broadcast_to(np.asarray(origin_m, np.float32), direction.shape))
@@ -44,7 +46,13 @@ class MeshRenderer:
         return range_m, np.maximum(hits["primID"], 0), np.stack([1 - u - v, u, v], 1)
 
     def render(self, T_world_pano: np.ndarray, height: int, id: str) -> Panorama:
-        """Render the panorama (height, 2 height) at a pose (4, 4); without a hit, rgb is black and range_m NaN."""
+        """Render a panorama. A pixel whose ray hits nothing is black and not valid, and its range is NaN.
+
+        Args:
+            T_world_pano: (4, 4) pose of the panorama.
+            height: Height of the panorama in pixels. The width is twice the height.
+            id: Id of the panorama.
+        """
         shape = height, 2 * height
         range_m, _, _ = self.trace(T_world_pano[:3, 3], _rays(T_world_pano, height))
         fine = _SUPERSAMPLING * height
@@ -72,7 +80,7 @@ def _rays(T_world_pano: np.ndarray, height: int) -> np.ndarray:
 
 
 def _sample(texture: np.ndarray, uv: np.ndarray) -> np.ndarray:
-    """Sample a texture at coordinates (N, 2), bilinearly and repeating: (N, 3) float32."""
+    """Sample a repeating texture at coordinates (N, 2) by bilinear interpolation: (N, 3) float32."""
     height, width = texture.shape[:2]
     column, row = uv[:, 0] * width - 0.5, (1 - uv[:, 1]) * height - 0.5
     left, top = np.floor(column).astype(np.int64), np.floor(row).astype(np.int64)

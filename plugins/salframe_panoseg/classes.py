@@ -1,4 +1,4 @@
-"""Input of the network, shared by detection and training so that both use the same one."""
+"""Computation of the network's input, which detection and training share."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from salframe.panoramas.geometry import equirectangular_rays
 
 HEIGHT = 256
-"""Height of the network's panorama in pixels; its width is twice the height."""
+"""Height in pixels of the panorama that the network takes. Its width is twice the height."""
 CHANNELS = 6
 """Number of input channels."""
 
@@ -24,7 +24,7 @@ def network_input(rgb: np.ndarray, range_m: np.ndarray) -> np.ndarray:
 
     Args:
         rgb: Colour (H, 2H, 3) uint8.
-        range_m: Range (H, 2H) float32 in metres, NaN where unknown; there, nearness and height are 0.
+        range_m: Range (H, 2H) float32 in metres, NaN where unknown. Nearness and height are 0 where it is NaN.
     """
     import cv2
 

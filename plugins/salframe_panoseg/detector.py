@@ -115,9 +115,10 @@ def _labels(card: Path) -> list[str]:
 
 
 def into_panorama(vote_m: np.ndarray) -> np.ndarray:
-    """Convert votes (3, H, W) to the panorama frame: (H, W, 3).
+    """Convert the offsets (3, H, W) that the network predicts to the panorama frame: (H, W, 3).
 
-    Votes are in each pixel's frame: horizontally away from the camera, to the left, and up.
+    An offset leads from the point of a pixel to the centre of the pixel's object. The three coordinates that the
+    network predicts are horizontally away from the camera, to the left, and up.
     """
     azimuth = column_azimuth(vote_m.shape[2])
     cosine, sine = np.cos(azimuth), np.sin(azimuth)
@@ -126,7 +127,7 @@ def into_panorama(vote_m: np.ndarray) -> np.ndarray:
 
 
 def from_panorama(offset_m: np.ndarray) -> np.ndarray:
-    """Inverse of `into_panorama`: convert offsets (H, W, 3) in the panorama frame to votes (3, H, W)."""
+    """Inverse of `into_panorama`: convert offsets (H, W, 3) in the panorama frame to the network's output (3, H, W)."""
     azimuth = column_azimuth(offset_m.shape[1])
     cosine, sine = np.cos(azimuth), np.sin(azimuth)
     x, y, z = np.moveaxis(offset_m, -1, 0)

@@ -1,4 +1,5 @@
-"""Grouping of pixels to objects by class and by votes for the object's centre."""
+"""Grouping of pixels to objects by class and by vote. A vote is the object centre that the network predicts for a
+pixel."""
 
 from __future__ import annotations
 
@@ -9,17 +10,19 @@ from salframe.graphs.pixels import connected_parts
 MIN_POINTS = 12
 """Minimum number of pixels of an object on the network's panorama."""
 LINK_M = 0.2
-"""Maximum distance in metres between the votes of neighbouring pixels of the same part."""
+"""Maximum distance in metres between the votes of neighbouring pixels that belong to the same part of an object."""
 SAME_M = 0.7
-"""Maximum distance in metres between the mean votes of two parts of an object that is cut by an occluder. If the larger
-part is longer than this, its length is used, because the error of votes grows with the size of the object."""
+"""Maximum distance in metres between the mean votes of two parts of one object, which an occluder separates. If the
+larger part is longer than this distance, the maximum is its length, because the error of votes grows with the size of
+the object."""
 
 
 def group_pixels(class_id: np.ndarray, points_m: np.ndarray, centre_m: np.ndarray, valid: np.ndarray) -> np.ndarray:
     """Group the pixels of a panorama to objects.
 
-    Neighbouring pixels, also across the seam, are in one part if their classes are equal and their votes differ by less
-    than LINK_M. Parts of a class are one object if their mean votes are close.
+    Neighbouring pixels belong to the same part if their classes are equal and their votes differ by less than LINK_M.
+    Pixels of the first and the last column are neighbours too. Parts with the same class are one object if their mean
+    votes are close (SAME_M).
 
     Args:
         class_id: Class (H, W) int of each pixel, 0 for structure.
@@ -48,7 +51,7 @@ def group_pixels(class_id: np.ndarray, points_m: np.ndarray, centre_m: np.ndarra
 def _join_parts(
     class_id: np.ndarray, points_m: np.ndarray, vote_m: np.ndarray, part_of: np.ndarray, count: np.ndarray
 ) -> np.ndarray:
-    """Return the object number (P,) int32 of each part, 0 for parts too small to join another or to be an object."""
+    """Return the object number (P,) int32 of each part; 0 for a small part that belongs to no object."""
     mean_m = np.stack([np.bincount(part_of, vote_m[:, axis]) for axis in range(3)], 1) / count[:, None]
     members = np.split(np.argsort(part_of, kind="stable"), np.cumsum(count)[:-1])
     object_of = np.zeros(len(count), np.int32)
@@ -67,5 +70,5 @@ def _join_parts(
 
 
 def _length_m(points_m: np.ndarray) -> float:
-    """Return the length of a bar with the same mean squared distance of its points from their mean as points (n, 3)."""
+    """Return the length of points (n, 3): the length of a thin uniform bar with the same total variance."""
     return float(np.sqrt(12 * points_m.var(0).sum()))

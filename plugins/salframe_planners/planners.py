@@ -21,9 +21,9 @@ _NO_NODE = -9999
 
 
 class _GraphPlanner(Planner):
-    """Base of planners that compute the predecessors of all nodes on shortest routes.
+    """Base class of planners that compute the predecessor of each node on the shortest routes.
 
-    Of several edges between two nodes only the shortest is used.
+    If there are several edges between two nodes, only the shortest edge is used.
     """
 
     def prepare(self, map: TopologicalMap) -> None:

@@ -26,7 +26,7 @@ QUIET = {
     "RAY_DEDUP_LOGS_SKIP_REGEX": "^A worker died or was killed",
 }
 """Environment variables that Ray reads when it is imported. They disable usage statistics, a warning about a future
-change for workers without a GPU, and the line on stdout about a dead worker, which the answer of the item reports."""
+change for workers without a GPU, and the line on stdout about a dead worker, because salframe reports dead workers."""
 
 
 class Ray(WorkerEngine):
@@ -87,7 +87,11 @@ class _Worker:
     """The actor that runs in a worker process."""
 
     def __init__(self, directory: str) -> None:
-        """Prepare the process. directory: current directory of the worker, if its machine has it."""
+        """Prepare the process.
+
+        Args:
+            directory: Working directory of the worker. It is ignored if it does not exist on the worker's machine.
+        """
         become_worker()
         with suppress(OSError):
             os.chdir(directory)

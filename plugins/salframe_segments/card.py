@@ -20,7 +20,10 @@ Layout = Literal["nchw", "nhwc"]
 
 
 class Input(Settings):
-    """Input of the network: a colour from 0 to 255 becomes (colour * scale - mean) / std; size_px: width, height."""
+    """Input of the network. A colour value from 0 to 255 becomes (colour * scale - mean) / std.
+
+    `size_px` is the width and the height of the input. `name` is not needed if the file has one input.
+    """
 
     name: str | None = None
     layout: Layout
@@ -41,10 +44,10 @@ class Input(Settings):
 
 
 class Output(Settings):
-    """Output of the network: a score for each class and pixel, in any resolution.
+    """Output of the network: a score for each class and pixel, at any resolution.
 
-    Integers are converted to numbers with the quantization of the TensorFlow Lite file. `name` may be any tensor of the
-    file, including intermediate tensors; null: the first output of the file.
+    Integer outputs are converted to floats with the quantization of the TensorFlow Lite file. `name` may be any tensor
+    of the file, including intermediate tensors; null: the first output of the file.
     """
 
     name: str | None = None
@@ -53,9 +56,10 @@ class Output(Settings):
 
 
 class Calibration(Settings):
-    """Conversion of mean class probability p to score, the probability that the object's label is correct.
+    """Conversion of the mean class probability p of an object to its score.
 
-    The score is the logistic function of slope * logit(p) + offset. With the default values it is p.
+    The score is the probability that the label of the object is correct. It is the logistic function of
+    slope * logit(p) + offset. With the default values, the score is p.
     """
 
     slope: float = Field(1.0, gt=0)
@@ -70,20 +74,21 @@ class Calibration(Settings):
 class Card(Settings):
     """Model card of a network.
 
-    Each label of `labels` must be in exactly one of `structure`, `fixed` and `objects`. These may contain more labels,
-    so that cards can share them.
+    Each label of `labels` must be in exactly one of `structure`, `fixed` and `objects`. These three may contain other
+    labels too, so that several cards can use the same lists.
 
     Attributes:
         network: Name of the network.
         licence: Licence of the weights.
         data: Training data.
-        data_terms: Terms of the training data.
-        sha256: Hash of the file, which identifies the shipped card of a file.
-        input, output: Input and output of the network.
-        labels: The network's labels in its order.
-        structure: Labels that are not objects.
-        fixed: Name in salframe's vocabulary of each label of an object that is part of the building.
-        objects: Name in salframe's vocabulary of each label of any other object.
+        data_terms: Terms of use of the training data.
+        sha256: Hash of the network's file. salframe uses it to find the shipped card of a file.
+        input: Input of the network.
+        output: Output of the network.
+        labels: Labels of the network's classes, in the order of its output.
+        structure: Labels that are not objects, such as walls.
+        fixed: Mapping from the labels of objects that are part of the building to names in salframe's vocabulary.
+        objects: Mapping from the labels of all other objects to names in salframe's vocabulary.
         calibration: Conversion of probabilities to scores.
     """
 
@@ -115,23 +120,24 @@ class Card(Settings):
         return self
 
     def name_of(self, label: str) -> str | None:
-        """Return the name of a class in the graph; None if it is structure."""
+        """Return the name that salframe's vocabulary has for a label of the network; None if the label is structure,
+        such as a wall."""
         return self.fixed.get(label) or self.objects.get(label)
 
 
 def read_card(path: Path) -> Card:
-    """Read a card. Raises ConfigError on invalid content."""
+    """Read a card. Raises ConfigError if the content is not valid."""
     return validate(Card, read_yaml(path), f"{path}:")
 
 
 def card_beside(model: Path) -> Path | None:
-    """Return the path of the card beside a network's file, with the same stem; None if there is none."""
+    """Return the path of the card in the folder of a network's file, with the same stem; None if there is none."""
     path = model.with_suffix(".yaml")
     return path if path.is_file() else None
 
 
 def shipped_card(model: Path) -> Card:
-    """Return the card that salframe ships for the content of this file. Raises WeightsError if there is none."""
+    """Return the card that salframe ships for a file with this content. Raises WeightsError if there is none."""
     sha256 = file_sha256(model)
     for path in sorted(SHIPPED.glob("*.yaml")):
         card = read_card(path)

@@ -90,7 +90,7 @@ class SegmentsDetector(Detector):
         @model_validator(mode="before")
         @classmethod
         def _card_beside(cls, value: Any) -> Any:
-            """Set the card beside the network explicitly, so that its content is part of the identity."""
+            """Set `card` to the card beside the network, so that the content of the card is part of the cache key."""
             if isinstance(value, Mapping) and value.get("card") is None:
                 model = value.get("model", "ade20k")
                 if isinstance(model, str | Path) and model != "ade20k" and (card := card_beside(Path(model))):
@@ -158,7 +158,11 @@ class SegmentsDetector(Detector):
 
 
 def _model_path(model: str | SingleFile) -> Path:
-    """Return the path of a network: verified downloaded weights, or the user's file. Raises WeightsError."""
+    """Return the path of a network: downloaded weights with a verified hash, or the user's file.
+
+    Raises:
+        WeightsError: The file is missing, or the hash of the downloaded weights is wrong.
+    """
     if isinstance(model, str):
         return ADE20K.paths()[0]
     if not model.is_file():

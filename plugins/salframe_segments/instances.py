@@ -1,4 +1,4 @@
-"""Objects from pixel classes: connected parts of one class, split at range jumps and joined where they touch."""
+"""Objects from pixel classes. Connected areas of one class are split at range jumps; parts that touch are joined."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ import numpy as np
 from salframe.graphs.pixels import connected_parts
 
 JUMP = 0.2
-"""Minimum difference in range between neighbouring pixels of two parts, as a share of the nearer range. A table top
-half a metre below the camera reaches it 4 m away at 0.7 deg per pixel."""
+"""Minimum difference in range between neighbouring pixels of different parts, relative to the smaller range. At 0.7
+deg per pixel, a table top half a metre below the camera reaches this difference at a distance of 4 m."""
 SPILL = 0.1
-"""Minimum size of a part as a share of the largest part of its patch. Smaller parts are labels that spilled over a
-range jump onto the surface behind."""
+"""Minimum size of a part, relative to the largest part in the same connected area of one class. Smaller parts are
+wrongly labelled pixels of the surface behind the object."""
 MIN_SR = 2e-3
 """Minimum solid angle of a part: a square of 2.6 deg."""
 TOUCH_M = 0.15
-"""Maximum distance between points of two parts of one object, in metres."""
+"""Maximum distance in metres between the nearest points of two parts that are joined to one object."""
 
 
 def find_instances(
@@ -25,9 +25,9 @@ def find_instances(
 
     Args:
         class_id: Class (H, W) int of each pixel.
-        objects: Whether the pixels of each class (C,) are objects.
-        whole: Whether objects of each class (C,) are not split at range jumps, such as open doors, and windows that
-        show surfaces behind them.
+        objects: (C,) bool, whether the pixels of each class are objects.
+        whole: (C,) bool, whether objects of each class are never split at range jumps. Examples are open doors, and
+            windows that show surfaces behind them.
         points_m: Points (H, W, 3) of the pixels in metres, NaN where unknown; None: parts are neither split nor joined.
         area_sr: Solid angle (H, W) of the pixels.
 
@@ -67,7 +67,7 @@ def _split(pixels: np.ndarray, part_of: np.ndarray) -> list[np.ndarray]:
 
 
 def _join_touching(parts: list[np.ndarray], classes: np.ndarray, points_m: np.ndarray) -> list[np.ndarray]:
-    """Join parts of one class that touch."""
+    """Join parts of the same class that are at most TOUCH_M apart, and return the pixels of each object."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree

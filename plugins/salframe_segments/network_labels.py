@@ -1,4 +1,4 @@
-"""Labels of published networks as names in the graph."""
+"""Conversion of the labels of published networks to object names of the graph."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from salframe.graphs.vocabulary import object_label
 from salframe_segments.card import SHIPPED
 
 TABLES = ("ade20k", "coco")
-"""Data sets whose labels are known, in cards/names. The first table that has a label counts."""
+"""Data sets whose labels are known. Each has a table in cards/names. If several tables have a label, the first is
+used."""
 _ENDING = re.compile(r"(-(merged|other|stuff))+$")
-"""Endings of COCO's stuff, such as wall-other-merged."""
+"""Endings of COCO's labels for "stuff" (walls, floors and the like), such as wall-other-merged."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +24,7 @@ class NetworkLabels:
 
     Attributes:
         structure: Labels that are not objects.
-        names: Name in the graph of each label of an object.
+        names: Mapping from each label of an object to the name of the object in the graph.
         fixed: Names of objects that are part of the building.
     """
 
@@ -37,7 +38,7 @@ class NetworkLabels:
 
 
 def graph_name(label: str) -> str | None:
-    """Return the name in the graph of a network's label; None if it is structure, not an object.
+    """Return the name that the graph uses for a label of a network; None if the label is structure, such as a wall.
 
     Labels of ADE20K and COCO are known, also with synonyms after commas ("windowpane, window") and with the endings of
     COCO's stuff ("floor-wood", "cabinet-merged"). Any other label is an object, under its `object_label`.
@@ -56,7 +57,7 @@ def fixed_names() -> frozenset[str]:
 
 
 def _forms(label: str) -> Iterator[str]:
-    """Yield the forms of a label in which tables may have it, the most special first."""
+    """Yield the spellings of a label that a table may contain, the most specific first."""
     for part in label.lower().replace("_", " ").split(","):
         if word := " ".join(part.split()):
             yield from dict.fromkeys((word, _ENDING.sub("", word), word.partition("-")[0]))

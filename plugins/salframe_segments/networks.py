@@ -1,4 +1,4 @@
-"""Segmentation networks behind one interface: views as input, class probabilities as output."""
+"""Segmentation networks with a common interface, which takes views and returns class probabilities."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class SegmentationNetwork(ABC):
 
     @abstractmethod
     def raw(self, image: np.ndarray) -> np.ndarray:
-        """Run the network on a batch of one image in its own layout and dtype.
+        """Run the network on a batch of one image, which has the layout and the dtype of the network's input.
 
         Returns:
             Output in the card's layout, float32.
@@ -139,7 +139,7 @@ class TfliteNetwork(SegmentationNetwork):
 
 
 def open_network(path: Path, card: Card) -> SegmentationNetwork:
-    """Open a network with the runtime for its suffix. Raises WeightsError if the file does not match its card."""
+    """Open a network with the runtime for the suffix of its file. Raises WeightsError if it does not match its card."""
     return (TfliteNetwork if path.suffix == TFLITE else OnnxNetwork)(path, card)
 
 
@@ -168,7 +168,7 @@ def _truncate_after(content: bytearray, name: str) -> None:
 
 
 OPERATORS_SLOT = 10
-"""Offset of the operators in a subgraph's table (schema.fbs, its fourth field)."""
+"""Offset of the field `operators` in the table of a subgraph; it is the fourth field in schema.fbs."""
 
 
 def _channels_last(scores: np.ndarray, layout: Layout) -> np.ndarray:

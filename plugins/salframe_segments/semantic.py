@@ -1,4 +1,5 @@
-"""Objects from class probabilities of views: votes on the panorama's pixels, and connected parts of one class."""
+"""Objects from class probabilities of views: weighted means in the panorama's pixels, and connected parts of one
+class."""
 
 from __future__ import annotations
 
@@ -18,7 +19,8 @@ from salframe_segments.voting import HEIGHT, Views, vote
 UNSEEN = 114
 """Grey value of the pixels that a partial panorama does not cover."""
 MAX_SCORES = 160
-"""Maximum number of rows and columns of a view's scores that vote: more than a panorama of 512 x 256 can resolve."""
+"""Maximum number of rows and of columns of a view's scores that are used. A panorama of 512 x 256 pixels cannot resolve
+more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,10 +28,10 @@ class PixelClasses:
     """The most likely class of each pixel of a panorama.
 
     Attributes:
-        names: Class names: objects have their names in the graph, structure those of the network.
-        class_id: Index (H, W) int32 into names.
-        probability: Probability (H, W) float32 of that class.
-        valid: Mask (H, W) bool, False where there is no view or the panorama is not valid.
+        names: Class names. An object class has its name in the graph. A structure class has the network's label.
+        class_id: Index (H, W) int32 in `names` of the most likely class.
+        probability: Probability (H, W) float32 of this class.
+        valid: Mask (H, W) bool, False where no view shows the pixel or the panorama is not valid.
     """
 
     names: tuple[str, ...]
@@ -43,9 +45,10 @@ class Classes:
     """Classes of the graph, and their relation to the network's classes. Classes with the same name are merged.
 
     Attributes:
-        names: Class names; the first, "", is no object.
-        index: Index (C,) int into names of each of the network's classes.
-        is_object, is_fixed: Whether each name is an object, and a part of the building: (names,) bool.
+        names: Class names; the first name, "", stands for no object.
+        index: Index (C,) int in `names` of each of the network's classes.
+        is_object: (names,) bool, whether each name is an object.
+        is_fixed: (names,) bool, whether each name is an object that is part of the building.
     """
 
     names: tuple[str, ...]
@@ -81,7 +84,10 @@ class Classes:
         return joined
 
     def join_views(self, views: Iterable[np.ndarray]) -> np.ndarray:
-        """Join the probabilities (h, w, C) of each view: (V, h, w, names), at most MAX_SCORES rows and columns."""
+        """Apply `join` to the probabilities (h, w, C) of each view: (V, h, w, names) float32.
+
+        Rows and columns are subsampled to at most MAX_SCORES.
+        """
         return np.stack([self.join(_subsample(probabilities)) for probabilities in views])
 
 
@@ -99,7 +105,8 @@ def classify(
         valid: Pixels (H, 2H) bool that the panorama covers; None: all.
         views: Views of the panorama.
         names: Class names.
-        probabilities: Returns the probabilities (v, h, w, names) float32 of views (v, height, width, 3) uint8 RGB.
+        probabilities: Function that returns the probabilities (v, h, w, names) float32 of views (v, height, width, 3)
+            uint8 RGB.
     """
     covered, shown = np.ones((HEIGHT, 2 * HEIGHT), bool), np.ones(views.count, bool)
     if valid is not None:
@@ -122,13 +129,13 @@ def find_objects(
     score: Callable[[float], float],
     min_score: float,
 ) -> Detections:
-    """Return the objects of a panorama. The pieces of a flat panel are one object.
+    """Return the objects of a panorama. Pieces of one flat panel are joined to one object.
 
     Args:
         pixels: Class of each pixel.
         classes: The classes.
         range_m: Range image (H, 2H) in metres; None if no range is known.
-        score: Returns the score of an object from the mean probability of its class.
+        score: Function that returns the score of an object from the mean probability of its class.
         min_score: Minimum score of an object.
     """
     rays = equirectangular_rays(HEIGHT)

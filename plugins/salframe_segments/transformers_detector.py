@@ -36,7 +36,8 @@ from salframe_segments.voting import Views
 LEVEL_VIEWS = 6
 """Number of horizontal views for semantic networks, as in the detector `segments`."""
 OVERLAP = 0.45
-"""Maximum intersection over union of two boxes of one class in a view, as in the detector `onnx`."""
+"""Maximum intersection over union of two boxes of one class in a view, as in the detector `onnx`. Of boxes with a
+larger overlap, only the best one is returned."""
 TEXT_MODELS = ("oneformer",)
 """Model types of networks with fixed classes that also take text."""
 RING_VIEWS = sum(count for count, _ in RINGS)
@@ -118,7 +119,8 @@ class TransformersDetector(Detector):
 
 
 class VotedViews:
-    """Objects from a semantic segmentation network: votes of six horizontal views, as in the detector `segments`."""
+    """Objects from a semantic segmentation network: class probabilities averaged over six horizontal views, as in the
+    detector `segments`."""
 
     def __init__(self, model: PretrainedModel, fov_deg: float, min_score: float) -> None:
         """Run the network once. Raises WeightsError if its output does not match its labels."""
@@ -146,7 +148,7 @@ class MergedViews:
     """Objects from boxes or masks in sixteen views that cover the sphere, merged as in the detector `onnx`."""
 
     def __init__(self, model: PretrainedModel, fov_deg: float, min_score: float, labels: Sequence[str]) -> None:
-        """Run the network once. `labels` are for zero-shot networks."""
+        """Open the network and run it once. A zero-shot network searches for `labels`; other networks ignore them."""
         self._model = open_view_model(model, min_score, labels)
         self._rig = Rig(*model.size_px, np.radians(fov_deg))
         self._model.detect(_blank(model))
@@ -166,7 +168,12 @@ class MergedViews:
 
 
 def _labels(labels: tuple[str, ...] | UserFile | None) -> tuple[str, ...]:
-    """Return the labels that a zero-shot network searches for. Raises ConfigError, or DataError without a map."""
+    """Return the labels that a zero-shot network searches for.
+
+    Raises:
+        ConfigError: A label is empty or occurs twice, or there is none.
+        DataError: The setting is a folder that is not a map.
+    """
     from salframe.localization.map_files import map_labels
 
     if labels is None:

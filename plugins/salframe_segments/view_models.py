@@ -1,4 +1,5 @@
-"""Published networks on perspective views: the tasks that they solve, and their outputs as boxes, masks and classes."""
+"""Published networks on perspective views: the tasks of the networks, and the conversion of their outputs to
+detections."""
 
 from __future__ import annotations
 
@@ -20,11 +21,11 @@ PROMPT = "a photo of a {}"
 
 
 MASK_PROBABILITY, MIN_VISIBLE = 0.5, 0.8
-"""Minimum probability of a mask at its pixels, and minimum share of a mask that no other mask covers."""
+"""Minimum probability of a mask at its pixels, and minimum share of the pixels of a mask that no other mask covers."""
 
 
 class NetworkTask(Enum):
-    """Type of the predictions of a network for an image."""
+    """Task that a network solves, which determines the format of its output."""
 
     SEMANTIC = "semantic segmentation"
     PANOPTIC = "panoptic segmentation"
@@ -57,7 +58,7 @@ def tasks() -> dict[str, NetworkTask]:
 
 
 def class_probabilities(model: PretrainedModel, views: np.ndarray) -> Iterator[np.ndarray]:
-    """Yield the probabilities (h, w, C) float32 of each view (V, height, width, 3), from a semantic network."""
+    """Yield the class probabilities (h, w, C) float32 of each view (V, height, width, 3) by a semantic network."""
     for batch in model.batches(views):
         logits = model.run(model.prepare(batch)).logits
         yield from logits.softmax(1).permute(0, 2, 3, 1).numpy()
@@ -76,16 +77,16 @@ class ViewModel(ABC):
         self._model, self._min_score = model, min_score
 
     def detect(self, views: np.ndarray) -> list[ImageDetections]:
-        """Return the detections in each view (V, height, width, 3) uint8 RGB, with indices of `names` as labels."""
+        """Return the detections in each view (V, height, width, 3) uint8 RGB. Labels are indices into `names`."""
         return [detections for batch in self._model.batches(views) for detections in self._detect_batch(batch)]
 
     @abstractmethod
     def _detect_batch(self, views: np.ndarray) -> list[ImageDetections]:
-        """Return the detections in the views of one run."""
+        """Return the detections in each view of a batch, in one run of the network."""
 
 
 class _ClosedSetModel(ViewModel):
-    """A network with a fixed list of classes; those that are structure are left out."""
+    """A network with a fixed list of classes. Detections of structure (such as walls) are left out."""
 
     def __init__(self, model: PretrainedModel, min_score: float) -> None:
         super().__init__(model, min_score)
@@ -135,7 +136,7 @@ class SegmentModel(_ClosedSetModel):
         return [self._segments(*pair, views.shape[1:3]) for pair in zip(logits, masks, strict=True)]
 
     def _task_tokens(self, count: int) -> Any:
-        """Return OneFormer's task (count, tokens), with zeros after the text as in its own processor."""
+        """Return OneFormer's task text as tokens (count, tokens), padded with zeros as in OneFormer's own processor."""
         tokens = self._model.tokenizer(
             ["the task is panoptic"] * count,
             padding="max_length",
@@ -148,12 +149,12 @@ class SegmentModel(_ClosedSetModel):
     def _segments(self, logits: Any, mask_logits: Any, size: tuple[int, int]) -> ImageDetections:
         """Return the segments of a view by the panoptic inference of MaskFormer (Cheng et al., NeurIPS 2021, 3.4).
 
-        A pixel belongs to the query with the largest product of score and mask probability, if that mask probability
-        is at least 0.5. A query whose mask is mostly covered by others is left out. Unlike this, the library's own
-        function also gives the pixels of no mask to a query, and leaves out all scores below 0.5.
+        A pixel belongs to the query of the network with the largest product of score and mask probability, if this mask
+        probability is at least 0.5. A query is left out if other masks cover most of its mask. The function of
+        `transformers` differs: it also assigns pixels that are in no mask, and leaves out all scores below 0.5.
 
         Args:
-            logits: Class logits (queries, C + 1), the last for no object.
+            logits: Class logits (queries, C + 1). The last class stands for no object.
             mask_logits: Mask logits (queries, h, w).
             size: Height and width of the view.
         """
@@ -227,9 +228,9 @@ class GroundedModel(ViewModel):
             first = last
 
     def _tokenize(self, first: int, last: int) -> tuple[dict[str, Any], np.ndarray] | None:
-        """Return the text of labels first to last, without the last one, as tokens, and the label of each token.
+        """Return the tokens of the text with the labels first to last - 1, and the label index of each token.
 
-        The label of tokens between labels is -1. Returns None if the network takes fewer tokens.
+        The label index of a token between labels is -1. Return None if the text has too many tokens for the network.
         """
         texts = [f"{name.lower()}. " for name in self.names[first:last]]
         tokens = self._model.tokenizer(
@@ -251,7 +252,7 @@ class GroundedModel(ViewModel):
         return [_concatenate([part[view] for part in parts]) for view in range(len(views))]
 
     def _read(self, output: Any, views: np.ndarray, label_of_token: np.ndarray) -> list[ImageDetections]:
-        """Return the detections of one text: the label of a box is that of its best token."""
+        """Return the detections of one text. A box gets the label of its best token."""
         results = self._model.image_processor.post_process_object_detection(
             output, threshold=self._min_score, target_sizes=_sizes(views)
         )
@@ -264,7 +265,7 @@ class GroundedModel(ViewModel):
 
 
 def open_view_model(model: PretrainedModel, min_score: float, labels: Sequence[str]) -> ViewModel:
-    """Return the view model for an architecture that detects objects; `labels` are for zero-shot networks."""
+    """Return the view model for the architecture of a network. Zero-shot networks search for `labels`."""
     task = tasks()[model.architecture]
     if task is NetworkTask.ZERO_SHOT:
         zero_shot = PromptedModel if model.architecture.startswith("Owl") else GroundedModel
@@ -285,7 +286,7 @@ def _boxes(result: dict[str, Any], views: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def _concatenate(parts: Sequence[ImageDetections]) -> ImageDetections:
-    """Return the detections of several runs on one view, without masks."""
+    """Concatenate the detections of several runs on one view. Masks are left out."""
     return ImageDetections(
         *(np.concatenate([getattr(part, name) for part in parts]) for name in ("box_px", "score", "label"))
     )

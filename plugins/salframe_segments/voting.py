@@ -1,4 +1,4 @@
-"""Perspective views of a panorama for a network, and fusion of their scores by votes on the panorama's pixels."""
+"""Perspective views of a panorama for a network, and averaging of their scores on the pixels of the panorama."""
 
 from __future__ import annotations
 
@@ -15,12 +15,13 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 HEIGHT = 256
-"""Height of the panorama that views vote on; its width is twice the height. 0.7 deg per pixel is as fine as the output
-of networks of 513 pixels, which have scores at a quarter of that resolution."""
+"""Height of the panorama on which scores are averaged; the width is twice the height. A pixel has 0.7 deg. This is as
+fine as the output of networks with an input of 513 pixels, whose output has a quarter of this resolution."""
 TILT_RAD = np.pi / 3
-"""Elevation of the views that look up, and minus that of the views that look down."""
+"""Elevation of the views that look up. The views that look down have the elevation -TILT_RAD."""
 BORDER = 0.02
-"""Weight of a vote at a view's border; the weight at the centre is 1. A network has little context at the border."""
+"""Weight of a score at the border of a view; the weight at the centre is 1. At the border, a network has little
+context."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,8 @@ class Views:
     Attributes:
         level: Number of horizontal views.
         tilted: Number of views that look up, and of views that look down.
-        width_px, height_px: Size of a view.
+        width_px: Width of a view.
+        height_px: Height of a view.
         fov_rad: Field of view across the width.
     """
 
@@ -42,7 +44,7 @@ class Views:
 
     @property
     def rings(self) -> tuple[ViewRig, ...]:
-        """The rings with at least one view."""
+        """The horizontal views, the views that look up, and the views that look down; empty rings are left out."""
         rings = ((self.level, 0.0), (self.tilted, TILT_RAD), (self.tilted, -TILT_RAD))
         return tuple(ViewRig(n, self.width_px, self.height_px, self.fov_rad, up) for n, up in rings if n)
 
@@ -52,25 +54,30 @@ class Views:
         return self.level + 2 * self.tilted
 
     def cut(self, image: np.ndarray) -> np.ndarray:
-        """Sample the views (V, height_px, width_px, 3) uint8 of a panorama's colour (H, 2H, 3), ring by ring."""
+        """Cut the views (V, height_px, width_px, 3) uint8 from a panorama (H, 2H, 3) uint8, ring by ring."""
         return np.concatenate([ring.cut(image) for ring in self.rings])
 
     def visible_views(self, valid: np.ndarray) -> np.ndarray:
-        """Return which views (V,) show any valid pixel; valid (HEIGHT, 2 HEIGHT) bool."""
+        """Return whether each view shows at least one pixel of the mask `valid` (HEIGHT, 2 HEIGHT) bool, (V,) bool."""
         rays = equirectangular_rays(HEIGHT)[valid]
         return np.array([ring.project(rays, view)[1].any() for ring in self.rings for view in range(ring.count)], bool)
 
 
 @lru_cache(maxsize=4)
 def ballot(views: Views, rows: int, columns: int) -> csr_array:
-    """Return the weights of all votes: sparse (P, V * rows * columns) float32, P = HEIGHT * 2 HEIGHT.
+    """Return the weight of each score pixel for each panorama pixel, as a sparse matrix.
 
-    Element (p, i) is the weight of score pixel i for panorama pixel p: a bilinear weight times a weight that falls
-    linearly from the centre of a view to its border. The sum of a row is the total weight, 0 if there is no view.
+    Element (p, i) is the weight of score pixel i for panorama pixel p. It is the product of a bilinear weight and of a
+    weight that falls linearly from the centre of a view to its border. The sum of a row is the total weight, 0 if no
+    view shows the pixel.
 
     Args:
         views: Views of the panorama.
-        rows, columns: Resolution of each view's scores.
+        rows: Number of rows of each view's scores.
+        columns: Number of columns of each view's scores.
+
+    Returns:
+        (P, V * rows * columns) float32, where P = HEIGHT * 2 HEIGHT.
     """
     from scipy.sparse import csr_array
 
@@ -107,11 +114,11 @@ def _bilinear(x: np.ndarray, y: np.ndarray, columns: int, rows: int) -> list[tup
 
 
 def vote(views: Views, shown: np.ndarray, probabilities: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Average the views' probabilities on the panorama.
+    """Average the probabilities of several views on the pixels of the panorama.
 
     Args:
         views: Views of the panorama.
-        shown: Views (V,) bool that have probabilities.
+        shown: (V,) bool, whether `probabilities` contains each view.
         probabilities: Probabilities (v, rows, columns, C) float32 of these views.
 
     Returns:

@@ -26,7 +26,7 @@ TEXT = "text"
 ASPECT = 0.625
 """Height of a view relative to its width. With a field of view of 80 deg, a view shows elevations up to 27 deg."""
 SAMPLES = 24
-"""Number of points along each side of the grid of directions that represents a string."""
+"""Number of points along each side of the grid of directions over the area of a string."""
 
 
 class TextDetector(Detector):
@@ -76,9 +76,12 @@ class TextDetector(Detector):
         return self._objects(self._read(panorama.rgb), panorama.range_m)
 
     def _read(self, rgb: np.ndarray) -> list[tuple[str, float, np.ndarray]]:
-        """Return the strings of a panorama (H, 2H, 3): text, score, and directions (SAMPLES^2, 3) over its quadrangle.
+        """Return the strings of a panorama (H, 2H, 3).
 
-        Views overlap. A string that several views show is read in the view whose axis is nearest.
+        Views overlap. If several views show a string, the result of the view with the nearest axis is used.
+
+        Returns:
+            For each string: its text, its score, and directions (SAMPLES^2, 3) over its area.
         """
         reader, candidates = _reader(threads_allowed() or -1), []
         for view, image in enumerate(self._rig.cut(rgb)):
@@ -98,9 +101,11 @@ class TextDetector(Detector):
         return strings
 
     def _objects(self, strings: list[tuple[str, float, np.ndarray]], range_m: np.ndarray | None) -> Detections:
-        """Return strings as objects. The range is that of the surface behind them, (H, 2H) in metres, None if unknown.
+        """Return strings as objects, sorted by elevation, which does not change when the panorama is rotated.
 
-        Objects are sorted by elevation, which does not change when the panorama is rotated.
+        Args:
+            strings: The strings, as `_read` returns them.
+            range_m: (H, 2H) range image in metres, which gives the positions; None if it is unknown.
         """
         if not strings:
             return Detections.empty()
@@ -122,7 +127,7 @@ class TextDetector(Detector):
 
 @lru_cache(maxsize=1)
 def _reader(threads: int) -> Any:
-    """Return the networks of RapidOCR; -1: one thread per core."""
+    """Return the networks of RapidOCR, which run in `threads` threads; -1: one thread per core."""
     from rapidocr import RapidOCR
 
     return RapidOCR(
@@ -144,7 +149,7 @@ def _grid(corners_px: np.ndarray) -> np.ndarray:
 
 
 def _overlap(rays: np.ndarray, others: np.ndarray) -> bool:
-    """Return whether the middle of one of two strings lies within the angular radius of the other."""
+    """Return whether the middle of one of two strings lies within the angular radius of the other string."""
     middle, other = unit_vectors(np.stack([rays.mean(0), others.mean(0)]))
     return bool(middle @ other > min((rays @ middle).min(), (others @ other).min()))
 
@@ -157,8 +162,8 @@ def _solid_angle(rays: np.ndarray) -> float:
 
 
 def _points(rays: np.ndarray, range_m: np.ndarray) -> np.ndarray:
-    """Return the points (n, 3) float32 in metres of the surface behind directions, without its foreground and
-    background."""
+    """Return the points (n, 3) float32 in metres of a text's surface in the directions `rays`, without the points in
+    front of and behind the surface."""
     seen_m = sample_nearest(range_m, rays)
     rows = foreground(seen_m, np.full(len(rays), _solid_angle(rays) / len(rays)))
     return (rays[rows] * seen_m[rows, None]).astype(np.float32)

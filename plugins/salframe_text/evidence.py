@@ -17,7 +17,7 @@ from salframe.panoramas.panorama import Panorama
 STRINGS = "strings"
 """Name of the array with the distinct strings of a panorama."""
 ALPHABET = 40
-"""Number of characters that a wrongly read character may be: letters, digits and a few signs."""
+"""Number of characters with which a character may be confused: letters, digits and a few signs."""
 
 
 class TextEvidence(EvidenceModel):
@@ -82,7 +82,7 @@ class TextEvidence(EvidenceModel):
         return {"text": limited[self._places.name[hypotheses.place]]}
 
     def _ratios(self, text: str) -> np.ndarray:
-        """Return the log likelihood ratio (P,) of one string of a query for each name of a place, in nats."""
+        """Return the log likelihood ratio (P,) of one string of a query for each place name, in nats."""
         error, unmapped = self.config.character_error, self.config.unmapped
         distance = edit_distances(text, self._strings)
         length = np.maximum(np.array([len(known) for known in self._strings]), len(text))

@@ -1,4 +1,4 @@
-"""Tracking by votes: answers to single queries vote for poses, which odometry moves to the present
+"""Tracking by votes: the answers to single queries vote for poses, and odometry moves these poses to the present
 (docs/how-to/track.md)."""
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from salframe.panoramas.geometry import invert_pose, is_rigid, pose_2d, pose_yaw
 from salframe.panoramas.view import OdometryNoise
 
 MAX_VOTES = 20
-"""Maximum number of the latest votes that are stored."""
+"""Maximum number of votes that are stored. The latest votes are stored."""
 SAME_POSITION_M = 0.3
-"""Poses within this distance, and within the angle of agreement, count as the same."""
+"""Maximum distance in metres between two poses that count as the same pose. Their headings must agree too."""
 RIGID_TOLERANCE = 1e-3
-"""Tolerance of the check that a motion is rigid."""
+"""Tolerance of the check whether a motion is rigid."""
 UNKNOWN_COVARIANCE = np.diag([0.25**2, 0.25**2, np.radians(5.0) ** 2])
-"""Covariance (m, m, rad) of an answer that has none."""
+"""Assumed covariance of x (m), y (m) and yaw (rad) for an answer without a covariance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,10 +30,10 @@ class _Vote:
     """The answer to a query, moved to the present by odometry.
 
     Attributes:
-        place: The first place.
+        place: First place of the answer.
         pose: (4, 4) upright T_world_pano.
-        covariance: (3, 3) of (x_m, y_m, yaw_rad), with the errors of odometry.
-        weight: Number of votes.
+        covariance: (3, 3) covariance of (x_m, y_m, yaw_rad), including the errors of odometry.
+        weight: Weight of the vote: probability of the place, or score if there is no probability.
         probability: Probability of the place; 1 from a localizer without probabilities.
     """
 
@@ -44,7 +44,7 @@ class _Vote:
     probability: float
 
     def moved(self, odometry: np.ndarray, noise: OdometryNoise) -> _Vote:
-        """Return the vote after a motion."""
+        """Return the vote after a motion `odometry` (4, 4) of the camera."""
         pose = self.pose @ odometry
         x_m, y_m, _ = pose[:3, 3] - self.pose[:3, 3]
         jacobian = np.eye(3)
@@ -80,8 +80,8 @@ class VoteTracker(Tracker):
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
         self._visited: list[np.ndarray] = []  # T_present_view of the latest observations, oldest first
-        self._votes: list[_Vote | None] = []  # of each of them; None: it has no pose
-        self._out_of_map: list[float | None] = []  # probability of each of them
+        self._votes: list[_Vote | None] = []  # vote of each observation; None for an answer without a pose
+        self._out_of_map: list[float | None] = []  # out-of-map probability of each observation
         self._is_moved_blindly = False
 
     def move(self, odometry: np.ndarray | None) -> None:
@@ -128,7 +128,7 @@ class VoteTracker(Tracker):
         agree = np.linalg.norm(position_m[:, None] - position_m, axis=2) <= self.config.agreement_m
         agree &= np.abs(turn_rad) <= np.radians(self.config.agreement_deg)
         support = agree @ weight
-        best = int(np.flatnonzero(support == support.max())[-1])  # of equal ones the latest
+        best = int(np.flatnonzero(support == support.max())[-1])  # the latest of several maxima
         members = np.flatnonzero(agree[best])
         share = weight[members] / support[best] if support[best] > 0 else np.full(len(members), 1 / len(members))
         x, y, z = share @ position_m[members]
@@ -150,7 +150,7 @@ class VoteTracker(Tracker):
         return bool(near and abs(wrap_angle(pose_yaw(pose))) <= np.radians(self.config.agreement_deg))
 
     def _failure(self, fade: np.ndarray) -> TrackStatus:
-        """Return OUT_OF_MAP where the mean out-of-map probability, weighted by age, is above the limit; else LOST."""
+        """Return OUT_OF_MAP if the mean out-of-map probability, weighted by age, is above the limit; otherwise LOST."""
         known = [row for row, probability in enumerate(self._out_of_map) if probability is not None]
         if not known or not fade[known].any():
             return TrackStatus.LOST
@@ -159,9 +159,10 @@ class VoteTracker(Tracker):
 
 
 def _vote(answer: Localization) -> _Vote | None:
-    """Return the vote of an answer; None where it has no pose.
+    """Return the vote of an answer; None if the answer has no pose.
 
-    Its weight is the probability of its place, or its score, if it is positive, where it has no probability.
+    The weight of the vote is the probability of the first place. If there is no probability, the weight is the score of
+    the place, or 0 if the score is negative.
     """
     if answer.T_world_query is None or not answer.status.names_a_place:
         return None
@@ -174,6 +175,10 @@ def _vote(answer: Localization) -> _Vote | None:
 
 
 def _planar(covariance: np.ndarray) -> np.ndarray:
-    """Return the covariance (3, 3) of x, y and yaw of a covariance (3, 3), or (6, 6) of position and rotation."""
+    """Return the covariance (3, 3) of x, y and yaw.
+
+    Args:
+        covariance: (3, 3) covariance of x, y and yaw, or (6, 6) covariance of position and rotation.
+    """
     rows = [0, 1, 2] if len(covariance) == 3 else [0, 1, 5]
     return np.asarray(covariance)[np.ix_(rows, rows)]

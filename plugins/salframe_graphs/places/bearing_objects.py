@@ -25,21 +25,21 @@ from salframe_graphs.places.rates import Likelihood, Rates
 MIN_DISTANCE_M = 0.15
 """Lower bound of the distance between camera and map object, because an object is not a point."""
 MIN_COSINE = 0.3
-"""Minimum cosine of the angle between the bearings of two objects that may be the same."""
+"""Minimum cosine of the angle between the bearings of a query object and a map object that may be the same object."""
 FREEDOM = 3.0
 """Degrees of freedom of Student's t distribution of the angles."""
 MIN_SIZE_RATIO = -6.0
-"""Lower bound of the log ratio of the solid angle: a hidden object may appear as small as any."""
+"""Lower bound of the log ratio of the solid angle, because a partly hidden object may appear arbitrarily small."""
 RANGES_M = np.geomspace(0.3, 12.0, 16)
-"""Ranges at which elevation and solid angle of an object are compared with those of a map object."""
+"""Ranges (m) at which a query object is placed, to compare its elevation and solid angle with those of a map object."""
 RANGE_ERROR_SHARE = 0.05
-"""Standard deviation of the range of a pair of objects, relative to the range, in addition to the spread of the ranges
-that agree with elevation and solid angle."""
+"""Standard deviation of an estimated range, relative to the range. It is combined with the spread of the ranges that
+agree with elevation and solid angle."""
 ACROSS_ERROR_M = 0.07
-"""Standard deviation of the position of a pair of objects across the bearing, metres."""
+"""Standard deviation (m), across the bearing, of the estimated position of a query object."""
 RAISED_ERROR_SHARE = 2 / 3
-"""Standard deviation of the height of the camera in `pair_points`, relative to `camera_height_error_m`: hypotheses are
-made for several heights."""
+"""Standard deviation of the camera height in `pair_points`, relative to `camera_height_error_m`. It is below 1 because
+hypotheses are made for several heights."""
 
 
 class BearingObjects(ObservedObjects):
@@ -52,11 +52,11 @@ class BearingObjects(ObservedObjects):
     def __init__(
         self, query: QueryObjects, index: PlaceIndex, rates: Rates, likelihood: Likelihood, map_height_m: np.ndarray
     ) -> None:
-        """Compare the objects.
+        """Compare the labels of query objects and map objects, and store the quantities that all poses share.
 
         Args:
-            query: The objects.
-            index: The places.
+            query: The n query objects without range.
+            index: The places with the M map objects.
             rates: Error rates of the detector.
             likelihood: Constants of the likelihood.
             map_height_m: (M,) expected heights of the map objects above the query's camera.
@@ -70,7 +70,7 @@ class BearingObjects(ObservedObjects):
         self._elevation_rad = np.arctan2(z, level)
         zero = np.zeros(len(query))
         self._axes = np.array([[-y / level, x / level, zero], [-z * x / level, -z * y / level, level], [x, y, z]])
-        """Unit vectors (3, 3, n) of each object: horizontal and vertical tangents, and the bearing."""
+        """(3, 3, n) unit vectors of each query object: horizontal tangent, vertical tangent, and bearing."""
         self._origin_m = query.origin_m.T
         self._is_central = not self._origin_m.any()
         with np.errstate(divide="ignore"):
@@ -88,7 +88,7 @@ class BearingObjects(ObservedObjects):
         return self._index.variance_m2, sides.mean(0), log_area
 
     def _components(self, i: np.ndarray | None, relative: RelativeObjects) -> tuple[np.ndarray, np.ndarray]:
-        """Return components of the vectors from the origins to map objects, and their lengths.
+        """Return the components and the lengths of the vectors from the cameras of the query's views to map objects.
 
         Args:
             i: (T,) the query object of each map object; None: all n query objects with each map object.
@@ -139,8 +139,8 @@ class BearingObjects(ObservedObjects):
         return log_odds  # type: ignore[no-any-return]
 
     def _size_ratio(self, i: np.ndarray | None, objects: np.ndarray, distance_m: np.ndarray) -> np.ndarray:
-        """Return the log ratio of the solid angle of query objects at distances from map objects; 0 if it is
-        unknown."""
+        """Return the log ratio of the query objects' solid angles, for map objects at these distances from the camera.
+        It is 0 where a solid angle is unknown."""
         errors = self._errors
         observed = self._log_solid_angle.astype(distance_m.dtype)
         observed = observed[:, None] if i is None else observed[i]
@@ -157,7 +157,7 @@ class BearingObjects(ObservedObjects):
         return self._log_odds(i, relative)
 
     def pair_points(self, i: np.ndarray, j: np.ndarray, raised_m: float) -> PairPoints:
-        """Return positions at the ranges that agree with elevation and solid angle.
+        """Return the positions of query objects at the ranges that agree with their elevation and solid angle.
 
         The range has the mean and the variance over RANGES_M, weighted by the likelihood of elevation and solid angle.
         """
@@ -188,7 +188,8 @@ class BearingObjects(ObservedObjects):
         return PairPoints(position, ray, variance_m2 * cosine**2 + across_m2, across_m2, value, np.zeros(len(i), bool))
 
     def residuals(self, i: np.ndarray, relative: RelativeObjects) -> Residuals:
-        """Return the horizontal and vertical angles between the bearings."""
+        """Return the horizontal and vertical angles between the bearings of the query object and the map object of each
+        pair."""
         components, distance_m = self._components(i, relative)
         distance_m = np.maximum(distance_m, MIN_DISTANCE_M)
         variance = self._variances(relative.objects, relative.height_m, distance_m)

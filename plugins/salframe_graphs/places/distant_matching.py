@@ -1,4 +1,4 @@
-"""Ranking of the places of the last of several views that were taken far apart, in a map without floor masks."""
+"""Ranking of places for the last of several views that were taken far apart, in a map without floor masks."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from salframe_graphs.places.windows import Windows
 from salframe_graphs.views import sectors_from_arrays
 
 POSES = 1
-"""Maximum number of poses to refine in each window. Windows overlap, so that neighbouring ones have the same poses."""
+"""Maximum number of poses to refine in each window. Windows overlap, so neighbouring windows give the same poses."""
 
 
 def rank_distant_views(
@@ -32,18 +32,18 @@ def rank_distant_views(
     groups: Sequence[ViewGroup],
     matched: np.ndarray,
 ) -> Ranking | None:
-    """Return the places of the last view, best first; None if there is no pose.
+    """Return the ranked places in which the last view may be, best first; None if there is no pose.
 
-    All views together give the pose, in the windows of the places: views in several places need the objects of all of
-    them. The place is that of the last view. Each group of views gives evidence for it under this pose, from the
-    objects of the places alone (`combine_groups`).
+    First, all views together give the pose. They are matched with windows (the objects of a place and of its
+    surroundings), because the views may lie in several places. Then, each group of views is scored under this pose
+    with the objects of each place alone. `combine_groups` combines these scores into scores for the last view.
 
     Args:
         evidence: The evidence, indexed for the map.
         windows: The windows of the places of the map.
         config: Config of the localizer `saliency-places`.
         query: The joined graph of all views.
-        description: Their joined description.
+        description: The joined description of all views.
         groups: The groups of the views.
         matched: (C,) indices of the places to match, ascending.
     """
@@ -76,8 +76,10 @@ def rank_distant_views(
 def _group_scores(
     evidence: PlaceEvidence, config: Any, group: ViewGroup, matched: np.ndarray, shift_m: np.ndarray, yaw_rad: float
 ) -> np.ndarray | None:
-    """Return the score (C,) of places for a group of views, if (2,) `shift_m` and `yaw_rad` are the pose of the last
-    view; None if the map has none of the group's labels."""
+    """Return the score (C,) of each place for a group of views; None if the map has none of the group's labels.
+
+    The pose of the last view in the world is the position `shift_m` (2,) and the heading `yaw_rad`.
+    """
     places = evidence.places
     nodes = QueryObjects.of(graph_from_arrays(group.description), places.index.vocabulary)
     if not (nodes.label >= 0).any():

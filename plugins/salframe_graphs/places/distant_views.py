@@ -43,7 +43,7 @@ class ViewGroup:
 
     Attributes:
         description: The joined description, in the frame of the last view of the group.
-        T_last_group: (4, 4) transform from the frame of the group's last view to that of the query's last view.
+        T_last_group: (4, 4) transform from the frame of the group's last view to the frame of the query's last view.
     """
 
     description: Mapping[str, np.ndarray]
@@ -69,10 +69,10 @@ class ViewGroup:
 
 
 def group_views(T_last_view: np.ndarray, near_m: float) -> list[range]:
-    """Return the indices of the views of each group, in the order in which they were taken.
+    """Group the views of a query, and return the indices of the views of each group, in the order of the views.
 
     Args:
-        T_last_view: (V, 4, 4) motions of the views.
+        T_last_view: (V, 4, 4) transforms from the frame of each view to the frame of the last view.
         near_m: Maximum distance of a view from the last view of its group, in metres.
     """
     position_m = T_last_view[:, :3, 3]
@@ -94,7 +94,7 @@ def groups_to_arrays(groups: Sequence[ViewGroup]) -> dict[str, np.ndarray]:
 
 
 def groups_from_arrays(arrays: Mapping[str, np.ndarray]) -> list[ViewGroup]:
-    """Return the groups of arrays of `groups_to_arrays`; none if there are none."""
+    """Return the groups that `groups_to_arrays` stored in a description; an empty list if it has no groups."""
     groups = []
     for number, T_last_group in enumerate(arrays.get(_MOTIONS, ())):
         prefix = f"{number}/"
@@ -106,13 +106,13 @@ def groups_from_arrays(arrays: Mapping[str, np.ndarray]) -> list[ViewGroup]:
 def combine_groups(scores: Sequence[np.ndarray | None], distance_m: Sequence[float], same_place_m: float) -> np.ndarray:
     """Return the score (K,) of each place for the last view of a query.
 
-    It is the score of the last group plus, for each other group at distance d, ln(rho p + (1 - rho) / K). The
-    probability that the group is in the place of the last view is rho = exp(-d / same_place_m), and p is the softmax of
-    the scores of the group.
+    The score is the score of the last group plus, for each earlier group, ln(rho p + (1 - rho) / K). Here, p is the
+    softmax of the group's scores, and rho = exp(-d / same_place_m) is the probability that a group at the distance d is
+    in the place of the last view.
 
     Args:
         scores: The scores (K,) of the places for each group; None if a group gives no evidence.
-        distance_m: The distance of each group from the last view.
+        distance_m: The distance of each group from the last view, in metres.
         same_place_m: Distance at which rho is 1/e.
     """
     num_places = next(len(score) for score in scores if score is not None)

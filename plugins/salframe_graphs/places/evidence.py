@@ -1,4 +1,4 @@
-"""All evidence of a localizer as one: its components, their columns, and the weights of the columns."""
+"""The evidence of a localizer: several components, the columns (numbers per hypothesis) of each, and their weights."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def shipped_weights() -> Mapping[str, float]:
 
 
 def columns_of(evidence: Sequence[ComponentConfig]) -> dict[str, EvidenceColumn]:
-    """Return the columns of configured components, by name. Raises ValueError if two have the same name."""
+    """Return the columns of configured components, by name. Raises ValueError if two columns have the same name."""
     columns: dict[str, EvidenceColumn] = {}
     models: list[Any] = [config.component for config in evidence]
     for model in models:
@@ -54,12 +54,13 @@ def weights_of(evidence: Sequence[ComponentConfig], value: Any) -> Any:
 
     Args:
         evidence: The configured components.
-        value: The weights that the user set, a mapping by column or a file of `salframe fit`. A file must have all
-            weights. Columns that a mapping lacks have the shipped weight or that of the component.
+        value: The weights that the user set: a mapping from column names to weights, or a file of `salframe fit`. A
+            file must have all weights. A column that the mapping lacks gets its shipped weight. Without a shipped
+            weight, it gets the default weight that its component declares.
 
     Raises:
-        ValueError: Two components have a column of the same name, the value has a weight of no column, or a column has
-            no weight.
+        ValueError: Two components have a column of the same name, `value` has a weight for an unknown column, or a
+            column has no weight.
         ConfigError: The file cannot be read.
     """
     columns = columns_of(evidence)
@@ -88,7 +89,7 @@ class PlaceEvidence:
 
     Attributes:
         uses: Parts of a panorama that the components read if they are present.
-        column_step: Least common multiple of the components' steps; None if one of them has none.
+        column_step: Least common multiple of the components' `column_step`; None if a component has none.
         places: The places of the map, after `index` or `open_index`.
     """
 
@@ -148,13 +149,13 @@ class PlaceEvidence:
             nodes: The nodes of the query, with the vocabulary of the map.
             description: The description of the query.
             rows: (H,) index of the place of each hypothesis.
-            names: (H,) position in `places.names` of the name of each hypothesis.
-            poses: The C poses, with place indices of the map.
+            names: (H,) index in `places.names` of the place name of each hypothesis.
+            poses: The C poses. Their place indices refer to the places of the map.
             likelihood: (H,) log likelihood ratio of objects and pose.
             of_poses: Whether to return only the columns that depend on the pose.
 
         Raises:
-            InvalidAnswer: A component returned other columns than it declares, or numbers of another shape or type.
+            InvalidAnswer: A component did not return exactly the columns that it declares, as finite float64 (H,).
         """
         hypotheses = ObjectHypotheses(
             rows, poses.shift_m, poses.yaw_rad, poses.scale, likelihood, nodes, self.places, self._matching
@@ -169,7 +170,7 @@ class PlaceEvidence:
         """Return a description with the arrays that a function returns for each component.
 
         Raises:
-            InvalidAnswer: A component returned an array that it does not declare, or that is in the description.
+            InvalidAnswer: A component returned an array that it does not declare, or that the description already has.
         """
         for model in self._models:
             arrays = arrays_of(model)
@@ -183,7 +184,7 @@ class PlaceEvidence:
 
 
 def _merged(description: Description, arrays: Description, name: str) -> Description:
-    """Return a description with more arrays. Raises InvalidAnswer if it has an array of the same name."""
+    """Return a description extended by `arrays`. Raises InvalidAnswer if it already has an array of the same name."""
     if taken := arrays.keys() & description.keys():
         raise InvalidAnswer(
             f"the evidence {name!r} returned the array {min(taken)!r}, which the description already has: "

@@ -178,16 +178,17 @@ def _with_objects(evidence: EvidenceModel, hypotheses: PlaceHypotheses) -> Objec
 
 
 def label_evidence(label: np.ndarray, index: PlaceIndex, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Compare the labels of a query with those of places.
+    """Compare the labels of a query with the labels of places.
 
     Args:
-        label: (n,) indices of the labels of the query's objects in the vocabulary of the index; -1: another label. n >
-        0. index: The places of the map.
+        label: (n,) labels of the query's objects, as indices into the vocabulary of `index`; -1 for a label outside the
+            vocabulary. At least one object.
+        index: The places of the map.
         places: (K,) indices of the places to compare with.
 
     Returns:
-        The share (K,) of the query's labels that each place has, and the Jaccard index (K,) of both multisets of
-        labels, both weighted by rarity.
+        The share (K,) of the query's labels that each place has, and the Jaccard index (K,) of the labels of the query
+        and the place. Both are weighted by rarity.
     """
     count = index.count[places]
     map_label = index.label[ranges(index.segments.start[places], count)]

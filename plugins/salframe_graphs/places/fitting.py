@@ -20,7 +20,7 @@ _RIDGE = 1e-6 * np.eye(5)
 
 
 class FittedObjects(Protocol):
-    """Interface of the likelihood of a query for the fit of poses: its priors, and its objects by kind."""
+    """Interface of a likelihood that `fit_step` can use: constants, and the query objects with and without range."""
 
     likelihood: Likelihood
 
@@ -34,13 +34,13 @@ def fit_positions(
 ) -> Poses:
     """Return poses and scales fitted in closed form to objects with range.
 
-    Pairs are weighted by their shares and the inverse variance along the ray.
+    Each pair is weighted by its `share`, divided by the variance of the query object's position along its ray.
 
     Args:
         ranged: The n objects of the query.
         index: The places.
-        poses: C poses, whose places are fitted.
-        columns: The T objects of the places of the poses.
+        poses: C poses. Position, heading and scale are replaced by fitted values; the place and the height remain.
+        columns: The map objects of the place of each pose, T in total.
         share: (n, T) probability that each query object is each map object.
         scale_error: Standard deviation of the scale of the query's ranges.
     """
@@ -68,13 +68,13 @@ def fit_step(
     Args:
         scorer: The likelihood of the query.
         poses: C poses.
-        pose: (P,) pose of each pair of objects, ascending.
+        pose: (P,) index of the pose of each pair of objects, ascending.
         i: (P,) query object of each pair.
         relative: The P map objects of the pairs, relative to the query under their poses.
-        share: (P,) probability that both are the same object.
+        share: (P,) probability that the two objects of each pair are the same object.
 
     Returns:
-        The poses, and the information matrices (C, 5, 5) of x, y, yaw, height of the camera and scale.
+        The moved poses, and their information matrices (C, 5, 5) over x, y, yaw, height of the camera and scale.
     """
     slope, weighted, deviation = np.zeros((5, 2, len(i))), np.zeros((5, 2, len(i))), np.zeros((2, len(i)))
     for part, position, row in scorer.rows_of(i):

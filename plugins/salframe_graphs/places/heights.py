@@ -35,11 +35,13 @@ def height_of(description: Mapping[str, np.ndarray]) -> float:
 
 
 def join_heights(heights_m: Sequence[float], T_last_view: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the height of the last of V views as an array (1,): the median over all views whose height is known.
+    """Return the camera height of the last of V views as an array (1,) of a description; {} if no height is known.
+
+    Each known height gives an estimate for the last view. The result is the median of the estimates.
 
     Args:
-        heights_m: The height of each view, NaN where it is unknown.
-        T_last_view: (V, 4, 4) motions that map coordinates of the views to those of the last view.
+        heights_m: (V,) height of the camera of each view above the floor in metres, NaN where it is unknown.
+        T_last_view: (V, 4, 4) transforms from the frame of each view to the frame of the last view.
     """
     of_last_m = np.array(heights_m) - T_last_view[:, 2, 3]
     known_m = of_last_m[np.isfinite(of_last_m)]
@@ -57,11 +59,14 @@ def unpack_height(packed: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def at_map_height(query: SaliencyGraph, height_m: float, map_height_m: np.ndarray) -> SaliencyGraph:
-    """Return the graph of a query as seen from the height above the floor at which the map was taken.
+    """Return the graph of a query as seen from the median camera height of the map.
+
+    Heights are in metres above the floor. The graph does not change if the height of the query or of all places is
+    unknown.
 
     Args:
         query: The graph.
-        height_m: Height of the camera of the query, NaN where it is unknown.
+        height_m: Height of the camera of the query; NaN: unknown.
         map_height_m: (K,) height of the cameras of each place, NaN where it is unknown.
     """
     known_m = map_height_m[np.isfinite(map_height_m)]
@@ -70,12 +75,13 @@ def at_map_height(query: SaliencyGraph, height_m: float, map_height_m: np.ndarra
 
 
 def place_heights(shown: ShownPlaces, frame_height_m: np.ndarray, frame_z_m: np.ndarray) -> np.ndarray:
-    """Return the height (K,) above the floor of a camera at the median height of each place's scene frames.
+    """Return the typical camera height (K,) above the floor in each place, in metres.
 
-    It is NaN where no frame of the place knows its height.
+    This is the median z of the cameras of the place's scene frames, minus the median z of the floor below them. It is
+    NaN for a place without a frame of known height.
 
     Args:
-        shown: The places.
+        shown: The places and their scene frames.
         frame_height_m: (S,) height of each frame's camera above the floor, NaN where it is unknown.
         frame_z_m: (S,) z of each frame in the world.
     """

@@ -1,4 +1,5 @@
-"""Initial poses of a query in each place, from two pairs of similar objects with equal distances."""
+"""Initial poses of a query in each place. A pose follows from two pairs of a query object and a similar map object,
+if the distance between the two query objects equals the distance between the two map objects."""
 
 from __future__ import annotations
 
@@ -11,26 +12,27 @@ from salframe_graphs.places.observations import MAX_LOG_RATIO, PairPoints
 from salframe_graphs.places.poses import PoseColumns, Poses
 
 MAX_PAIRS, MAX_HYPOTHESES = 40, 100
-"""Maximum numbers of pairs of similar objects and of hypotheses in each place. A hypothesis consists of two pairs."""
+"""Maximum number of pairs of similar objects in each place, and maximum number of hypotheses in each place. A
+hypothesis consists of two pairs."""
 MIN_LOG_RATIO = -2.0
 """Minimum log ratio of label, height and size of a pair of objects."""
 MIN_BASE_M, MAX_BASE_M, BASE_WORTH = 0.3, 4.0, 0.3
-"""Minimum distance of two objects that give a heading (m), the distance up to which a longer base is preferred (m), and
-the value of a metre of base relative to the log ratios of the pairs."""
+"""Base: the distance between the two objects of a hypothesis. Minimum base (m), maximum base that increases the rank of
+a hypothesis (m), and the value of one metre of base (in log ratio) when hypotheses are ranked."""
 MAX_SHIFT_M = 6.0
 """Maximum distance in metres of a query from the nearest scene frame of its place."""
 SLACK_SIGMAS = 2.0
-"""Maximum difference of two equal distances, in standard deviations."""
+"""Maximum difference, in standard deviations, of two distances that are considered equal."""
 RAISED_SIGMAS = (-1.5, 0.0, 1.5)
-"""Heights of the camera for which hypotheses of objects without range are made, relative to the standard deviation of
-the height."""
+"""Camera heights for which hypotheses are made if objects have no range. They are offsets from the expected height, in
+standard deviations of the height."""
 
 
 def best_poses(scorer: PlaceLikelihood, max_poses: int) -> Poses:
     """Return at most `max_poses` poses of each place, sorted by place, then best first.
 
-    All pairs of similar objects score the two-point hypotheses. The probability of detecting an object of the place is
-    approximated by the probability of detecting it from the place's first camera.
+    Each hypothesis gives one pose. Its score uses all pairs of similar objects of the place. The probability of
+    detecting an object is approximated by the probability of detecting it from the place's first camera.
     """
     index = scorer.index
     i, j = np.nonzero(scorer.same_label & (scorer.log_ratio > MIN_LOG_RATIO))
@@ -59,9 +61,9 @@ def _hypotheses(
         scorer: The likelihood of the query.
         i: (P,) query object of each pair of similar objects.
         j: (P,) map object of each pair.
-        first: (H,) first pair of each hypothesis.
-        second: (H,) second pair, of the same place.
-        raised_m: Height of the camera above its expected height.
+        first: (H,) index of the first pair of each hypothesis.
+        second: (H,) index of the second pair of each hypothesis, in the same place.
+        raised_m: Height of the camera above its expected height, in metres.
     """
     index = scorer.index
     points, place = _points(scorer, i, j, raised_m), index.place[j]
@@ -96,8 +98,10 @@ def _hypotheses(
 
 
 def _points(scorer: PlaceLikelihood, i: np.ndarray, j: np.ndarray, raised_m: float) -> PairPoints:
-    """Return the positions of the query objects of pairs of query objects i (P,) and map objects j (P,), for a camera
-    that is `raised_m` above its expected height."""
+    """Return the positions of query objects i (P,), each paired with one of the map objects j (P,).
+
+    The camera is `raised_m` metres above its expected height.
+    """
     parts = scorer.rows_of(i)
     points = [part.pair_points(row, j[position], raised_m) for part, position, row in parts]
     if len(points) == 1:

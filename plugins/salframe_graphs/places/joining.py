@@ -1,4 +1,4 @@
-"""Joins the descriptions of several views of a query into one."""
+"""Functions that join the descriptions of several views of a query into one description."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ def add_bearings(
     """Return the joined objects of views with range, and after them the objects of views without range.
 
     Args:
-        joined: The joined graph of the views with range; None if there are none.
+        joined: The joined graph of the views with range; None if no view has range.
         graphs: The graphs of all V views.
-        T_last_view: (V, 4, 4) motions that map coordinates of the views to those of the last view.
+        T_last_view: (V, 4, 4) transforms from the frame of each view to the frame of the last view.
     """
     if joined is not None and all(np.isfinite(graph.centroid_m).all() for graph in graphs):
         return joined
@@ -30,11 +30,12 @@ def add_bearings(
 
 
 def join_surroundings(descriptions: Sequence[Description], T_last_view: np.ndarray) -> Description:
-    """Return the sectors that views showed, and the height of the last camera.
+    """Return arrays of a description: the horizontal sectors that the views show together, and the height of the last
+    camera.
 
     Args:
         descriptions: The descriptions of V views.
-        T_last_view: (V, 4, 4) motions that map coordinates of the views to those of the last view.
+        T_last_view: (V, 4, 4) transforms from the frame of each view to the frame of the last view.
     """
     parts = [sectors_from_arrays(description) or Sectors.of_view(None, None) for description in descriptions]
     height = join_heights([height_of(description) for description in descriptions], T_last_view)

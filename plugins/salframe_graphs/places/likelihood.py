@@ -1,4 +1,4 @@
-"""Log likelihood ratio of a query's objects: objects of a place viewed from a pose, against clutter
+"""Log likelihood ratio of a query's objects. Hypothesis: objects of a place, viewed from a pose. Alternative: clutter
 (docs/explanation/method.md#the-likelihood-ratio)."""
 
 from __future__ import annotations
@@ -20,16 +20,17 @@ from salframe_graphs.places.rates import Likelihood, Rates
 from salframe_graphs.sectors import Sectors
 
 MIN_RANGE_M, REFERENCE_M = 0.5, 2.0
-"""Distance below which the probability of detection is constant, and the distance to which `detection_logit` refers."""
+"""Distance (m) below which the probability of detection is constant, and the distance (m) to which the constant
+`detection_logit` refers."""
 MAX_LOGIT = 6.0
 """Bound of a detection logit, which keeps exponentials finite."""
 MAX_GAIN_NATS = 30.0
-"""Maximum difference between the best score and that of a pose to refine. Refinement increases a score by 0.7 in the
-median, by 9 at the 99th percentile, and by at most 21 (126 queries of `house-42`, seed 100)."""
+"""Poses with a score further below the best score are not refined. Refinement increases a score by 0.7 in the median,
+by 9 at the 99th percentile, and by at most 21 (126 queries of `house-42`, seed 100)."""
 STEPS = 2
 """Number of times that a pose is fitted to the objects that it explains."""
 MIN_PAIR_SHARE = 1e-3
-"""Minimum probability of a pair of objects that takes part in the fit of a pose to bearings."""
+"""Minimum probability that a query object is a map object. A pose is fitted to bearings with such pairs only."""
 
 
 class PlaceLikelihood:
@@ -40,17 +41,18 @@ class PlaceLikelihood:
     - over the query objects i: log(1 + sum_j o_j p(i | j, T) / (c p(i | clutter)))
     - over the objects j of the place: log(1 - P_j)
 
-    P_j is the probability that j is detected from T, o_j = P_j / (1 - P_j), and c is the rate of clutter. If several
-    query objects match the same object of the place, its odds are divided among them. The second sum contains only
-    objects that the query should show: in its sectors, and not behind walls. The height of the camera and the scale of
-    the ranges are also unknown. Their normal priors are terms of the score.
+    P_j is the probability that j is detected from T, and o_j = P_j / (1 - P_j). Clutter consists of the query objects
+    that are not in the place, and c is its rate. If several query objects match the same object of the place, the odds
+    of this object are divided among them. The second sum contains only objects that the query should show: objects in
+    its sectors that are not behind walls. The height of the camera and the scale of the ranges are also unknown. Their
+    normal priors are terms of the score.
 
     Attributes:
         query: The n objects of the query, first those with range.
         index: The places, with M objects.
-        parts: The objects with range and those without; kinds that the query has not are left out.
+        parts: The query's objects with range, and those without range; an empty part is left out.
         log_ratio: (n, M) float32, log ratio of the observations that do not depend on the pose.
-        same_label: (n, M) bool, whether both objects have the same label.
+        same_label: (n, M) bool, whether query object and map object have the same label.
     """
 
     def __init__(
@@ -70,7 +72,8 @@ class PlaceLikelihood:
             rates: Error rates of the detector.
             likelihood: Constants of the likelihood.
             sectors: Sectors that the query shows; None: all of them.
-            camera_height_m: Height of the query's camera above the floor; NaN: unknown, equal to that of the map.
+            camera_height_m: Height of the query's camera above the floor; NaN: unknown, assumed equal to the height of
+                the map's cameras.
         """
         self.query, self.index, self.rates, self.likelihood = query, index, rates, likelihood
         self.sectors = sectors
@@ -91,15 +94,15 @@ class PlaceLikelihood:
 
     @property
     def has_bearings(self) -> bool:
-        """Whether any object of the query has no range."""
+        """Whether the query has objects without range."""
         return self.query.num_ranged < len(self.query)
 
     def rows_of(self, i: np.ndarray) -> list[tuple[ObservedObjects, np.ndarray | slice, np.ndarray]]:
         """Group query objects i (P,) by part: objects with range, and objects with a bearing only.
 
         Returns:
-            For each part that has any of them: the part, the positions of its objects in `i`, and the indices of these
-            objects in the part.
+            For each part that contains objects of `i`: the part, the positions of its objects in `i`, and the indices
+            of these objects in the part.
         """
         if len(self.parts) == 1:
             return [(self.parts[0], slice(None), i)]
@@ -114,8 +117,12 @@ class PlaceLikelihood:
         return rows
 
     def pair_log_odds(self, i: np.ndarray, relative: RelativeObjects) -> np.ndarray:
-        """Return the log odds of pairs of query objects i (T,), each with one of T map objects, without the detection
-        logit, (T,)."""
+        """Return the log odds (T,) that query object i[t] is map object t, without the detection logit.
+
+        Args:
+            i: (T,) indices of the query objects.
+            relative: The T map objects.
+        """
         log_odds = np.empty(len(i))
         for part, position, row in self.rows_of(i):
             log_odds[position] = part.pair_log_odds(row, relative.take(position))
@@ -147,7 +154,7 @@ class PlaceLikelihood:
         """Return the score (K,) of each place without a pose.
 
         Positions are ignored, and the odds of an object are multiplied by `unplaced_share`. The logarithm of the
-        probability that no object is detected is multiplied by the share of sectors that the query shows.
+        probability that no object is detected is multiplied by the fraction of sectors that the query shows.
         """
         columns = PoseColumns(np.arange(len(self.index.label)), self.index.segments)
         odds = np.exp(np.minimum(self.log_ratio + self.first_camera_logit + self._minus_log_clutter, MAX_LOG_RATIO))
@@ -157,16 +164,16 @@ class PlaceLikelihood:
         return (score + seen_share * _log_undetected(self.first_camera_logit, columns)).astype(np.float64)
 
     def score(self, poses: Poses) -> tuple[np.ndarray, np.ndarray]:
-        """Return the scores of poses (C,), and the probability that each query object is each object of the place.
+        """Return the scores (C,) of poses, and the probability (n, T) that a query object is an object of the place.
 
-        The probabilities are (n, T), with the objects of the places one pose after the other.
+        The T columns are the objects of the first pose's place, then the objects of the second pose's place, and so on.
         """
         columns = self._columns(poses)
         score, odds, total = self._evaluate(poses, columns)
         return score, odds / columns.poses.spread(total)
 
     def refine(self, poses: Poses) -> RefinedPoses:
-        """Fit poses to the objects that they explain. A score never decreases.
+        """Fit each pose to the objects that it explains. A fit that would lower the score is discarded.
 
         Poses with scores more than MAX_GAIN_NATS below the best one are not refined.
         """
@@ -187,7 +194,7 @@ class PlaceLikelihood:
         return RefinedPoses(poses.put(rows, best), score, rows, columns.poses, share)
 
     def relative(self, poses: Poses, columns: PoseColumns) -> RelativeObjects:
-        """Return the objects of the places of poses relative to the camera of the query."""
+        """Return the map objects of the place of each pose, relative to the query's camera at that pose."""
         objects, spread = columns.objects, columns.poses.spread
         yaw_rad = spread(poses.yaw_rad)
         offset = self.index.position[objects] - spread(as_complex(poses.shift_m))
@@ -200,7 +207,7 @@ class PlaceLikelihood:
         return PoseColumns(ranges(self.index.segments.start[poses.place], count), Segments(count))
 
     def _evaluate(self, poses: Poses, columns: PoseColumns) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return scores (C,), odds (n, T) of each pair, and 1 + the sum of odds of each query object (n, C)."""
+        """Return scores (C,), odds (n, T) of each pair, and 1 + the sum (n, C) of the odds of each query object."""
         relative = self.relative(poses, columns)
         logit = self.detection_logit(columns.objects, np.abs(relative.offset))
         is_shown = None if self.sectors is None else self.sectors.show(relative.offset)
@@ -214,7 +221,10 @@ class PlaceLikelihood:
         return score, odds, total
 
     def _fit(self, poses: Poses, columns: PoseColumns, share: np.ndarray) -> Poses:
-        """Return poses fitted to pairs weighted by their shares (n, T): in closed form if all objects have range."""
+        """Return poses fitted to pairs with the weights `share` (n, T).
+
+        The fit is in closed form if all objects have range. Otherwise it is one Gauss-Newton step.
+        """
         part = self.parts[0]
         if len(self.parts) == 1 and isinstance(part, RangedObjects):
             return fit_positions(part, self.index, poses, columns, share, self.likelihood.scale_error)
@@ -227,7 +237,7 @@ def _share_odds(odds: np.ndarray, columns: PoseColumns) -> tuple[np.ndarray, np.
     """Divide the odds of each map object among the query objects that compete for it.
 
     Returns:
-        The odds (n, T), and their sums for each query object and pose (n, C).
+        The divided odds (n, T), and their sums (n, C) for each query object and pose.
     """
     certainty = columns.poses.spread(1 / (1 + columns.poses.sum(odds)))
     odds /= np.maximum(np.einsum("it,it->t", odds, certainty), 1)
@@ -237,7 +247,7 @@ def _share_odds(odds: np.ndarray, columns: PoseColumns) -> tuple[np.ndarray, np.
 def _log_undetected(logit: np.ndarray, columns: PoseColumns, is_shown: np.ndarray | None = None) -> np.ndarray:
     """Return the log probability (C,) that none of the objects is detected, from their logits (T,).
 
-    Only objects in sectors that the query shows count, `is_shown` (T,) bool; None: all of them.
+    Only the objects with `is_shown` (T,) bool count, which are in sectors that the query shows; None: all objects.
     """
     loss = np.log1p(np.exp(logit))
     return -columns.poses.sum(loss if is_shown is None else loss * is_shown)

@@ -58,9 +58,10 @@ _SCENES = "scenes"
 MIN_DEVIATION_M = 0.02
 """Lower bound of the standard deviation of a pose along an axis, because two objects may agree by chance."""
 MIN_EXPLAINED = 2
-"""Minimum number of query objects of a pose that belong to the place with a probability above 0.5."""
+"""Minimum number of query objects that match an object of the place with a probability above 0.5. With fewer, the
+answer has no pose."""
 MAX_RANKED = 2000
-"""Maximum number of ranked places. On larger maps they are the best places by the scene index."""
+"""Maximum number of ranked places. On a map with more places, the scene index selects the places to rank."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,10 +69,10 @@ class _Hypotheses:
     """H hypotheses of the place of a query. The first C have a pose.
 
     Attributes:
-        name: (H,) position of each hypothesis's place in MapPlaces.names.
+        name: (H,) index in MapPlaces.names of the place name of each hypothesis.
         evidence: The evidence for each hypothesis.
-        poses: The C poses, with place indices of the map.
-        search: The C poses, with place indices of the searched places.
+        poses: The C poses. Their place indices refer to all places of the map.
+        search: The result of the search, with the same C poses. Their place indices refer to the searched places only.
     """
 
     name: np.ndarray
@@ -159,8 +160,10 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
 
     @property
     def column_step(self) -> int | None:  # type: ignore[override]
-        """Least common multiple of the steps of detector and evidence; None if the pose does not turn with the
-        panorama."""
+        """Least common multiple of the `column_step` of detector and evidence.
+
+        None if rotating the panorama does not change the estimated heading by the same angle.
+        """
         detector, evidence = super().column_step, self._evidence.column_step
         return None if detector is None or evidence is None or not self.config.pose else lcm(detector, evidence)
 
@@ -224,7 +227,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         if (share.sum(1) > 0.5).sum() < MIN_EXPLAINED:
             return self._without_pose(places, names[0])
         pose, covariance = settle(ranking.search.scorer, best, share, MIN_DEVIATION_M)
-        height_m = height_of(description) * pose.scale[0]  # it was measured by the same ranges
+        height_m = height_of(description) * pose.scale[0]  # the same ranges measured the height
         camera_z_m = self._map.camera_z_m(int(ranking.poses.place[pose_row[0]]), height_m) + pose.raised_m[0]
         T_world_query = pose_2d(pose.shift_m[0, 0], pose.shift_m[0, 1], pose.yaw_rad[0], camera_z_m)
         return Localization(places, T_world_query, LocalizationStatus.OK, covariance)
@@ -253,8 +256,12 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         return Ranking(names[order], score[order], pose_row[order], hypotheses.poses, hypotheses.search)
 
     def _without_pose(self, places: tuple[RankedPlace, ...], name: int) -> Localization:
-        """Return an answer without a pose. It has a note if the frames of the first place lie on several storeys;
-        `name` is the index of the place's name."""
+        """Return an answer without a pose, and with a note if the frames of the first place lie on several storeys.
+
+        Args:
+            places: The ranked places.
+            name: Index of the name of the first place.
+        """
         heights_m = self._map.heights_m(name)
         divided = np.diff(heights_m).max(initial=0) > MAX_STEP_M
         note = (
@@ -281,7 +288,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         return self._matching.correspond(query, reference)
 
     def _hypotheses(self, query: SaliencyGraph, description: Description) -> _Hypotheses | None:
-        """Return the hypotheses of a query: candidates under their best pose, and other places by their labels only.
+        """Return the hypotheses of a query: candidate places with their best poses, and other places without a pose.
 
         None if no place has any of the query's labels.
         """
@@ -320,9 +327,9 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         return _Hypotheses(numbers, evidence, poses, result)
 
     def _shortlist(self, query: SaliencyGraph) -> tuple[np.ndarray, np.ndarray]:
-        """Return the places to match object by object (C,), and the places to rank (R,), both ascending.
+        """Return the places (C,) to match object by object, and the places (R,) to rank, both ascending.
 
-        Both are the best places by the scene index. Up to MAX_RANKED places, all are ranked.
+        The scene index selects both. On a map of at most MAX_RANKED places, all places are ranked.
         """
         all_places, count = np.arange(len(self._map)), self.config.candidates
         if self._scenes is None:

@@ -23,7 +23,7 @@ from salframe_graphs.places.shown import ShownPlaces
 from salframe_graphs.places.windows import Windows
 
 _PLACES = "places"
-"""Name of the columns of places in the folder of a map's index."""
+"""Name under which the places are stored in the folder of a map's index."""
 _SHOWN_COLUMNS = {"name": ArrayKind("U", ()), "frames": ArrayKind("u", (None,))}
 
 
@@ -134,7 +134,8 @@ class MapPlaces:
         return self.shown.number
 
     def windows(self, radius_m: float) -> Windows:
-        """Return the windows of the places, with objects up to `radius_m` metres from the frames of a place."""
+        """Return the windows of the places. A window consists of all objects of the map up to `radius_m` metres from
+        the frames of a place."""
         return Windows(self.index, self.shown, self._frames_m, radius_m)
 
     @cached_property
@@ -144,15 +145,18 @@ class MapPlaces:
 
     @cached_property
     def _name_of_region(self) -> np.ndarray:
-        """(R + 1,) index of the name of each region's place, -1 outside the map; the last one (-1) is for no region."""
+        """(R + 1,) index in `names` of the place of each region, -1 for a place that is not in the map.
+
+        The last value, -1, stands for positions outside all regions.
+        """
         regions = self.regions.places if self.regions else ()
         return np.array([*(self.number.get(place, -1) for place in regions), -1])
 
     def names_at(self, poses: Poses) -> np.ndarray:
-        """Return the number (C,) of the name of the place that contains each pose.
+        """Return the index (C,) in `names` of the place that contains each pose.
 
-        If there is a region at the pose and its place is in the map, this is the place of the region, else the matched
-        place.
+        This is the place of the region at the pose. It is the matched place if there is no region at the pose, or if
+        the place of the region is not in the map.
         """
         matched = self.shown.name[poses.place]
         if self.regions is None:
@@ -162,13 +166,13 @@ class MapPlaces:
         return np.where(region_name >= 0, region_name, matched)
 
     def heights_m(self, name: int) -> np.ndarray:
-        """Return the heights (N,) in metres of the scene frames of the place number `name`, ascending."""
+        """Return the world heights (N,) in metres of the scene frames of the place `names[name]`, ascending."""
         return np.sort(self._frames_m[self.shown.of_name(name), 2])
 
     def camera_z_m(self, place: int, camera_height_m: float) -> float:
-        """Return the height in the world of a camera above the floor of a place.
+        """Return the world z of a camera at the height `camera_height_m` above the floor of a place, in metres.
 
-        Where a height is unknown, it is the median height of the cameras of the place.
+        If that height or the height of the place's cameras is unknown, return the median z of the place's cameras.
         """
         frames = self.shown.frame[self.shown.start[place] : self.shown.start[place + 1]]
         return float(np.median(self._frames_m[frames, 2]) - self.index.raised_m(camera_height_m)[place])
@@ -177,12 +181,12 @@ class MapPlaces:
         """Return the scene frame of each place that is nearest to a pose.
 
         Args:
-            names: (N,) indices of names of places.
+            names: (N,) indices in `names` of the names of places.
             poses: Poses in the world.
-            row: (N,) the pose for each name, or -1 to return the first frame of the place.
+            row: (N,) index of the pose for each name, or -1 to return the first frame of the place.
 
         Returns:
-            Numbers of N frames.
+            Indices of N frames.
         """
         near_m = np.append(poses.shift_m, [[np.nan, np.nan]], 0)[row]
         nearest: list[int] = self.shown.nearest(names, self._frames_m[:, :2], near_m).tolist()
@@ -190,7 +194,7 @@ class MapPlaces:
 
 
 def _of_places(shown: ShownPlaces, of_frames: np.ndarray) -> np.ndarray:
-    """Return whether a statement (S,) is true of all scene frames of each place, (K,) bool."""
+    """Return for each place whether `of_frames` (S,) bool is true for all its scene frames, (K,) bool."""
     return np.array([of_frames[frames].all() for frames in np.split(shown.frame, shown.start[1:-1])], bool)
 
 

@@ -1,4 +1,5 @@
-"""Merging of the panoramas of a place into one graph in the world, where equal label and position mean one object."""
+"""Merging of the panoramas of a place into one graph in the world. Objects with the same label and about the same
+position become one object."""
 
 from __future__ import annotations
 
@@ -13,21 +14,22 @@ from salframe_graphs.places.rates import Rates
 from salframe_graphs.sightings import Sightings, concatenate_sightings, merge_sightings, select_sightings, sightings_of
 
 PlaceOf = Callable[[np.ndarray, ReferenceFrame], Sequence[str | None]]
-"""Function that returns the place at each position (N, 2) in the world, on the floor of a frame; None outside all."""
+"""Function that returns the name of the place at each world position (N, 2), on the storey of a frame; None outside all
+places."""
 
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """A place with M objects in the world.
+    """A place with M objects in the world. A sighting is an object of one panorama.
 
     Attributes:
         name: Name of the place.
         frames: Indices of the scene frames of the place in the map.
         labels: M labels.
         centroid_m: (M, 3) mean of the sightings in the world, weighted by inverse variance.
-        variance_m2: (M,) variance of that mean along each axis.
+        variance_m2: (M,) variance of the mean position along each axis.
         log_size: (M, 3) mean logarithms of length, width and height.
-        log_saliency: (M,) mean logarithm of saliency relative to the panorama's average.
+        log_saliency: (M,) mean of ln(saliency / average saliency of the panorama).
         sightings: (M,) number of sightings.
     """
 
@@ -50,8 +52,8 @@ def gather_places(
 ) -> list[Place]:
     """Return the places of the scene frames with their merged objects, in the order of the map.
 
-    An object in a transition frame is added to the place that contains it, if `place_of` is available. A map with only
-    transition frames has their places.
+    An object in a transition frame is added to the place that contains the object, if `place_of` is not None. In a map
+    without scene frames, the transition frames are treated as scene frames.
 
     Args:
         graphs: The graph of each frame.
@@ -88,7 +90,7 @@ def gather_places(
 
 
 def merge(name: str, frames: Sequence[int], sightings: Sightings, rates: Rates) -> Place:
-    """Merge sightings to the objects of one place, with the variance of a position by `rates`."""
+    """Merge sightings to the objects of one place. `rates` gives the variance of each sighting's position."""
     variance = rates.position_error_m**2 + (rates.range_error_share * sightings.range_m) ** 2
     merged = merge_sightings(sightings, variance)
     return Place(

@@ -1,4 +1,5 @@
-"""Terms of the observed objects of a query in the likelihood of a place and in the fit of a pose."""
+"""Base class of the objects of a query: their log odds in the likelihood of a place, and their residuals in the fit of
+a pose."""
 
 from __future__ import annotations
 
@@ -20,15 +21,15 @@ MAX_LOG_RATIO = 50.0
 
 @dataclass(frozen=True, eq=False)
 class PairPoints:
-    """Positions of the query objects of P pairs of a query and a map object, if both are the same object.
+    """Positions of query objects in P pairs of a query object and a map object, if both are the same object.
 
     Attributes:
         position: (P,) complex128, x + iy in the query frame, metres.
         ray: (P,) complex128, horizontal directions from the camera, of length 1.
         along_m2: (P,) variance of the position along the ray.
-        across_m2: (P,) variance across it.
+        across_m2: (P,) variance of the position across the ray.
         value: (P,) log ratio of the observations that do not depend on the pose.
-        has_scale: (P,) bool, whether the factor of the query's ranges applies to the position.
+        has_scale: (P,) bool, whether the position changes with the scale of the query's ranges.
     """
 
     position: np.ndarray
@@ -45,7 +46,7 @@ class PairPoints:
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
     def take(self, rows: np.ndarray) -> PairPoints:
-        """Return the pairs of these rows."""
+        """Return the pairs with the indices `rows`."""
         return PairPoints(*(getattr(self, name)[rows] for name in PairPoints.__dataclass_fields__))
 
 
@@ -55,7 +56,8 @@ class Residuals:
 
     Attributes:
         deviation: (2, P) residuals.
-        slope: (5, 2, P) derivatives by x, y and yaw of the pose, the height of the camera, and the scale of ranges.
+        slope: (5, 2, P) derivatives of the residuals with respect to x, y and yaw of the pose, the height of the
+            camera, and the scale of the ranges.
         weight: (2, P) inverse variances, times a factor in (0, 1] that limits the influence of large residuals.
     """
 
@@ -68,7 +70,7 @@ class ObservedObjects(ABC):
     """n objects of a query, compared with the M objects of an index.
 
     Attributes:
-        same_label: (n, M) bool, whether both have the same label.
+        same_label: (n, M) bool, whether query object and map object have the same label.
         log_ratio: (n, M) float32, log ratio of the observations that do not depend on the pose, such as the label.
     """
 
@@ -77,30 +79,34 @@ class ObservedObjects(ABC):
 
     @abstractmethod
     def log_odds(self, relative: RelativeObjects) -> np.ndarray:
-        """Return the log odds (n, T) float32 that each query object is each of T map objects, against clutter, for map
-        objects that are certain to be detected."""
+        """Return the log odds (n, T) float32 that a query object is a map object and not clutter.
+
+        The odds assume that the T map objects are certain to be detected.
+        """
 
     @abstractmethod
     def pair_log_odds(self, i: np.ndarray, relative: RelativeObjects) -> np.ndarray:
-        """Return `log_odds` of pairs: of the query objects i (T,), each with one of the T map objects, (T,)."""
+        """Return the log odds (T,) of T pairs, like `log_odds`: query object i[t] is map object t."""
 
     @abstractmethod
     def pair_points(self, i: np.ndarray, j: np.ndarray, raised_m: float) -> PairPoints:
-        """Return the positions of query objects i (P,) that are the map objects j (P,), for a camera that is `raised_m`
-        metres above its expected height."""
+        """Return the positions of query objects i (P,) under the assumption that they are the map objects j (P,).
+
+        The camera is `raised_m` metres above its expected height.
+        """
 
     @abstractmethod
     def residuals(self, i: np.ndarray, relative: RelativeObjects) -> Residuals:
-        """Return the residuals of pairs: of the query objects i (T,), each with one of the T map objects."""
+        """Return the residuals of T pairs of query object i[t] and map object t."""
 
 
 def label_ratio(label: np.ndarray, same_label: np.ndarray, index: PlaceIndex, rates: Rates) -> np.ndarray:
-    """Return the log ratio (n, M) of the labels of query objects (n,), against clutter."""
+    """Return the log likelihood ratio (n, M) of the query objects' labels (n,): map object against clutter."""
     same = np.log(rates.label_agreement / index.frequency[label])[:, None]
     return np.where(same_label, same, np.log(1 - rates.label_agreement))
 
 
 def pose_slopes(relative: RelativeObjects) -> np.ndarray:
-    """Return the derivatives (3, T) complex128 of the offsets by x, y and yaw of the pose."""
+    """Return the derivatives (3, T) complex128 of the offsets with respect to x, y and yaw of the pose."""
     turn = np.exp(-1j * relative.yaw_rad)
     return np.array([-turn, -1j * turn, -1j * relative.offset])

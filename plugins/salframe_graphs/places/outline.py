@@ -15,11 +15,11 @@ from salframe_graphs.sectors import BINS, MIDDLES_RAD, azimuth_bins
 OUTLINE = "outline_m"
 """Key of the outline in a description."""
 LOWEST_M, HIGHEST_M = 1.85, 2.3
-"""Range of heights above the floor of the points of an outline: above most furniture and below lintels."""
+"""Minimum and maximum height (m) above the floor of an outline's points: above most furniture and below lintels."""
 USUAL_HEIGHT_M = 1.5
-"""Height of a camera above the floor if it is unknown."""
+"""Assumed height (m) of a camera above the floor if its height is unknown."""
 ERROR_LOG, STRAY, PEAK, MAX_SQUARED = 0.1, 0.15, 3.0, 50.0
-"""Standard deviation of the logarithm of a range, share of outlier bins, likelihood ratio of an inlier at its peak, and
+"""Standard deviation of the logarithm of a range, fraction of outlier bins, maximum likelihood ratio of an inlier, and
 upper bound of the squared deviation in standard deviations."""
 _MAX_M = 65.535
 """Maximum range of a packed outline: 65535 mm."""
@@ -35,7 +35,7 @@ def free_outline(range_m: np.ndarray, camera_height_m: float = np.nan) -> np.nda
 
     Args:
         range_m: (H, 2H) range image in metres.
-        camera_height_m: Height of the camera above the floor; NaN: unknown, USUAL_HEIGHT_M.
+        camera_height_m: Height of the camera above the floor; NaN: unknown, USUAL_HEIGHT_M is used.
 
     Returns:
         (BINS,) float32 in metres; NaN for a bin without points.
@@ -81,8 +81,8 @@ def _fit(offset_m: np.ndarray, yaw_rad: np.ndarray, outline_m: np.ndarray) -> np
 class MapOutlines:
     """The outlines of the frames of K places, F frames each.
 
-    Places with fewer frames repeat the last one. Single precision is sufficient, because an outline has an error of a
-    few centimetres.
+    Places with fewer frames repeat their last frame. Single precision is sufficient, because an outline has an error of
+    a few centimetres.
 
     Attributes:
         range_m: (K, F, BINS) float32 outlines in metres, NaN where unknown.

@@ -24,7 +24,8 @@ PLACE_COLUMNS = {
     "log_size": ArrayKind("f", (None, 3)),
     "detection_logit": ArrayKind("f", (None,)),
 }
-"""Columns of a place's objects on disk, as in PlaceIndex. xyz_m is x and y in the world and height above the camera."""
+"""Columns of a place's objects on disk, as in PlaceIndex. `xyz_m` has x and y in the world, and the height above the
+camera."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,9 +33,9 @@ class PlaceIndex:
     """The M objects of K places, one place after the other.
 
     Attributes:
-        vocabulary: Label -> number, L labels.
-        frequency: (L + 1,) share of each label among the objects of the map. The last one is for labels that the map
-            lacks.
+        vocabulary: Mapping from each of L labels to its index.
+        frequency: (L + 1,) fraction of the map's objects that have each label. The last value is for labels that are
+            not in the map.
         rarity: (L + 1,) smooth inverse document frequency over the places.
         count: (K,) number of objects of each place.
         label: (M,) index of each object's label.
@@ -43,7 +44,7 @@ class PlaceIndex:
         variance_m2: (M,) variance of the position along each axis.
         log_size: (M, 3) logarithms of length, width and height.
         detection_logit: (M,) logit of the probability of detection from a distance of 2 m.
-        cameras_m: (K, F, 2) positions of the scene frames; the last one is repeated.
+        cameras_m: (K, F, 2) positions of the scene frames. A place with fewer than F frames repeats its last one.
         camera_height_m: (K,) height above the floor of the camera that `z_m` refers to; NaN where it is unknown.
         has_boxes: (K,) bool, whether `log_size` holds the sides of boxes. Otherwise the objects were triangulated, and
             `log_size` holds the sides of cubes with the same projected area.
@@ -94,8 +95,10 @@ class PlaceIndex:
         return np.nan_to_num(self.camera_height_m - camera_height_m)
 
     def appearance(self, camera_height_m: float) -> np.ndarray:
-        """Return z, log length, log box height, their squares, ones, and whether the box is known, (8, M) float64; for
-        `PlaceLikelihood`. The sizes of unknown boxes are 0.
+        """Return 8 values of each object, (8, M) float64, that the likelihood of objects with range is computed from.
+
+        The rows are z, log length, log box height, the squares of these three, 1, and 1 or 0 for a known or unknown
+        box. The sizes of unknown boxes are 0.
 
         z is relative to a camera at `camera_height_m` above the floor. If this height or the camera height of a place
         is unknown (NaN), the two heights are assumed to be equal.
@@ -134,7 +137,7 @@ def index_places(
         rates: Error rates of the detector.
         likelihood: Constants of the likelihood.
         camera_height_m: (K,) as in PlaceIndex; None: unknown.
-        has_boxes: (K,) as in PlaceIndex; None: all.
+        has_boxes: (K,) as in PlaceIndex; None: true for all places.
     """
     names = sorted({label for place in places for label in place.labels})
     number = {label: i for i, label in enumerate(names)}
@@ -201,7 +204,7 @@ def _index(
     camera_height_m: np.ndarray,
     has_boxes: np.ndarray,
 ) -> PlaceIndex:
-    """Return the index of places with `count` (K,) objects; label (M,) contains positions in `names`."""
+    """Return the index of places with `count` (K,) objects. `label` (M,) contains indices into `names`."""
     number = np.bincount(label, minlength=len(names) + 1) + 0.5
     return PlaceIndex(
         {name: i for i, name in enumerate(names)},

@@ -1,4 +1,4 @@
-"""Poses of a query in the places of a map, and the objects of the places relative to them."""
+"""Poses of a query in the places of a map, and the objects of the places relative to the query at these poses."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Poses:
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in cls.__dataclass_fields__))
 
     def take(self, rows: np.ndarray) -> Poses:
-        """Return the poses of these rows."""
+        """Return the poses with the indices `rows`."""
         return Poses(self.place[rows], self.shift_m[rows], self.yaw_rad[rows], self.raised_m[rows], self.scale[rows])
 
     def at(self, place: np.ndarray) -> Poses:
@@ -51,7 +51,7 @@ class Poses:
         return Poses(place, self.shift_m, self.yaw_rad, self.raised_m, self.scale)
 
     def where(self, chosen: np.ndarray, other: Poses) -> Poses:
-        """Return these poses where `chosen` (C,) is true, else those of `other`."""
+        """Return the poses of `self` where `chosen` (C,) is true, and the poses of `other` elsewhere."""
         return Poses(
             self.place,
             np.where(chosen[:, None], self.shift_m, other.shift_m),
@@ -61,7 +61,7 @@ class Poses:
         )
 
     def put(self, rows: np.ndarray, other: Poses) -> Poses:
-        """Return these poses with those of `other` in these rows."""
+        """Return a copy in which the poses with the indices `rows` are replaced by the poses of `other`."""
         shift_m, yaw_rad, raised_m, scale = (
             values.copy() for values in (self.shift_m, self.yaw_rad, self.raised_m, self.scale)
         )
@@ -87,7 +87,7 @@ class PoseColumns:
     poses: Segments
 
     def take(self, poses: np.ndarray) -> tuple[PoseColumns, np.ndarray]:
-        """Return the columns of a subset of the poses, and their positions among all columns."""
+        """Return the objects of a subset of the poses, and the positions of these objects among all T objects."""
         count = self.poses.count[poses]
         position = ranges(self.poses.start[poses], count)
         return PoseColumns(self.objects[position], Segments(count)), position
@@ -112,7 +112,7 @@ class RelativeObjects:
     scale: np.ndarray
 
     def take(self, rows: np.ndarray | slice) -> RelativeObjects:
-        """Return the objects of these rows."""
+        """Return the objects with the indices `rows`."""
         return RelativeObjects(*(getattr(self, name)[rows] for name in RelativeObjects.__dataclass_fields__))
 
 
@@ -123,9 +123,9 @@ class RefinedPoses:
     Attributes:
         poses: The poses.
         score: (C,) score of each pose.
-        rows: (R,) indices of the refined poses, whose initial scores were near the best one.
+        rows: (R,) indices of the refined poses. Their initial scores were near the best score.
         refined: The columns of `share`, grouped by refined pose.
-        share: (n, T) probability that each query object is each object of the pose's place.
+        share: (n, T) probability that each query object is each object of the place of a refined pose.
     """
 
     poses: Poses
@@ -135,7 +135,7 @@ class RefinedPoses:
     share: np.ndarray
 
     def share_of(self, pose: int) -> np.ndarray | None:
-        """Return the shares (n, m) of a pose; None if it was not refined."""
+        """Return the columns (n, m) of `share` for the pose with this index; None if it was not refined."""
         row = int(np.searchsorted(self.rows, pose))
         if row == len(self.rows) or self.rows[row] != pose:
             return None

@@ -17,7 +17,7 @@ class QueryObjects:
 
     Attributes:
         label: (N,) int64, indices of labels in a vocabulary, -1 for a label that is not in it.
-        scores: (N,) float64.
+        scores: (N,) float64, confidence scores of the detector.
         centroid_m: (N, 3) float64, in the query frame, NaN where the range is unknown.
         size_m: (N, 3) float64, length, width and height, NaN where the range is unknown.
         bearing: (N, 3) float64, unit vectors from the origins to the objects.
@@ -61,5 +61,5 @@ class QueryObjects:
         return self.take(slice(self.num_ranged, None))
 
     def take(self, rows: np.ndarray | slice) -> QueryObjects:
-        """Return the objects of these rows."""
+        """Return the objects with the indices `rows`."""
         return QueryObjects(*(getattr(self, name)[rows] for name in QueryObjects.__dataclass_fields__))

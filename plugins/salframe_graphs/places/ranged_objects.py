@@ -25,8 +25,8 @@ from salframe_graphs.places.rates import Likelihood, Rates
 class RangedObjects(ObservedObjects):
     """Compares n query objects with range with the M objects of an index.
 
-    Their horizontal position is normally distributed along their ray and across it. Height and size do not depend on
-    the pose.
+    The error of a horizontal position is normally distributed along the ray of the query object and across it. The
+    comparison of heights and sizes does not depend on the pose.
 
     Attributes:
         position: (n,) complex128, positions x + iy in the query frame, metres.
@@ -39,14 +39,15 @@ class RangedObjects(ObservedObjects):
     def __init__(
         self, query: QueryObjects, index: PlaceIndex, rates: Rates, likelihood: Likelihood, camera_height_m: float
     ) -> None:
-        """Compare the objects.
+        """Compare query objects and map objects as far as the comparison does not depend on a pose.
 
         Args:
-            query: The objects.
-            index: The places.
+            query: The n query objects with range.
+            index: The places with the M map objects.
             rates: Error rates of the detector.
             likelihood: Constants of the likelihood.
-            camera_height_m: Height of the query's camera above the floor; NaN: unknown, equal to that of the map.
+            camera_height_m: Height of the query's camera above the floor; NaN: unknown, assumed equal to the height of
+                the map's cameras.
         """
         self._index, self._rates, self._likelihood = index, rates, likelihood
         self.position = as_complex(query.centroid_m)
@@ -60,9 +61,10 @@ class RangedObjects(ObservedObjects):
     def _log_ratio(self, query: QueryObjects, map_appearance: np.ndarray) -> np.ndarray:
         """Return the log ratio of label, height and size, including the detector's score of the query object.
 
-        A query object that is real with probability s (the score) contributes 1 + s x ratio. The normal densities of
-        height, log length and log box height are quadratic forms of the map object's values, so one matrix product
-        evaluates all of them. Unknown boxes of the map say nothing about the size.
+        The score s of a query object is the probability that the object exists. Such an object contributes
+        1 + s * ratio to the likelihood. The normal densities of height, log length and log box height are quadratic
+        forms of the map object's values, so one matrix product evaluates all of them. The size terms are left out for
+        map objects without a known box.
         """
         rates, likelihood = self._rates, self._likelihood
         log_size = np.log(query.size_m)

@@ -11,7 +11,7 @@ from salframe.framework.config import read_yaml
 from salframe.framework.validation import Settings, validate
 
 SHIPPED = Path(__file__).with_name("fitted.yaml")
-"""Parameters that `salframe fit` estimated on tuning data (training/places)."""
+"""File with the parameters that `salframe fit` estimated on tuning data (training/places)."""
 
 
 class Rates(Settings):

@@ -17,9 +17,10 @@ from salframe_graphs.places.rates import Likelihood, Rates
 from salframe_graphs.sectors import Sectors
 
 SETTLING_STEPS, SETTLED_M = 6, 5e-4
-"""Maximum number of reweighted fits of the final pose, and the distance in metres below which a step is the last."""
+"""Maximum number of reweighted fits of the final pose. Fitting stops earlier if a step moves the pose less than this
+distance in metres."""
 MIN_SHARE = 1e-7
-"""Minimum share of a pair that takes part in the fit."""
+"""Minimum probability that a query object is a map object. The final pose is fitted to such pairs only."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,10 +29,10 @@ class SearchResult:
 
     Attributes:
         scorer: The likelihood of the query.
-        poses: C poses, with ascending places.
+        poses: C poses, sorted by place.
         score: (C,) float64 score of each pose.
-        refined: All refined poses.
-        best: (C,) positions of the poses in `refined`.
+        refined: All poses of all places after refinement.
+        best: (C,) index in `refined` of each pose.
     """
 
     scorer: PlaceLikelihood
@@ -48,14 +49,14 @@ class SearchResult:
 
 @dataclass(frozen=True, eq=False)
 class Ranking:
-    """The ranked places of a query, P names.
+    """P ranked places of a query, best first.
 
     Attributes:
-        names: (P,) positions in MapPlaces.names, in the order of the map.
-        score: (P,) score of each name.
-        pose_row: (P,) row of `poses` with the pose of each name; -1 for none.
-        poses: Poses with place indices of the map.
-        search: The same poses, with place indices of the searched places.
+        names: (P,) index in MapPlaces.names of the name of each place.
+        score: (P,) score of each place.
+        pose_row: (P,) index in `poses` of the pose in each place; -1 for a place without a pose.
+        poses: Poses of the query. Their place indices refer to all places of the map.
+        search: Result of the search, with the same poses. Their place indices refer to the searched places only.
     """
 
     names: np.ndarray
@@ -74,10 +75,16 @@ def search(
     sectors: Sectors | None = None,
     camera_height_m: float = np.nan,
 ) -> SearchResult:
-    """Return the best pose of a query in each place of an index, from up to `max_poses` refined poses in each.
+    """Return the best pose of a query in each place of an index.
 
-    `sectors` are those that the query shows; None: all of them. `camera_height_m` is the height of its camera over the
-    floor; NaN: unknown.
+    Args:
+        query: The objects of the query.
+        index: The places.
+        rates: Error rates of the detector.
+        likelihood: Constants of the likelihood.
+        max_poses: Maximum number of poses to refine in each place.
+        sectors: Horizontal sectors that the query shows; None: all.
+        camera_height_m: Height of the query's camera above the floor; NaN: unknown.
     """
     scorer = PlaceLikelihood(query, index, rates, likelihood, sectors, camera_height_m)
     refined = scorer.refine(best_poses(scorer, max_poses))
@@ -92,10 +99,10 @@ def settle(scorer: PlaceLikelihood, pose: Poses, share: np.ndarray, min_deviatio
         scorer: Likelihood of the query in the places of an index.
         pose: One pose.
         share: (n, m) probability that each query object is each object of the pose's place.
-        min_deviation_m: Standard deviation in metres to add to x and y.
+        min_deviation_m: Standard deviation in metres. Its square is added to the variances of x and y.
 
     Returns:
-        The pose, and its first-order covariance (3, 3) of x, y, yaw in the axes of the world (m, rad).
+        The fitted pose, and its first-order covariance (3, 3) over x, y and yaw in the world frame (m, rad).
     """
     i, j = np.nonzero(share > MIN_SHARE)
     share, objects = share[i, j].astype(np.float64), j + scorer.index.segments.start[pose.place[0]]

@@ -24,14 +24,15 @@ from salframe_graphs.places.rates import SHIPPED, Likelihood, Rates, shipped_rat
 def shipped_posterior() -> Posterior:
     """Return the posterior that is distributed with the method.
 
-    It never answers that a query is out-of-map, because most robots do not leave their map.
+    With this posterior, no query is rejected as out-of-map, because most robots do not leave their map.
     """
     fitted = validate(Posterior, read_yaml(SHIPPED)["posterior"], f"{SHIPPED}: posterior:")
     return fitted.model_copy(update={"max_out_of_map_probability": 1.0})  # type: ignore[no-any-return]
 
 
 def _over_shipped(part: str, shipped: Callable[[], Settings], value: Any) -> Any:
-    """Return the value of a setting with fitted numbers: the user's values, and the shipped ones for all others."""
+    """Return a setting of fitted numbers: the user's values, and shipped values for the numbers that the user did not
+    set."""
     fitted = read_fitted(part, value)
     return merge(shipped().model_dump(), fitted) if isinstance(fitted, Mapping) else fitted
 
@@ -97,7 +98,7 @@ class PlacesConfig(GraphLocalizerConfig, PanoramaScoresConfig):
     @model_validator(mode="before")
     @classmethod
     def _weigh_what_is_listed(cls, value: Any) -> Any:
-        """Have `_fill_weights` fill the default weights too, which depend on `evidence`."""
+        """Add an empty mapping `weights` if there is none, so that `_fill_weights` adds the defaults for `evidence`."""
         return {"weights": {}, **value} if isinstance(value, Mapping) else value
 
     def keys_of(self, setting: str) -> Mapping[str, str]:

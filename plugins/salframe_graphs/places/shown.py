@@ -15,7 +15,7 @@ from salframe_graphs.places.merging import Place
 
 @dataclass(frozen=True, eq=False)
 class ShownPlaces(PlaceFrames):
-    """The places of a map, with the frames of each name."""
+    """The places of a map and their scene frames. If frames are not merged, several places have the same name."""
 
     @classmethod
     def of(cls, places: Sequence[Place]) -> ShownPlaces:
@@ -40,7 +40,7 @@ class ShownPlaces(PlaceFrames):
         return self.frame[np.argsort(name, kind="stable")], starts(np.bincount(name, minlength=len(self.names)))
 
     def of_name(self, name: int) -> np.ndarray:
-        """Return the indices in the map of the scene frames of all places with a name, (N,)."""
+        """Return the map indices (N,) of the scene frames of all places with the name `names[name]`."""
         frame, start = self._of_names
         return frame[start[name] : start[name + 1]]
 
@@ -50,7 +50,7 @@ class ShownPlaces(PlaceFrames):
         Args:
             names: (N,) indices of names.
             frames_m: (S, 2) positions of all frames of the map in metres.
-            xy_m: (N, 2) positions in metres. Where one is NaN, the first frame of the name is returned.
+            xy_m: (N, 2) positions in metres. For a NaN position, the first frame of the name is returned.
 
         Returns:
             (N,) indices of frames.

@@ -1,4 +1,4 @@
-"""Windows: the objects around the frames of a place, of all places of a map."""
+"""Windows: a window consists of all objects of the map that are near the frames of a place."""
 
 from __future__ import annotations
 
@@ -32,7 +32,10 @@ class _WindowObjects:
 
 
 class Windows:
-    """The windows of the places of a map. A window is computed when it is first used."""
+    """The windows of the places of a map: for each place, all objects of the map that are near its scene frames.
+
+    A window is computed when it is first used.
+    """
 
     def __init__(self, index: PlaceIndex, shown: ShownPlaces, frames_m: np.ndarray, radius_m: float) -> None:
         """Create the windows.
@@ -48,7 +51,10 @@ class Windows:
         self._taken: tuple[bytes, PlaceIndex] | None = None
 
     def take(self, places: np.ndarray) -> PlaceIndex:
-        """Return the index of the windows of places (C,), ascending, with the vocabulary of the map."""
+        """Return an index of the places (C,), ascending, in which each place has the objects of its window.
+
+        The labels are indices in the vocabulary of the map.
+        """
         if self._taken is None or self._taken[0] != places.tobytes():
             windows = [self._window(place) for place in places.tolist()]
             columns: dict[str, Any] = {
@@ -61,7 +67,7 @@ class Windows:
 
     @cached_property
     def _camera_z_m(self) -> np.ndarray:
-        """(K,) height of the cameras of each place, to which PlaceIndex.z_m is relative."""
+        """(K,) median world height of the cameras of each place. PlaceIndex.z_m is relative to this height."""
         frames = np.split(self._shown.frame, self._shown.start[1:-1])
         return np.array([np.median(self._frames_m[of_place, 2]) for of_place in frames])
 

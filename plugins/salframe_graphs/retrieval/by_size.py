@@ -35,7 +35,7 @@ def choose_scene_index(num_scenes: int) -> tuple[type[SceneIndex], str | None]:
 
 
 class _Choice(Settings):
-    """choice.json: the scene index that was selected when the map was built."""
+    """The content of choice.json: the scene index that was selected when the map was built."""
 
     kind: str
 

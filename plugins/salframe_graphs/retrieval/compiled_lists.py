@@ -1,4 +1,5 @@
-"""The scene index `compiled-lists`: inverted lists with positions, compiled, verified by two-point hypotheses."""
+"""The scene index `compiled-lists`: inverted lists with positions. Compiled code scans the lists, and verifies the best
+scenes by two-point hypotheses."""
 
 from __future__ import annotations
 
@@ -25,9 +26,10 @@ from salframe_graphs.retrieval.postings import (
 )
 
 MAX_VERIFIED = 2000
-"""Maximum number of scenes to verify: those with the best scores by the lists."""
+"""Maximum number of scenes to verify: the scenes with the best scores from the inverted lists."""
 GEOMETRY_WEIGHT = 2.0
-"""Weight of the Jaccard index of the objects consistent with one pose. The weight of the score by the lists is 1."""
+"""Weight of the Jaccard index of the objects consistent with one pose. The score from the inverted lists has weight
+1."""
 MIN_SIMILARITY = 0.1
 """Minimum similarity of two objects that may be the same."""
 _HEIGHT_M = CODE_LOW[0] + CODE_STEP * np.arange(256)
@@ -87,9 +89,9 @@ class CompiledLists(SceneIndex):
         return SceneCandidates(scene[order], score[order])
 
     def _scan(self, query: IndexQuery, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the best `count` scenes by the lists, in the order of the map, and their scores.
+        """Return the `count` best scenes from the inverted lists, in the order of the map, and their scores.
 
-        Of equal scores the scenes with lower numbers are preferred.
+        Among scenes with equal scores, lower indices are preferred.
         """
         kernels, postings = load_kernels(), self._postings
         rarity = postings.rarity[query.label]
@@ -126,7 +128,7 @@ class CompiledLists(SceneIndex):
         return shared / (total - shared)  # type: ignore[no-any-return]
 
     def _compile(self) -> None:
-        """Compile the kernels, or read them from the cache, with a query of one object that is in the map."""
+        """Run a small query, so that numba compiles the kernels or reads them from the cache."""
         labels = (next(iter(self._postings.labels)),)
         ones, origin = np.ones(1), np.zeros((1, 3))
         query = SaliencyGraph(labels, ones, ones, origin, origin + 1, 0 * ones, np.zeros((0, 2), np.int64))
@@ -134,7 +136,7 @@ class CompiledLists(SceneIndex):
 
 
 def _top_mask(scores: np.ndarray, count: int) -> np.ndarray:
-    """Return a mask (N,) of the `count` largest scores. Of equal scores the first are preferred."""
+    """Return a mask (N,) of the `count` largest scores. Among equal scores, the first ones are preferred."""
     threshold = np.partition(scores, len(scores) - count)[len(scores) - count]
     is_best = scores > threshold
     is_best[np.flatnonzero(scores == threshold)[: count - np.count_nonzero(is_best)]] = True

@@ -10,7 +10,7 @@ from salframe.graphs.graph import SaliencyGraph
 from salframe_graphs.retrieval.postings import CODE_LOW, CODE_STEP, Postings, appearance
 
 FULL = 255**3
-"""Product of the three similarities of two identical objects."""
+"""Product of the three similarities of two identical objects, each of which is 255."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,12 +19,12 @@ class IndexQuery:
 
     Attributes:
         node: (n,) int64 indices of the objects in the query's graph.
-        object_label: (n,) int64 indices of their labels.
-        label: (J,) int64 distinct labels, in ascending order of the length of their lists.
-        first: (J,) int64, number of the first object with each label.
-        last: (J,) int64, number of the last object with each label, plus 1.
-        similarity: (n, 3, 256) int32, similarity (1 to 255) in height, length and box height of each object to each
-            code; 255 where the query's value is unknown.
+        object_label: (n,) int64 index of the label of each object.
+        label: (J,) int64 indices of the distinct labels. Labels with short inverted lists come first.
+        first: (J,) int64, index of the first object with each label.
+        last: (J,) int64, index of the last object with each label, plus 1.
+        similarity: (n, 3, 256) int32, similarity (1 to 255) of the height, the length and the box height of each object
+            to the value of each code (see CODE_LOW); 255 where the query's value is unknown.
         rarity: Sum of the rarities of all objects of the query, in units of 1 / RARITY_UNIT.
     """
 

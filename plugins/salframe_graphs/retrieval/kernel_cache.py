@@ -43,8 +43,8 @@ def load_kernels() -> ModuleType:
 def compile_kernels(call: Callable[[], object]) -> None:
     """Compile the kernels with a call that uses all of them, regardless of the state of the cache folder.
 
-    numba raises OSError once for each kernel that it cannot write, for instance on a full disk. It may raise any error
-    where the folder is damaged; the folder is then removed.
+    numba raises OSError once for each kernel that it cannot write, for instance on a full disk. If the folder is
+    damaged, numba may raise any error. The folder is then removed.
     """
     for _ in _ENTRY_POINTS:
         try:
@@ -73,8 +73,8 @@ def _is_writable(folder: Path) -> bool:
 def _store_compiled(kernels: ModuleType, folder: Path) -> None:
     """Let numba store the compiled kernels in a folder.
 
-    A function reads the folder from numba's global setting when its caching is enabled. The setting is restored
-    afterwards for other users of numba.
+    numba reads its global setting CACHE_DIR when the caching of a function is enabled. This function changes the
+    setting for that moment and then restores it for other users of numba.
     """
     numba_config: Any = importlib.import_module("numba.core.config")
     previous, numba_config.CACHE_DIR = numba_config.CACHE_DIR, str(folder)

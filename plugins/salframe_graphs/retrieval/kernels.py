@@ -13,7 +13,8 @@ import numpy as np
 BLOCK = 1 << 14
 """Number of scenes to score at once. Their sums then fit into the processor's cache."""
 MAX_BASES = 16
-"""Maximum number of node pairs of a scene for hypotheses, the pairs of highest value: at most 120 hypotheses."""
+"""Maximum number of pairs of a query object and a scene object from which hypotheses are made. The pairs with the
+highest values are used. Two pairs give a hypothesis, so there are at most 120 hypotheses."""
 MIN_BASE_M = 0.3
 """Minimum distance in metres between the two objects of a hypothesis, because their direction gives the heading."""
 
@@ -26,13 +27,13 @@ def scan_lists(lists, labels, similarities, totals, state, min_score, scenes, sc
 
     Args:
         lists: scene (P,), code (P, 3) and weight (S,) of the map's `Postings`.
-        labels: Arrays over the J labels of the query, in ascending order of the length of their lists: first (J,) and
-            last (J,) number of the label's objects, end (J,) of its list, rarity (J,), and rest (J + 1,), the maximum
-            that this and the following labels can share.
+        labels: Arrays over the J labels of the query, labels with short lists first: first (J,) and last (J,) index of
+            the label's objects, end (J,) of its list, rarity (J,), and rest (J + 1,), the maximum that this and the
+            following labels can add to the shared value of a scene.
         similarities: (n, 3, 256) int32, similarity of the query's objects to each code.
         totals: The sum of the query's rarities, and the shared value of two identical objects.
         state: (2 + J,) int64, updated: the next scene, the number of results, and the position in each list.
-        min_score: Results have scores above this.
+        min_score: Only scenes with a higher score are results.
         scenes: (C,) indices of the resulting scenes, in the order of the map. C is at least BLOCK more than the number
             of results.
         scores: (C,) scores of the results.
@@ -106,13 +107,13 @@ def _search(scene, low, high, number, step):  # type: ignore[no-untyped-def]
 def verify_scenes(lists, labels, query, limits, scenes, explained):  # type: ignore[no-untyped-def]
     """Compute the support of the best pose of each scene.
 
-    The support is the sum, over the objects that coincide under the pose, of rarity x similarity x nearness. It is
-    summed over the objects of the query and over the objects of the scene, and the smaller sum is used.
+    Each object that coincides with another one under the pose contributes rarity x similarity x nearness. These values
+    are summed over the objects of the query, and also over the objects of the scene. The smaller sum is the support.
 
     Args:
         lists: scene (P,), code (P, 3) and position (P, 2) of the map's `Postings`, and the values of the codes:
             height_m (256,) and position_m (256,).
-        labels: Arrays over the J labels of the query: first (J,) and last (J,) number of the label's objects, start and
+        labels: Arrays over the J labels of the query: first (J,) and last (J,) index of the label's objects, start and
             end (J,) of its list, and step (J,), the mean number of its objects in a scene.
         query: Arrays over the query's n objects: xy_m (n, 2), range_m (n,), weight (n,), and similarities (n, 3, 256)
             from 0 to 1.
@@ -161,7 +162,7 @@ def _explain_best(pair, place, xy_m, weight, max_shift_m):  # type: ignore[no-un
     """Return the support of the pose of a scene that explains the largest part of the query; 0 if there is no pose.
 
     Args:
-        pair: (C, 2) numbers of a query object and a scene object, ordered by query object.
+        pair: (C, 2) indices of a query object and a scene object, ordered by query object.
         place: (C, 4) x and y of the scene object (m), similarity, and tolerance (m).
         xy_m: (n, 2) positions of the query's objects.
         weight: (n,) weights of the query's objects.

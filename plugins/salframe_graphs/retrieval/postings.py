@@ -21,12 +21,12 @@ from salframe.graphs.graph import REACH_M, SaliencyGraph
 
 CODE_STEP = 0.025
 CODE_LOW = np.array([-3.2, -4.0, -4.0])
-"""A code c from 0 to 255 has the value low + step x c. The three values are height above the camera (m), log length and
-log box height."""
+"""Each object has three codes from 0 to 255: for the height above the camera (m), the log length and the log box
+height. A code c stands for the value CODE_LOW + CODE_STEP * c."""
 _FROM_MIDDLE = (np.arange(256) - 127.5) / 127.5
 POSITION_M = REACH_M * _FROM_MIDDLE * np.abs(_FROM_MIDDLE)
-"""Value of each code of x or y (m) in the panorama frame. The step is 0.1 m at 1 m and 0.4 m at 16 m, because a
-detector's errors increase with range."""
+"""Value (m) of each code of x or y in the panorama frame. Adjacent codes differ by 0.1 m at 1 m and by 0.4 m at 16 m,
+because a detector's errors increase with range."""
 RARITY_UNIT = 64
 """Rarities are integers in units of 1 / RARITY_UNIT, so that sums do not depend on their order."""
 CHUNK = 1 << 17
@@ -38,7 +38,8 @@ _OBJECT = np.dtype([("label", "<u4"), ("scene", "<u4"), ("code", "u1", 3), ("pos
 
 
 class _Index(Settings):
-    """index.json: the number of scenes, the labels in the order of their lists, and whether positions are stored."""
+    """The content of index.json: the number of scenes, the labels in the order of their lists, and whether positions
+    are stored."""
 
     format: int
     scenes: int
@@ -51,12 +52,12 @@ class Postings:
     """The P objects of S scenes. Objects start[l] to start[l + 1] - 1 have label l, in the order of their scenes.
 
     Attributes:
-        labels: Name -> number l.
-        start: (L + 1,) int64, position of each label's first object, and P.
+        labels: Mapping from each of L label names to its index l.
+        start: (L + 1,) int64, position of each label's first object; the last value is P.
         scene: (P,) uint32, index of the scene of each object.
         code: (P, 3) uint8 codes of height, length and box height, see CODE_LOW.
         rarity: (L + 1,) int64, smooth inverse document frequency ln((1 + S) / (1 + s)) + 1 in units of 1 / RARITY_UNIT.
-            The last one is for labels that no scene has.
+            The last value is for labels that no scene has.
         weight: (S,) uint32, sum of the rarities of a scene's objects.
         position: (P, 2) uint8 codes of x and y, see POSITION_M; None if positions are not stored.
     """
@@ -71,7 +72,7 @@ class Postings:
 
 
 def appearance(graph: SaliencyGraph) -> np.ndarray:
-    """Return height above the camera (m), log length and log box height of a graph's nodes, (N, 3), NaN if unknown."""
+    """Return (N, 3): height above the camera (m), log length and log box height of each node, NaN if unknown."""
     return np.concatenate([graph.centroid_m[:, 2:], np.log(graph.size_m[:, ::2])], 1)
 
 
@@ -143,7 +144,11 @@ def _objects(scenes: list[tuple[int, SaliencyGraph]], labels: dict[str, int]) ->
 
 
 def _sort(spool: Path, folder: Path, scenes: int, labels: int, positions: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Write spooled objects label by label, and the weight of each scene; return starts of the lists and rarities."""
+    """Write the spooled objects label by label, and the weight of each scene.
+
+    Returns:
+        `start` and `rarity` as in Postings.
+    """
     count = np.zeros(labels, np.int64)
     for chunk in _chunks(spool):
         count += np.bincount(chunk["label"], minlength=labels)

@@ -13,16 +13,16 @@ def best_scenes(postings: Postings, query: IndexQuery, count: int) -> tuple[np.n
 
     The score is the Jaccard index of the objects of query and scene, weighted by rarity. Each object of the query
     contributes its similarity to the most similar object of the scene, and vice versa. The intersection is the smaller
-    of the two sums, so that four chairs have only one chair in common with a scene that has one.
+    of the two sums. A query with four chairs and a scene with one chair thus have only one chair in common.
 
     Args:
         postings: The lists of the map.
         query: The query.
-        count: Minimum number of results, if as many scenes share a label with the query. There are more results where
-            scores are equal.
+        count: Number of scenes to return. The result is shorter if fewer scenes share a label with the query, and
+            longer if several scenes have the last score.
 
     Returns:
-        Numbers (K,) int64 of the scenes, and their scores (K,) float64.
+        Indices (K,) int64 of the scenes, and their scores (K,) float64.
     """
     shared = np.zeros(len(postings.weight), np.int64)
     for label, first, last in zip(query.label.tolist(), query.first.tolist(), query.last.tolist(), strict=True):
