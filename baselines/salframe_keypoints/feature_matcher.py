@@ -24,7 +24,7 @@ class ViewFeatures:
 
 
 class FeatureMatcher(Role):
-    """Extracts features of perspective views, and matches two views.
+    """Extracts features of perspective views, and matches the features of two views.
 
     The stored form of a view depends on `extract` only. Declare settings that only `match` and `describe` read with
     `match_only`.

@@ -19,7 +19,8 @@ from salframe_graphs.panorama_matching import PanoramaMatching, PanoramaMatching
 
 
 class SaliencyGraphLocalizer(GraphLocalizer):
-    """Matches the saliency graph of a query to those of the reference frames; the pose follows from aligned nodes."""
+    """Compares the saliency graph of a query with the graph of each reference frame, and computes the pose from matched
+    objects."""
 
     name = "saliency-graph"
     version = "4"

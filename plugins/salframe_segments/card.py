@@ -20,7 +20,8 @@ Layout = Literal["nchw", "nhwc"]
 
 
 class Input(Settings):
-    """Input of the network: a colour from 0 to 255 becomes (colour * scale - mean) / std; size_px: width, height."""
+    """Input of the network. A colour from 0 to 255 becomes (colour * scale - mean) / std. `size_px` is width and
+    height."""
 
     name: str | None = None
     layout: Layout
@@ -41,10 +42,10 @@ class Input(Settings):
 
 
 class Output(Settings):
-    """Output of the network: a score for each class and pixel, in any resolution.
+    """Output of the network: a score for each class and pixel. The output may have any resolution.
 
     Integers are converted to numbers with the quantization of the TensorFlow Lite file. `name` may be any tensor of the
-    file, including intermediate tensors; null: the first output of the file.
+    file, also an intermediate one. null is the first output of the file.
     """
 
     name: str | None = None
@@ -53,9 +54,9 @@ class Output(Settings):
 
 
 class Calibration(Settings):
-    """Conversion of mean class probability p to score, the probability that the object's label is correct.
+    """Conversion of the mean class probability p of an object to its score, the probability that its label is correct.
 
-    The score is the logistic function of slope * logit(p) + offset. With the default values it is p.
+    The score is the logistic function of slope * logit(p) + offset. With the default values, the score is p.
     """
 
     slope: float = Field(1.0, gt=0)

@@ -41,9 +41,10 @@ class _Choice(Settings):
 
 
 class BySize(SceneIndex):
-    """Uses compiled-lists for a map of over 10,000 scenes if numba is installed, otherwise inverted-lists.
+    """Uses `compiled-lists` for a map of over 10,000 reference frames if numba is installed, and `inverted-lists`
+    otherwise.
 
-    Both have their default settings. The selection is made when the map is built.
+    Both indexes have their default settings. The index is chosen when the map is built.
     """
 
     name = "by-size"
