@@ -27,17 +27,16 @@ which cannot resolve less."""
 
 
 class ImageFeatures(Localizer):
-    """Compares image features of whole views by their cosine similarity. The position is that of the best reference
-    frame.
+    """Compares image features of the views of the query and of the reference frames by their cosine similarity.
 
     The paper names image features (ResNet-101) without details. The feature map of each view is pooled by the
     generalised mean (Radenovic et al. 2019) and normalised to unit length. The score of a reference frame is the mean
     cosine between the views of the query and the views of the frame, at the best relative heading. Views of a partial
     panorama that are less than half visible count 0.
 
-    The pose of the answer has the position of the best frame. The heading is measured: the heading of the best frame is
-    rotated by the best relative heading, which is interpolated between the headings of views by a parabola. There is no
-    pose if all headings fit equally well.
+    The pose of the answer has the position of the best reference frame. The heading is measured: the heading of this
+    frame is rotated by the best relative heading, which is interpolated between the headings of views by a parabola.
+    There is no pose if all headings fit equally well.
     """
 
     name = "image"

@@ -25,7 +25,7 @@ class EfficientLoftr(ImageMatcher):
 
     The network outputs sub-pixel positions in both views. The map stores the range only at the points of a grid. The
     matched point in the reference view is therefore moved to the nearest grid point, and the matched point in the query
-    by the same offset. The offset is at most one pixel, so the error of this approximation is small.
+    by the same offset. The offset is at most one pixel. Over this distance, the two views differ by a shift only.
     """
 
     name = "efficient-loftr"

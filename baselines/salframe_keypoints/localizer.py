@@ -29,8 +29,10 @@ EDGE_PX = 8
 
 
 class Keypoints(Localizer):
-    """Matches keypoints between perspective views of the query and of the reference frames. The pose is computed from
-    matched points with a range in the map."""
+    """Matches keypoints between perspective views of the query and of the reference frames.
+
+    The pose is computed from the matched points of a reference frame that have a range.
+    """
 
     name = "keypoints"
     version = "2"

@@ -25,8 +25,7 @@ _RANKING, _KEYPOINTS = "ranking_", "keypoints_"
 
 
 class VerifiedPlaces(Localizer):
-    """Ranks the places by another localizer, and re-ranks the first ones by keypoint matches with their reference
-    frames.
+    """Ranks places by another localizer, and re-ranks the first ones by keypoint matches.
 
     The new score of each of the first `places` places is its score by `ranking` plus weight * ln(1 + n / min_inliers).
     n is the largest number of inliers among the compared reference frames of the place, computed as in the localizer
@@ -52,8 +51,7 @@ class VerifiedPlaces(Localizer):
         weight: float = match_only(
             7.8,
             ge=0,
-            description="weight of ln(1 + inliers / min_inliers) in the score of a place, which is added to its "
-            "score by `ranking`",
+            description="weight of ln(1 + inliers / min_inliers), which is added to the score of a place by `ranking`",
         )
 
     def __init__(self, config: ComponentConfig | None = None) -> None:

@@ -21,8 +21,8 @@ class SalientVolumesLocalizer(SalientObjects):
 
     The method follows SOVS (Meena et al. 2024, "volumetric saliency") as the paper describes it: objects are weighted
     by their share of the volume, have "visual, spatial, and directional features", and no edges. The score is our
-    interpretation. It is a weighted Jaccard index over objects. An object a of the query and an object b of the
-    reference frame with the same label share
+    interpretation. It is a weighted Jaccard index over objects. If an object a of the query and an object b of the
+    reference frame have the same label, they contribute
 
         s_ab(t) = min(w_a, w_b) * max(cos phi_ab(t), 0) * min(r_a, r_b) / max(r_a, r_b).
 

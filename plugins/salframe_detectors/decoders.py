@@ -16,7 +16,7 @@ MASK_COEFFICIENTS = 32
 
 
 class Yolox(DetectionDecoder):
-    """YOLOX: outputs (B, cells, 5 + classes): offset from the grid cell, logarithm of the size, objectness, class
+    """YOLOX: outputs (B, cells, 5 + classes) with offset from the grid cell, log of the size, objectness and class
     scores."""
 
     name = "yolox"
@@ -46,7 +46,8 @@ class Yolox(DetectionDecoder):
 
 
 class Yolov5(DetectionDecoder):
-    """YOLOv5 and YOLOv7: outputs (B, candidates, 5 + classes): centre and size in pixels, objectness, class scores."""
+    """YOLOv5 and YOLOv7: outputs (B, candidates, 5 + classes) with centre and size in pixels, objectness and class
+    scores."""
 
     name = "yolov5"
     version = "1"
@@ -58,7 +59,7 @@ class Yolov5(DetectionDecoder):
 
 
 class Yolov8(DetectionDecoder):
-    """YOLOv8 to YOLO11: outputs (B, 4 + classes, candidates): centre and size in pixels, class scores."""
+    """YOLOv8 to YOLO11: outputs (B, 4 + classes, candidates) with centre and size in pixels, and class scores."""
 
     name = "yolov8"
     version = "1"

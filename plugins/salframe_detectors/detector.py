@@ -29,11 +29,10 @@ CPU."""
 
 
 class OnnxDetector(Detector):
-    """Runs any ONNX detection network for perspective images, on overlapping views that cover the sphere, and merges
-    the detections.
+    """Runs any ONNX detection network for perspective images on overlapping views, and merges the detections.
 
-    Range is optional. Without range, the objects have labels, scores and bearings, and their positions are NaN. Such
-    objects suffice for a query in a map with range, but not for building a map.
+    The views cover the sphere. Range is optional. Without range, the objects have labels, scores and bearings, and
+    their positions are NaN. Such objects suffice for a query in a map with range, but not for building a map.
     """
 
     name = "onnx"
@@ -45,8 +44,8 @@ class OnnxDetector(Detector):
         model: Literal[tuple(ZOO)] | SingleFile = Field(  # type: ignore[valid-type]
             "yolox-nano",
             union_mode="left_to_right",
-            description=f"network. {', '.join(ZOO)}: weights that `salframe weights fetch` downloads; otherwise the path "
-            "of an ONNX file",
+            description=f"network. {', '.join(ZOO)}: weights that `salframe weights fetch` downloads; otherwise the "
+            "path of an ONNX file",
         )
         decoder: slot("detection-decoder", "yolox", description="decoder for the output format of the network")  # type: ignore[valid-type]
         labels: Literal["coco-80"] | tuple[str, ...] | SingleFile = Field(
@@ -84,8 +83,8 @@ class OnnxDetector(Detector):
             0.45,
             gt=0,
             lt=1,
-            description="intersection over union of two boxes in a view from which on they count as the same object; "
-            "only the box with the better score remains",
+            description="minimum intersection over union of two boxes in a view that count as the same object; only "
+            "the box with the better score remains",
         )
         fov_deg: float = Field(
             90.0,

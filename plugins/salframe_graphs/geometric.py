@@ -63,14 +63,14 @@ class GeometricMatcher(NodeMatcher):
         tolerance_m: float = Field(
             0.3,
             gt=0,
-            description="geometric verification: distance (m) from which on two nodes do not coincide, if both have "
+            description="geometric verification: maximum distance (m) between two nodes that coincide, for nodes at "
             "the range 0",
         )
         tolerance_share: float = Field(
             0.05,
             ge=0,
-            description="geometric verification: increase of the distance `tolerance_m` per metre of range of the two "
-            "nodes",
+            description="geometric verification: increase of this maximum distance with the ranges a and b of the two "
+            "nodes, per metre of sqrt(a^2 + b^2)",
         )
         max_scale_error: float = Field(
             0.0,

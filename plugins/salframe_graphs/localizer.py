@@ -19,8 +19,10 @@ from salframe_graphs.panorama_matching import PanoramaMatching, PanoramaMatching
 
 
 class SaliencyGraphLocalizer(GraphLocalizer):
-    """Compares the saliency graph of a query with the graph of each reference frame, and computes the pose from matched
-    objects."""
+    """Compares the saliency graph of a query with the graph of each reference frame.
+
+    The pose is computed from matched objects.
+    """
 
     name = "saliency-graph"
     version = "4"

@@ -78,8 +78,9 @@ class NodeMatcherConfig(ComponentConfig):
     )
     size_scale: tuple[float, float] | None = Field(
         (0.8, 0.5),
-        description="natural logarithms of the ratio of the box lengths and of the ratio of the box heights of two "
-        "nodes, at each of which the similarity of the nodes is halved; null: sizes are ignored",
+        description="scales of the differences in size: the similarity of two nodes is halved if ln(ratio of their "
+        "box lengths) is the first value, and halved if ln(ratio of their box heights) is the second value; null: "
+        "sizes are ignored",
     )
     ring_edges_m: Annotated[tuple[float, ...], AfterValidator(_ascending)] = Field(
         (1.0, 2.0, 4.0),

@@ -40,9 +40,7 @@ class PanoramaScoresConfig(ComponentConfig):
         "scores of the other matches that give a similar pose of the query in the world; 0: no increase",
     )
     agreement_radius_m: float = match_only(
-        1.5,
-        gt=0,
-        description="distance (m) between the query poses of two matches from which on they do not support each other",
+        1.5, gt=0, description="maximum distance (m) between the query poses of two matches that support each other"
     )
     nearest_scene: bool = match_only(
         True,

@@ -51,8 +51,8 @@ class RobustPositioner(Positioner):
     """Computes a pose from each smallest possible set of matches, and refines the poses that most matches agree with.
 
     The smallest set is two matches for SE(2), which ignores height, and three matches for SE(3). The best poses are
-    fitted to their inliers by Umeyama's method with equal weights. The result has a covariance, and the score of the
-    best different pose relative to the score of the best pose.
+    fitted to their inliers by Umeyama's method with equal weights. The result has a covariance, and the ratio of the
+    scores of the second and the best pose.
     """
 
     name = "robust"
@@ -75,8 +75,9 @@ class RobustPositioner(Positioner):
             0.95,
             gt=0,
             le=1,
-            description="score of the best different pose, divided by the score of the best pose, from which on the "
-            "result is ambiguous and has no pose. A different pose is over 0.5 m or 30 deg away from the best pose",
+            description="limit of the ratio of the scores of the second and the best pose. If the ratio is at least "
+            "this value, the result is ambiguous and has no pose. The second pose is the best one that is over 0.5 m "
+            "or 30 deg away from the best pose",
         )
 
     _separate_m: ClassVar[float] = 0.5

@@ -34,7 +34,7 @@ class VolumetricSaliency(SaliencyModel):
 
 
 class UniformSaliency(SaliencyModel):
-    """The same saliency for all objects. It is a control experiment that shows the effect of saliency."""
+    """The same saliency for all objects, a control experiment that shows the effect of saliency."""
 
     name = "uniform"
     version = "1"
@@ -44,8 +44,10 @@ class UniformSaliency(SaliencyModel):
 
 
 class RandomSaliency(SaliencyModel):
-    """Random saliency. It is a control experiment that shows the effect of saliency. The same panorama always gets the
-    same values."""
+    """Random saliency, a control experiment that shows the effect of saliency.
+
+    The same panorama always gets the same values.
+    """
 
     name = "random"
     version = "1"

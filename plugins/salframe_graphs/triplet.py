@@ -19,8 +19,8 @@ from salframe_graphs.node_pairs import shared_weight
 
 
 class TripletMatcher(NodeMatcher):
-    """Aligns the nodes of two graphs one-to-one, and counts the edges that both graphs have between aligned nodes, as
-    in the paper.
+    """Aligns the nodes of two graphs one-to-one, and scores the edges that both graphs have between them, as in the
+    paper.
 
     An edge and its two nodes form a triplet. Candidate graphs are selected by their labels. There is no geometric
     verification: the positioner estimates the pose from the aligned nodes.

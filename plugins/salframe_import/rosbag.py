@@ -102,8 +102,8 @@ class RosBagImporter(Importer):
             0,
             ge=0,
             le=100,
-            description="number of views of each query. Queries of several views are sequences, which are taken from "
-            "the recording; 0: no queries are taken",
+            description="number of views of each query that is taken from the recording, a sequence of images; 0: no "
+            "queries are taken",
         )
         sequence_period: int = Field(
             20,

@@ -40,8 +40,10 @@ PANOSEG = NetworkWeights(
 
 
 class PanoSegDetector(Detector):
-    """Objects from colour and range, by a segmentation network that was trained on rendered buildings and is part of
-    salframe."""
+    """Objects from colour and range, by a segmentation network that is part of salframe.
+
+    The network was trained on rendered buildings.
+    """
 
     name = "panoseg"
     version = "4"

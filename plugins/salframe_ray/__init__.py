@@ -30,8 +30,10 @@ change for workers without a GPU, and the line on stdout about a dead worker, wh
 
 
 class Ray(WorkerEngine):
-    """Runs jobs in worker processes on the machines of a Ray cluster, or on this machine only. Each worker uses one
-    processor."""
+    """Runs jobs in worker processes on the machines of a Ray cluster, or on this machine only.
+
+    Each worker uses one processor.
+    """
 
     name = "ray"
     version = "1"

@@ -45,10 +45,10 @@ ADE20K = NetworkWeights(
 
 
 class SegmentsDetector(Detector):
-    """Objects from any semantic segmentation network, whose class scores are averaged over overlapping views. Doors and
-    windows are objects too.
+    """Objects from any semantic segmentation network, whose class scores are averaged over overlapping views.
 
-    Range is optional. Without range, the objects have labels, scores and bearings, and their positions are NaN.
+    Doors and windows are objects too. Range is optional. Without range, the objects have labels, scores and bearings,
+    and their positions are NaN.
     """
 
     name = "segments"

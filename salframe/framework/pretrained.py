@@ -48,8 +48,7 @@ class PretrainedConfig(ComponentConfig):
     device: Device = Field(
         "auto",
         description="processor that runs the network. auto: the first of cuda, mps and cpu that this machine has; "
-        "cpu: the main processor; cuda: a GPU of NVIDIA; mps: a GPU of Apple. On a GPU, the network runs in half "
-        "precision",
+        "cpu: the main processor; cuda: an NVIDIA GPU; mps: an Apple GPU. On a GPU, the network runs in half precision",
     )
 
 

@@ -141,8 +141,9 @@ class Posterior(Settings):
         None,
         gt=0,
         lt=1,
-        description="maximum false accept rate: the share of out-of-map queries whose answers are accepted. An answer "
-        "is accepted if it passes a conformal test, which uses the reference frames of the map; null: no test",
+        description="maximum false accept rate (share of the out-of-map queries whose answers are accepted). An "
+        "answer is accepted only if it passes a conformal test, which uses the reference frames of the map; null: no "
+        "test",
     )
 
     def contrast(self, scores: np.ndarray) -> float:

@@ -82,8 +82,9 @@ class QueryView(ComponentConfig):
     query_errors: Literal["per-query", "per-view"] = added(
         "per-query",
         match_only=True,
-        description="simulated detection errors of an object in the views of a query. per-query: an object has the "
-        "same errors in all views of the query; per-view: an object has new errors in each view",
+        description="simulated detection errors of an object (by `query_noise` or the detector annotations) in the "
+        "views of a query. per-query: an object has the same errors in all views of the query; per-view: an object "
+        "has new errors in each view",
     )
 
 

@@ -48,8 +48,9 @@ class ObjectHypotheses(PlaceHypotheses):
 class LikelihoodEvidence(EvidenceModel):
     """Log likelihood ratio of the objects of the query at the best pose in the place, in the column `likelihood`.
 
-    If no object of the query has a range, the value is in the column `bearing_likelihood` instead, and `likelihood` is
-    0.
+    The ratio compares two explanations of the objects: they are objects of the place, or they are objects that are not
+    in the map. If no object of the query has a range, the value is in the column `bearing_likelihood` instead, and
+    `likelihood` is 0.
     """
 
     name = "likelihood"
@@ -75,10 +76,11 @@ class LikelihoodEvidence(EvidenceModel):
 
 
 class OutlineEvidence(EvidenceModel):
-    """Log likelihood ratio of the outline of free space, in the column `outline`.
+    """Log likelihood ratio of the outline of free space at the best pose in the place, in the column `outline`.
 
-    The outline is the distance to the nearest surface above the furniture, in each direction. It takes 144 bytes for
-    each frame of the map. It also limits the distance up to which objects should be visible.
+    The outline is the distance to the nearest surface above the furniture, in each direction. The ratio is large if the
+    outline of the query agrees with the outlines of the place. The outline takes 144 bytes for each frame of the map.
+    It also limits the distance up to which objects should be visible.
     """
 
     name = "outline"
@@ -156,8 +158,10 @@ class PanoramaEvidence(EvidenceModel):
 
 
 class LabelEvidence(EvidenceModel):
-    """Labels that query and place have in common, in the columns `detected_labels` and `labels_shared`. Rare labels
-    count more."""
+    """Labels that query and place have in common, in the columns `detected_labels` and `labels_shared`.
+
+    Rare labels count more.
+    """
 
     name = "labels"
     version = "1"

@@ -144,8 +144,8 @@ class Likelihood(Settings):
         0.33,
         gt=0,
         le=1,
-        description="factor on the odds that an object of the query is an object of the place, if no pose in the "
-        "place is assumed (0 to 1)",
+        description="factor (0 to 1) that multiplies the odds that an object of the query is an object of the place, "
+        "if no pose in the place is assumed",
     )
     scale_error: float = Field(
         0.1,

@@ -32,8 +32,8 @@ class InvertedLists(SceneIndex):
         )
         size_scale: tuple[float, float] = match_only(
             (0.8, 0.5),
-            description="natural logarithms of the ratio of the box lengths and of the ratio of the box heights of "
-            "two objects, at each of which the similarity of the objects is halved",
+            description="scales of the differences in size: the similarity of two objects is halved if ln(ratio of "
+            "their box lengths) is the first value, and halved if ln(ratio of their box heights) is the second value",
         )
 
     def build(self, graphs: Iterable[SaliencyGraph], folder: Path) -> None:
