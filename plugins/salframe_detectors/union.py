@@ -22,8 +22,8 @@ class UnionDetector(Detector):
     """Merges the detections of several detectors. An object that more than one of them detects is reported once.
 
     Labels are replaced by the labels that the detectors have in common. If several detectors detect an object, the
-    result has the best of their scores. All other values are those of the detection with the best score among the
-    detections with a known position. The order of the detectors does not matter.
+    result has the best of their scores. Its other values come from the detection with the best score among those with a
+    known position, or among all if no position is known. The order of the detectors does not matter.
     """
 
     name = "union"

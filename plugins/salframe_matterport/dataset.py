@@ -77,8 +77,9 @@ class MatterportAnnotations(NavigableDataset):
         )
         seed: int = Field(
             0,
-            description="random seed of the range noise, of the yaws of queries, and of the ranges of objects that "
-            "are seen from a single viewpoint, which cannot be triangulated",
+            description="random seed of the range noise, of the yaws and walks of queries, of the viewpoints that "
+            "`map_share` chooses, and of the ranges of objects that are seen from a single viewpoint and cannot be "
+            "triangulated",
         )
         leave_out: int = match_only(
             1,
