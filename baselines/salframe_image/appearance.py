@@ -31,15 +31,17 @@ MAX_DISTANCE_M = 2.5
 
 
 class AppearanceEvidence(EvidenceModel):
-    """Similarity of the colour images of query and place: column `appearance`.
+    """Similarity of the colour images of query and place, in the column `appearance`.
 
     Perspective views are cut from a panorama. The descriptor of a view is the feature map of an image network, pooled
-    by the generalised mean (Radenovic et al. 2019) and normalised to unit length. The column is the mean cosine between
-    the views of the query and those of a panorama of the place, for the best panorama and the best relative heading by
-    whole views. A view of the query is weighted by its share of valid pixels, so that only visible views count. A place
-    whose panoramas have no colour has the mean of the other places.
+    by the generalised mean (Radenovic et al. 2019) and normalised to unit length. The value of a place is the mean
+    cosine between the views of the query and the views of a panorama of the place, for the best panorama and the best
+    relative heading. The tested headings are multiples of the angle between two views. Each view of the query is
+    weighted by its share of valid pixels, so that only the visible part of a partial panorama counts. A place whose
+    panoramas have no colour gets the mean value of the other places.
 
-    A map stores one byte for each of the C channels of V views: 15 kB a panorama with the default settings.
+    A map stores V x C bytes for each panorama: V views, and C channels of the feature map. With the default settings,
+    this is 15 kB.
     """
 
     name = "appearance"
@@ -47,8 +49,8 @@ class AppearanceEvidence(EvidenceModel):
     columns = (
         EvidenceColumn(
             "appearance",
-            "mean cosine between the descriptors of the query's views and those of the most similar panorama of the "
-            "candidate place, by an image network",
+            "mean cosine between the descriptors (of an image network) of the query's views and of the "
+            "views of the most similar panorama in the candidate place",
             weight=78.0,
         ),
     )
@@ -57,21 +59,27 @@ class AppearanceEvidence(EvidenceModel):
     column_step: ClassVar[int | None] = None  # views of a rotated panorama show other parts of it
 
     class Config(ComponentConfig):
-        network: slot("image-network", "efficientnet-lite0", description="image network")  # type: ignore[valid-type]
+        network: slot(
+            "image-network", "efficientnet-lite0", description="image network, which computes the descriptors of views"
+        )  # type: ignore[valid-type]
         views: int = Field(
             12,
             ge=3,
             le=72,
-            description="number of perspective views that are cut from the panorama, evenly spaced in azimuth",
+            description="number of horizontal perspective views that are cut from the panorama, evenly spaced in "
+            "azimuth",
         )
         hfov_deg: float = Field(
-            120.0, gt=0, lt=150, description="horizontal and vertical field of view of each perspective view (degrees)"
+            120.0,
+            gt=0,
+            lt=150,
+            description="horizontal and vertical field of view (degrees) of each perspective view, which is square",
         )
         power: float = Field(
             3.0,
             ge=1,
             description="exponent of the generalised mean over the pixels of a feature map, which gives the "
-            "descriptor of a view: 1 is the mean; a large exponent approaches the maximum",
+            "descriptor of a view; 1: mean; large values approach the maximum",
         )
 
     def __init__(self, config: ComponentConfig | None = None) -> None:

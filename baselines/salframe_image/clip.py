@@ -45,14 +45,14 @@ LOGIT_SCALE = 100.0
 
 
 class ClipRooms(Localizer):
-    """Room types of views by CLIP; places are ranked by the similarity of their room types. Gives a place and no pose.
+    """Classifies the room type of each view by CLIP, and ranks places by similar room types. It computes no pose.
 
     The method follows the scene perceiver of March-in-Chat (Qiao et al. 2023), which classifies the room type and the
-    objects of a room with CLIP and has no map. Localization by its room types is our adaptation. The probabilities of
-    the room types, softmax(100 cos(view, prompt)), are averaged over the views to p. The score of a reference frame
-    with probabilities q is the Bhattacharyya coefficient sum_t sqrt(p_t q_t). Equal scores are in the order of the map.
-    By default the room types are taken from the place names of the map ("kitchen-01" is a kitchen). `room_types`
-    replaces them.
+    objects of a room with CLIP and has no map. Localization by room types is our adaptation. The probabilities of the
+    room types, softmax(100 cos(view, prompt)), are averaged over all views of the query to p. They are averaged over
+    the views of a reference frame to q. The score of the frame is the Bhattacharyya coefficient sum_t sqrt(p_t q_t)
+    over the room types t. Frames with equal scores are in the order of the map. By default, the room types are those in
+    the place names of the map ("kitchen-01" is a kitchen). The setting `room_types` replaces them.
     """
 
     name = "clip-rooms"
@@ -66,28 +66,31 @@ class ClipRooms(Localizer):
     class Config(LevelledConfig):
         checkpoint: UserFile | None = Field(
             None,
-            description="path of a local folder with CLIP's files, named as in the download; null: the downloaded "
-            "files",
+            description="path of a folder with the files of CLIP, named as in the download; null: the downloaded files",
         )
         room_types: tuple[str, ...] | None = match_only(
             None,
             min_length=1,
-            description="list of the room types that CLIP tells apart; null: the room types in the place names of the "
-            "map",
+            description="list of the room types that CLIP distinguishes; null: the room types in the place names of "
+            "the map",
         )
         prompt: str = match_only(
             "a photo of a {}",
             pattern=r"\{\}",
-            description="text that CLIP compares each view with; {} stands for the room type",
+            description="text that CLIP compares with each view; {} stands for the room type",
         )
         views: int = Field(
             12,
             ge=1,
             le=72,
-            description="number of perspective views that are cut from the panorama, evenly spaced in azimuth",
+            description="number of horizontal perspective views that are cut from the panorama, evenly spaced in "
+            "azimuth",
         )
         hfov_deg: float = Field(
-            90.0, gt=0, lt=150, description="horizontal field of view of each perspective view (degrees)"
+            90.0,
+            gt=0,
+            lt=150,
+            description="horizontal and vertical field of view (degrees) of each perspective view, which is square",
         )
 
     def __init__(self, config: ComponentConfig | None = None) -> None:

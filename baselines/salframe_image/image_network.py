@@ -10,7 +10,7 @@ from salframe.framework.component import Role
 
 
 class ImageNetwork(Role):
-    """A network that computes features of images."""
+    """Computes features of images with a neural network."""
 
     role = "image-network"
     conformance = "salframe_image.conformance:check_image_network"

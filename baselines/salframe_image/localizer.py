@@ -27,14 +27,16 @@ there is no pose. Smaller differences are rounding errors, because features are 
 
 
 class ImageFeatures(Localizer):
-    """Cosine similarity of pooled network features of perspective views, with the position of the best reference frame.
+    """Compares image features of the views of the query and of the reference frames by their cosine similarity.
 
-    The paper names image features (ResNet-101) without details. Each view's feature map is pooled by the generalised
-    mean (Radenovic et al. 2019) and normalised to unit length. The score of a reference frame is the mean cosine
-    between the views of the query and the views of the frame, at the best relative heading; invalid views count 0. The
-    pose is that of the best frame, rotated by the best heading, which is refined by a parabola through it and its
-    neighbours. The heading is therefore measured, but the position is that of a reference frame. There is no pose if
-    all headings fit equally well.
+    The paper names image features (ResNet-101) without details. The feature map of each view is pooled by the
+    generalised mean (Radenovic et al. 2019) and normalised to unit length. The score of a reference frame is the mean
+    cosine between the views of the query and the views of the frame, at the best relative heading. Views of a partial
+    panorama that are less than half visible count 0.
+
+    The pose of the answer has the position of the best reference frame. The heading is measured: the heading of this
+    frame is rotated by the best relative heading, which is interpolated between the headings of views by a parabola.
+    There is no pose if all headings fit equally well.
     """
 
     name = "image"
@@ -43,21 +45,27 @@ class ImageFeatures(Localizer):
     column_step: ClassVar[int | None] = None  # views of a rotated panorama show other parts of it
 
     class Config(LevelledConfig):
-        network: slot("image-network", "efficientnet-lite0", description="feature network")  # type: ignore[valid-type]
+        network: slot(
+            "image-network", "efficientnet-lite0", description="image network, which computes the features of views"
+        )  # type: ignore[valid-type]
         views: int = Field(
             12,
             ge=3,
             le=72,
-            description="number of perspective views that are cut from the panorama, evenly spaced in azimuth",
+            description="number of horizontal perspective views that are cut from the panorama, evenly spaced in "
+            "azimuth",
         )
         hfov_deg: float = Field(
-            120.0, gt=0, lt=150, description="horizontal field of view of each perspective view (degrees)"
+            120.0,
+            gt=0,
+            lt=150,
+            description="horizontal and vertical field of view (degrees) of each perspective view, which is square",
         )
         power: float = Field(
             3.0,
             ge=1,
             description="exponent of the generalised mean over the pixels of a feature map, which gives the "
-            "descriptor of a view: 1 is the mean; a large exponent approaches the maximum",
+            "descriptor of a view; 1: mean; large values approach the maximum",
         )
 
     def __init__(self, config: ComponentConfig | None = None) -> None:

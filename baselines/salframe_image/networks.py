@@ -86,7 +86,7 @@ class OnnxImageNetwork(ImageNetwork):
 
 
 class EfficientNetLite0(OnnxImageNetwork):
-    """EfficientNet-Lite0 (Google, 2020): its last feature map."""
+    """EfficientNet-Lite0 (Google, 2020). The features are its last feature map."""
 
     name = "efficientnet-lite0"
     version = "1"
@@ -94,7 +94,7 @@ class EfficientNetLite0(OnnxImageNetwork):
 
 
 class ResNet101(OnnxImageNetwork):
-    """ResNet-101 v1 of the ONNX model zoo: its last feature map."""
+    """ResNet-101 v1 of the ONNX model zoo. The features are its last feature map."""
 
     name = "resnet101"
     version = "1"
@@ -110,25 +110,24 @@ class ResNet101(OnnxImageNetwork):
 
 
 class OwnNetwork(OnnxImageNetwork):
-    """An image network from an ONNX file of the user."""
+    """An image network in an ONNX file of your own."""
 
     name = "onnx"
     version = "1"
 
     class Config(OnnxImageNetwork.Config):
-        model: SingleFile | None = Field(None, description="path of the ONNX file (required)")
+        model: SingleFile | None = Field(None, description="path of the ONNX file; required")
         output: str | None = Field(
             None,
-            description="name of the output tensor, which has features of shape (N, C, h, w) or (N, C); null: the "
-            "first output",
+            description="name of the output tensor that contains the features, of shape (N, C, h, w) or (N, C); null: "
+            "the first output",
         )
         mean: Colour = Field(
-            (127.0, 127.0, 127.0),
-            description="mean values of red, green and blue (0 to 255), which are subtracted from the image",
+            (127.0, 127.0, 127.0), description="values that are subtracted from red, green and blue (0 to 255)"
         )
         std: Colour = Field(
             (128.0, 128.0, 128.0),
-            description="divisors of red, green and blue, applied after the subtraction of the mean values",
+            description="values that red, green and blue are divided by after the subtraction of `mean`",
         )
 
     @classmethod

@@ -19,7 +19,7 @@ MATCHER = WeightsFile(
 
 
 class AlikedNearest(NetworkMatcher):
-    """ALIKED keypoints with mutual nearest neighbours."""
+    """ALIKED keypoints, matched if their descriptors are mutual nearest neighbours."""
 
     name = "aliked-nn"
     version = "1"
@@ -44,7 +44,7 @@ class AlikedNearest(NetworkMatcher):
 
 
 class AlikedLightGlue(AlikedNearest):
-    """ALIKED keypoints with LightGlue."""
+    """ALIKED keypoints, matched by the network LightGlue."""
 
     name = "aliked-lightglue"
     version = "1"

@@ -25,7 +25,9 @@ class TrainedMatcher(FeatureMatcher):
 
     class Config(ComponentConfig):
         checkpoint: UserFile | None = Field(
-            None, description="path of local weights: a file, or a folder with the files; null: the downloaded weights"
+            None,
+            description="path of a file with weights, or of a folder with several such files; null: the "
+            "downloaded weights",
         )
 
     @classmethod

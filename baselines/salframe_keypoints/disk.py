@@ -23,7 +23,7 @@ MATCHER = WeightsFile(
 
 
 class DiskLightGlue(NetworkMatcher):
-    """DISK keypoints with LightGlue."""
+    """DISK keypoints, matched by the network LightGlue."""
 
     name = "disk-lightglue"
     version = "1"

@@ -21,11 +21,11 @@ SIDE_MULTIPLE_PX = 32
 
 
 class EfficientLoftr(ImageMatcher):
-    """Efficient LoFTR on grey views.
+    """Efficient LoFTR on grey views, which matches without keypoints.
 
-    Its matches have sub-pixel positions in both views. A match is moved to the nearest grid point of the reference,
-    where a range is stored, and by the same offset in the query. The offset is at most one pixel; over this distance
-    the two views differ by a translation only.
+    The network outputs sub-pixel positions in both views. The map stores the range only at the points of a grid. The
+    matched point in the reference view is therefore moved to the nearest grid point, and the matched point in the query
+    by the same offset. The offset is at most one pixel. Over this distance, the two views differ by a shift only.
     """
 
     name = "efficient-loftr"

@@ -24,7 +24,7 @@ class ViewFeatures:
 
 
 class FeatureMatcher(Role):
-    """Extracts features of perspective views, and matches two views.
+    """Extracts features of perspective views, and matches the features of two views.
 
     A map stores the result of `extract` for each view. Declare settings that only `match` and `describe` read with
     `match_only`: changing them does not require a new map.

@@ -27,8 +27,8 @@ class ImageMatcher(TrainedMatcher):
         max_keypoints: int = match_only(
             512,
             ge=16,
-            description="maximum number of SIFT keypoints per view that describe the view for the selection of "
-            "reference frames",
+            description="maximum number of SIFT keypoints in each view. They are not matched: they only select the "
+            "reference frames to match",
         )
 
     def __init__(self, config: Config | None = None) -> None:

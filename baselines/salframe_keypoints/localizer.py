@@ -30,48 +30,63 @@ describe the border."""
 
 
 class Keypoints(Localizer):
-    """Keypoint matches between perspective views of panoramas, with a pose from reference points that have a range."""
+    """Matches keypoints between perspective views of the query and of the reference frames.
+
+    The pose is computed from the matched points of a reference frame that have a range.
+    """
 
     name = "keypoints"
     version = "2"
     column_step: ClassVar[int | None] = None  # views of a rotated panorama are sampled at other pixels
 
     class Config(LevelledConfig):
-        features: slot("feature-matcher", "xfeat", description="keypoint network")  # type: ignore[valid-type]
+        features: slot(
+            "feature-matcher", "xfeat", description="feature matcher, which extracts and matches the features of views"
+        )  # type: ignore[valid-type]
         range: range_slot()  # type: ignore[valid-type]
         views: int = Field(
-            6, ge=3, description="number of perspective views that are cut from the panorama, evenly spaced in azimuth"
+            6,
+            ge=3,
+            description="number of horizontal perspective views that are cut from the panorama, evenly spaced in "
+            "azimuth",
         )
         view_width_px: int = Field(480, ge=64, le=4096, description="width of each perspective view (pixels)")
         view_height_px: int = Field(352, ge=64, le=4096, description="height of each perspective view (pixels)")
         hfov_deg: float = Field(
-            90.0, gt=0, lt=150, description="horizontal field of view of each perspective view (degrees)"
+            90.0, gt=0, lt=150, description="horizontal field of view (degrees) of each perspective view"
         )
         shortlist_network: slot(  # type: ignore[valid-type]
             "image-network",
             optional=True,
-            description="image network whose global descriptors select the reference frames to match; null: the local "
-            "descriptors of the matcher, pooled with a vocabulary of the map",
+            description="image network whose descriptors of whole views select the reference frames to match; null: "
+            "descriptors pooled from the local descriptors of the matcher, with a vocabulary computed from the map",
         )
         words: int = match_only(
-            64, ge=1, description="number of visual words in the vocabulary that pools local descriptors"
+            64,
+            ge=1,
+            description="number of visual words in the vocabulary that pools local descriptors; not used with a "
+            "shortlist_network",
         )
         shortlist: int | None = match_only(
             5,
             ge=1,
-            description="number of reference frames to match: those with the most similar global descriptors; null: "
-            "all",
+            description="number of reference frames that are matched with a query, those with the most similar "
+            "descriptors of whole views; null: all",
         )
         inlier_deg: float = match_only(
             1.0,
             gt=0,
-            description="maximum angle (degrees) of an inlier, between the observed bearing of a matched point and "
-            "its bearing computed from the pose",
+            description="maximum angle (degrees) of an inlier of a pose, between the observed bearing of a matched "
+            "point and the bearing that the pose predicts",
         )
         hypotheses: int = match_only(
-            500, ge=1, description="number of random samples of three points from which poses are computed"
+            500,
+            ge=1,
+            description="number of candidate poses, each computed from a random sample of three matched points",
         )
-        min_inliers: int = match_only(20, ge=4, description="minimum number of inliers for a pose to be accepted")
+        min_inliers: int = match_only(
+            20, ge=4, description="minimum number of inliers of a pose; with fewer inliers, the pose is rejected"
+        )
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         """Create the matcher. Raises ConfigError if it does not support views of this size."""

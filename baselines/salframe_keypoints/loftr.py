@@ -31,7 +31,7 @@ LOFTR = NetworkWeights(
 
 
 class Loftr(ImageMatcher):
-    """LoFTR on grey views. The points of a view are the cells of LoFTR's coarse grid."""
+    """LoFTR on grey views. The matched points of a reference view are the cells of the coarse grid of LoFTR."""
 
     name = "loftr"
     version = "1"
@@ -41,10 +41,14 @@ class Loftr(ImageMatcher):
     class Config(ImageMatcher.Config):
         architecture: dict[str, Any] = Field(
             {"coarse": {"temp_bug_fix": True}},
-            description="mapping with the values of the checkpoint's architecture that differ from kornia's "
-            "default_cfg",
+            description="mapping with the parameters of the checkpoint's architecture that differ from `default_cfg` "
+            "of kornia",
         )
-        fine: bool = match_only(True, description="true: the checkpoint has a fine stage; false: it has none")
+        fine: bool = match_only(
+            True,
+            description="true: the checkpoint contains the fine stage of LoFTR; false: it does not, and matches are "
+            "not refined",
+        )
 
     def __init__(self, config: Config | None = None) -> None:
         from kornia.feature.loftr import loftr

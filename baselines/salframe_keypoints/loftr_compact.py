@@ -133,7 +133,8 @@ def windows(features: Features, cells: np.ndarray) -> np.ndarray:
 
 
 class LoftrCompact(ImageMatcher):
-    """The small LoFTR on grey views. The points of a view are the cells of its coarse grid."""
+    """A small LoFTR, which is part of salframe, on grey views. The matched points of a reference view are the cells of
+    its coarse grid."""
 
     name = "loftr-compact"
     version = "1"
@@ -144,8 +145,8 @@ class LoftrCompact(ImageMatcher):
     class Config(ImageMatcher.Config):
         pooled: Literal["sift", "tokens"] = match_only(
             "tokens",
-            description="local descriptors that select the reference frames to match: the tokens of the network, or "
-            "RootSIFT",
+            description="local descriptors that select the reference frames to match. sift: RootSIFT; tokens: "
+            "features of the network's coarse grid",
         )
 
     def __init__(self, config: Config | None = None) -> None:

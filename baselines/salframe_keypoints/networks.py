@@ -22,12 +22,12 @@ they are at +0.5."""
 
 
 class NetworkMatcher(TrainedMatcher, DescriptorMatcher):
-    """Keypoints and descriptors of a network, matched by mutual nearest neighbours."""
+    """Keypoints and descriptors of a network, matched if they are mutual nearest neighbours."""
 
     requires = ("torch", "kornia")
 
     class Config(TrainedMatcher.Config):
-        max_keypoints: int = Field(512, ge=16, description="maximum number of keypoints per view")
+        max_keypoints: int = Field(512, ge=16, description="maximum number of keypoints in each view")
 
     @abstractmethod
     def detect(self, image: Any) -> tuple[Any, Any]:

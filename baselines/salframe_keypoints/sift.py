@@ -16,13 +16,13 @@ RATIO = 0.8
 
 
 class Sift(DescriptorMatcher):
-    """SIFT keypoints by OpenCV, with the ratio test."""
+    """SIFT keypoints computed by OpenCV, matched by the ratio test of nearest neighbours."""
 
     name = "sift"
     version = "1"
 
     class Config(ComponentConfig):
-        max_keypoints: int = Field(512, ge=16, description="maximum number of keypoints per view")
+        max_keypoints: int = Field(512, ge=16, description="maximum number of keypoints in each view")
 
     def __init__(self, config: Config | None = None) -> None:
         import cv2

@@ -21,7 +21,7 @@ SUPERGLUE = Pretrained("magic-leap-community/superglue_indoor", LICENCE, "SuperG
 
 
 class SuperPointNearest(NetworkMatcher):
-    """SuperPoint keypoints with mutual nearest neighbours."""
+    """SuperPoint keypoints, matched if their descriptors are mutual nearest neighbours."""
 
     name = "superpoint-nn"
     version = "1"
@@ -45,9 +45,10 @@ class SuperPointNearest(NetworkMatcher):
 
 
 class SuperPointSuperGlue(NetworkMatcher):
-    """SuperPoint keypoints with SuperGlue.
+    """SuperPoint keypoints, matched by the network SuperGlue.
 
-    SuperGlue also uses scores. The features of a point are its descriptor, followed by its score.
+    SuperGlue also uses the scores of keypoints. The features of a keypoint are therefore its descriptor, followed by
+    its score.
     """
 
     name = "superpoint-superglue"

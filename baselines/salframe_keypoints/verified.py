@@ -26,12 +26,13 @@ _RANKING, _KEYPOINTS = "ranking_", "keypoints_"
 
 
 class VerifiedPlaces(Localizer):
-    """Ranks places by another localizer, and re-ranks the first ones by keypoint matches with their frames.
+    """Ranks places by another localizer, and re-ranks the first ones by keypoint matches.
 
-    The score of each of the first `places` places is its score by `ranking` plus weight * ln(1 + n / min_inliers). n is
-    the largest number of inliers among its reference frames, as in the localizer `keypoints`. The pose is that of the
-    inliers if there are enough of them. Otherwise it is the pose of the ranking, if its first place stays first.
-    Keypoints of joined views are those of the last view.
+    The new score of each of the first `places` places is its score by `ranking` plus weight * ln(1 + n / min_inliers).
+    n is the largest number of inliers among the compared reference frames of the place, computed as in the localizer
+    `keypoints`. At most three reference frames are compared for each place. If the pose of the first place has enough
+    inliers, it is the answer. Otherwise, the answer has the pose of the ranking if the first place is the same, or else
+    no pose. If several views of a query are joined, the keypoints are those of the last view.
     """
 
     name = "verified-places"
@@ -40,12 +41,18 @@ class VerifiedPlaces(Localizer):
     uses_floors = True
 
     class Config(ComponentConfig):
-        ranking: slot("localizer", "saliency-places", description="method that ranks the places")  # type: ignore[valid-type]
-        features: slot("feature-matcher", "sift", description="keypoint matcher that verifies the places")  # type: ignore[valid-type]
-        places: int = match_only(5, ge=1, description="number of places to verify, the first ones of the ranking")
-        min_inliers: int = match_only(20, ge=4, description="minimum number of inliers for a pose to be accepted")
+        ranking: slot("localizer", "saliency-places", description="localizer that ranks the places")  # type: ignore[valid-type]
+        features: slot("feature-matcher", "sift", description="feature matcher that verifies the places")  # type: ignore[valid-type]
+        places: int = match_only(
+            5, ge=1, description="number of places that are verified, the first ones of the ranking"
+        )
+        min_inliers: int = match_only(
+            20, ge=4, description="minimum number of inliers of a pose; with fewer inliers, the pose is rejected"
+        )
         weight: float = match_only(
-            7.8, ge=0, description="weight of ln(1 + inliers / min_inliers), which is added to the score of a place"
+            7.8,
+            ge=0,
+            description="weight of ln(1 + inliers / min_inliers), which is added to the score of a place by `ranking`",
         )
 
     def __init__(self, config: ComponentConfig | None = None) -> None:

@@ -20,7 +20,7 @@ MATCHER = WeightsFile(
 
 
 class XFeatNearest(NetworkMatcher):
-    """XFeat keypoints with mutual nearest neighbours."""
+    """XFeat keypoints, matched if their descriptors are mutual nearest neighbours."""
 
     name = "xfeat-nn"
     version = "1"
@@ -41,7 +41,7 @@ class XFeatNearest(NetworkMatcher):
 
 
 class XFeat(XFeatNearest):
-    """XFeat keypoints with LighterGlue."""
+    """XFeat keypoints, matched by the network LighterGlue."""
 
     name = "xfeat"
     version = "1"

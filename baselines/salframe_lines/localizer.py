@@ -50,12 +50,13 @@ class _MapLines(NamedTuple):
 
 
 class Lines(Localizer):
-    """Line segments of query and map on the sphere, after LDL (Kim et al. 2023) and FGPL (Kim et al. 2024). Gives place
-    and pose.
+    """Compares line segments of query and map on the sphere, as in LDL (Kim et al. 2023) and FGPL (Kim et al. 2024).
 
-    Line distance functions along three principal directions are compared at a grid of positions, for the four
-    alignments of the principal directions of upright panoramas (LDL, section 3). The best candidates are aligned by
-    geometry (FGPL). The answer is the candidate that explains the largest share of the lines.
+    A line distance function gives, for each direction, the angle to the nearest line. The functions of lines along
+    three principal directions are compared at a grid of candidate positions. The principal directions of two upright
+    panoramas can be aligned in four ways, and all four are tested (LDL, section 3). The lines of the best candidates
+    are then aligned with the lines of the query (FGPL). The answer is the candidate that explains the largest share of
+    the query's lines. It has a place and a pose.
     """
 
     name = "lines"
@@ -67,41 +68,43 @@ class Lines(Localizer):
         max_lines: int = Field(
             100,
             ge=1,
-            description="maximum number of line segments along each of the three dominant directions; the longest are "
-            "used",
+            description="maximum number of line segments along each of the three principal directions; the longest "
+            "segments are used",
         )
         sphere_points: int = match_only(
             162,
             ge=1,
             le=100_000,
-            description="number of points on the unit sphere at which line distance functions are compared",
+            description="number of points on the unit sphere at which line distance functions are compared. Such a "
+            "function gives the angle to the nearest line",
         )
         step_m: float = match_only(
-            0.35, ge=0.01, description="spacing of the grid of candidate positions around a reference frame (m)"
+            0.35, ge=0.01, description="spacing (m) of the grid of candidate positions around a reference frame"
         )
         reach_m: float = match_only(
             5.0,
             ge=0,
-            description="maximum distance of candidate positions from a reference frame along x and along y (m)",
+            description="maximum distance (m) of candidate positions from a reference frame, along x and along y",
         )
         inlier_rad: float = match_only(
             0.1,
             gt=0,
             le=0.3,
-            description="maximum difference between two values of the line distance functions of query and candidate "
-            "that are counted as equal (radians)",
+            description="maximum difference (radians) between values of the line distance functions of query and "
+            "candidate that count as equal",
         )
         shortlist: int = match_only(
             8,
             ge=1,
-            description="number of candidates (pairs of a reference frame and a rotation) that are aligned: those "
-            "with the best agreement of line distance functions",
+            description="number of candidates (pairs of a reference frame and a rotation) whose lines are aligned "
+            "with those of the query. They are the candidates with the most similar line distance functions",
         )
         min_agreement: float = match_only(
             0.1,
             ge=0,
             le=1,
-            description="minimum share of the query's lines that must agree with lines of the map under a pose",
+            description="minimum share (0 to 1), by length, of the query's lines that agree with lines of the map "
+            "under a pose; with a smaller share, the pose is rejected",
         )
 
     uses: ClassVar[frozenset[str]] = frozenset({"range"})

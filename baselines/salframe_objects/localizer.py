@@ -19,7 +19,7 @@ from salframe_objects.salient import SalientObjects
 
 
 class ObjectSetLocalizer(DetectingLocalizer, WeightedLabels):
-    """Jaccard index of the label sets of query and map; gives a place and no pose."""
+    """Jaccard index of the object labels of query and reference frame. It gives a place and no pose."""
 
     name = "objects"
     version = "3"
@@ -29,8 +29,8 @@ class ObjectSetLocalizer(DetectingLocalizer, WeightedLabels):
         detector: slot("detector", "auto")  # type: ignore[valid-type]
         labels: Literal["set", "multiset"] = match_only(
             "set",
-            description="comparison of the labels of two panoramas. set: without their counts; multiset: with "
-            "their counts",
+            description="how the labels of two panoramas are compared. set: each label counts once; multiset: each "
+            "label counts as often as it occurs",
         )
         posterior: posterior_slot()  # type: ignore[valid-type]
 
@@ -54,12 +54,14 @@ class ObjectSetLocalizer(DetectingLocalizer, WeightedLabels):
 
 
 class SalientObjectsLocalizer(SalientObjects, WeightedLabels):
-    """Jaccard index of labels weighted by their saliency; gives a place and no pose.
+    """Jaccard index of object labels, weighted by saliency. It gives a place and no pose.
 
-    J = sum_l min(w_l, w'_l) / sum_l max(w_l, w'_l), where w_l is the sum of S^p over the objects with the label l in
-    the query, w'_l the sum in the reference frame, S the saliency and p = `saliency_power`. The paper names
-    "a collection of salient objects" without a formula. A weight of each object instead of a threshold is our
-    interpretation. p = 1/3 was the best of 0.33, 0.5 and 1 on tuning buildings.
+    The score is J = sum_l min(w_l, w'_l) / sum_l max(w_l, w'_l) over all labels l. The weight w_l is the sum of S^p
+    over the objects with the label l in the query, and w'_l is the same sum in the reference frame. S is the saliency
+    of an object, and p is the setting `saliency_power`.
+
+    The paper names "a collection of salient objects" without a formula. Our interpretation gives each object a weight,
+    and uses no threshold. p = 1/3 was the best of 0.33, 0.5 and 1 on tuning buildings.
     """
 
     name = "salient-objects"

@@ -27,13 +27,15 @@ class SalientObjects(DetectingLocalizer):
     class Config(LevelledConfig):
         range: range_slot()  # type: ignore[valid-type]
         detector: slot("detector", "auto")  # type: ignore[valid-type]
-        saliency: slot("saliency", "volumetric", description="weights of the objects")  # type: ignore[valid-type]
+        saliency: slot(
+            "saliency", "volumetric", description="saliency model, which computes how much each object stands out"
+        )  # type: ignore[valid-type]
         saliency_power: float = Field(
             1 / 3,
             ge=0,
             le=100,
-            description="exponent p of the weight S^p of an object with saliency S. 1: proportional to its volume; "
-            "1/3: proportional to its length; 0: equal weights",
+            description="exponent p of the weight S^p of an object with the saliency S. 1: the weight is proportional "
+            "to the volume of the object; 1/3: to its length; 0: all objects have the same weight",
         )
         posterior: posterior_slot()  # type: ignore[valid-type]
 

@@ -24,14 +24,19 @@ from salframe_annotations.sensed import SENSORS, SensedNoise
 
 
 class Noise(ObjectNoise):
-    """Rates and sizes of the simulated errors of a detector."""
+    """Rates and sizes of the simulated errors of a detector. They are equal for all objects."""
 
-    split: float = Field(0.0, ge=0, le=1, description="share of objects that are detected as two halves (0 to 1)")
+    split: float = Field(
+        0.0,
+        ge=0,
+        le=1,
+        description="share of objects (0 to 1) that are detected as two objects, the two halves of the object",
+    )
     merged: float = Field(
         0.0,
         ge=0,
         le=1,
-        description="share of objects that are merged with the nearest object of the same label (0 to 1)",
+        description="share of objects (0 to 1) that are merged with the nearest object of the same label",
     )
 
 
@@ -46,9 +51,9 @@ MEASURED = ("panoseg", "segments")
 
 
 class AnnotationDetector(Detector):
-    """Returns the annotated objects of an instance image or of an object list, with simulated detector errors.
+    """Returns the annotated objects of a panorama, with simulated errors of a detector.
 
-    A range image is optional.
+    The annotations are an instance image or a list of objects. A range image is optional.
     """
 
     name = "annotations"
@@ -59,9 +64,9 @@ class AnnotationDetector(Detector):
         noise: Literal["auto", "none", "uniform", "uniform-heavy", "panoseg", "segments"] | Noise | UserFile = Field(
             "auto",
             union_mode="left_to_right",
-            description="errors to simulate. panoseg, segments, or a file written by `salframe sensor`: the measured "
-            "errors of a detector; uniform, uniform-heavy, or your own rates: equal rates for all objects; none: no "
-            "errors; auto: panoseg on rendered panoramas, none on real panoramas",
+            description="errors to simulate. auto: panoseg on rendered panoramas, none on real panoramas; none: no "
+            "errors; uniform, uniform-heavy, or a mapping with your own rates: equal error rates for all objects; "
+            "panoseg, segments, or the path of a file written by `salframe sensor`: the measured errors of a detector",
         )
         seed: int = Field(0, ge=0, description="random seed of the simulated detector errors")
 

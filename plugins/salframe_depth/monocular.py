@@ -35,20 +35,21 @@ class DepthConfig(ComponentConfig):
     camera_height_m: float | None = Field(
         None,
         gt=0,
-        description="height of the camera above the floor (m), from which the scale of the ranges is computed; "
-        "null: the network gives metres",
+        description="height of the camera above the floor (m), from which the scale of the ranges is computed; null: "
+        "the network must output metres",
     )
     views: int = Field(
         MIN_VIEWS,
         ge=MIN_VIEWS,
         le=24,
-        description="number of horizontal perspective views cut from the panorama, in addition to eight tilted ones",
+        description="number of horizontal perspective views that are cut from the panorama, in addition to eight "
+        "tilted views",
     )
     fov_deg: float = Field(
         90.0,
         ge=MIN_FOV_DEG,
         le=120,
-        description="field of view across the shorter side of each perspective view (degrees)",
+        description="field of view (degrees) across the shorter side of each perspective view",
     )
 
 

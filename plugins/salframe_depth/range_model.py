@@ -14,51 +14,55 @@ from salframe_depth.monocular import UNSEEN, DepthConfig, MonocularDepth, Quanti
 
 
 class OnnxDepth(MonocularDepth):
-    """Any monocular depth network in ONNX, on overlapping views that are aligned, or on the whole panorama.
+    """Runs any monocular depth network in ONNX format, on overlapping views of a panorama or on the whole panorama.
 
-    It has not been tested with published networks. The depth of each view is scaled, and shifted if the shift of the
-    network is unknown, so that views agree where they overlap. The views are then merged with weights that fall to 0 at
-    a view's border. With `camera_height_m`, the ranges are scaled so that the floor has this distance from the camera.
-    If no floor is visible, the ranges of a metric network are not scaled, and those of other networks are unknown.
+    It has not been tested with published networks. The depth of each view is scaled so that the views agree where they
+    overlap. It is also shifted if the shift of the network's output is unknown. The views are then merged. The weight
+    of a view falls to 0 at its border. With `camera_height_m`, all ranges are scaled so that the floor is at this
+    distance below the camera. If no floor is visible, the ranges of a network with `metric: true` are not scaled, and
+    those of other networks are unknown.
     """
 
     name = "onnx-depth"
     version = "1"
 
     class Config(DepthConfig):
-        model: SingleFile | None = Field(None, description="path of the network, an ONNX file (required)")
+        model: SingleFile | None = Field(None, description="path of the network, an ONNX file; required")
         gives: Quantity = Field(
             "inverse",
-            description="quantity that the network outputs. inverse: 1 / depth; z-depth: depth along the view's axis; "
-            "range: distance along the ray; points: points (x, y, z)",
+            description="quantity that the network outputs. inverse: 1 / depth; z-depth: depth along the optical axis "
+            "of the view; range: distance along the ray; points: points (x, y, z)",
         )
         metric: bool = Field(
             False,
-            description="true: the output of the network is in metres; false: the output has an unknown scale and, if "
-            "it is 1 / depth or z-depth, also an unknown shift",
+            description="true: the output of the network is in metres; false: the scale of the output is unknown, and "
+            "for inverse and z-depth also its shift",
         )
         input: Literal["views", "equirectangular"] = Field(
-            "views", description="input of the network. views: perspective views; equirectangular: the whole panorama"
+            "views",
+            description="images that the network receives. views: perspective views of the panorama; equirectangular: "
+            "the whole panorama",
         )
         size_px: tuple[int, int] | None = Field(
             None, description="width and height of the network's input (pixels); null: read from the file"
         )
         channels: Literal["bgr", "rgb"] = Field(
-            "rgb", description="order of the colour channels of the network's input"
+            "rgb", description="order of the colour channels in the network's input. bgr: blue first; rgb: red first"
         )
         scale: float = Field(
             1 / 255,
             gt=0,
-            description="factor that multiplies colours (0 to 255) before normalisation: (colour * scale - mean) / std",
+            description="factor that multiplies the colours (0 to 255) before normalisation: (colour * scale - mean) "
+            "/ std",
         )
         mean: tuple[float, float, float] = Field(
             (0.485, 0.456, 0.406),
-            description="mean of each colour channel, subtracted from the scaled colours, in the order of `channels`",
+            description="value that is subtracted from each scaled colour channel, in the order of `channels`",
         )
         std: tuple[float, float, float] = Field(
             (0.229, 0.224, 0.225),
-            description="standard deviation of each colour channel, by which the colours are divided, in the order of "
-            "`channels`",
+            description="value that each colour channel is divided by after the subtraction of `mean`, in the order "
+            "of `channels`",
         )
 
     def __init__(self, config: ComponentConfig | None = None) -> None:

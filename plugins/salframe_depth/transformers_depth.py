@@ -27,11 +27,10 @@ whether it is in metres."""
 
 
 class TransformersDepth(MonocularDepth):
-    """A published depth network of the library `transformers`, relative or metric, on overlapping views that are
-    aligned.
+    """Runs a published depth network of the library `transformers` on overlapping views of a panorama.
 
-    Views, alignment, merging and scale are those of `onnx-depth`. The configuration of the network states whether its
-    output is relative; then `camera_height_m` is required.
+    Views, alignment, merging and scale are as in `onnx-depth`. The configuration of the network states whether its
+    output is in metres. If it is not, `camera_height_m` is required.
     """
 
     name = "transformers-depth"

@@ -16,7 +16,8 @@ MASK_COEFFICIENTS = 32
 
 
 class Yolox(DetectionDecoder):
-    """YOLOX: raw grid (B, cells, 5 + classes) of offset from the cell and log size in strides, objectness, classes."""
+    """YOLOX: outputs (B, cells, 5 + classes) with offset from the grid cell, log of the size, objectness and class
+    scores."""
 
     name = "yolox"
     version = "1"
@@ -45,7 +46,8 @@ class Yolox(DetectionDecoder):
 
 
 class Yolov5(DetectionDecoder):
-    """YOLOv5 and YOLOv7 (B, candidates, 5 + classes): centre and size in pixels, objectness, classes."""
+    """YOLOv5 and YOLOv7: outputs (B, candidates, 5 + classes) with centre and size in pixels, objectness and class
+    scores."""
 
     name = "yolov5"
     version = "1"
@@ -57,7 +59,7 @@ class Yolov5(DetectionDecoder):
 
 
 class Yolov8(DetectionDecoder):
-    """YOLOv8 to YOLO11 (B, 4 + classes, candidates): centre and size in pixels, classes."""
+    """YOLOv8 to YOLO11: outputs (B, 4 + classes, candidates) with centre and size in pixels, and class scores."""
 
     name = "yolov8"
     version = "1"
@@ -69,9 +71,10 @@ class Yolov8(DetectionDecoder):
 
 
 class Yolov8Seg(DetectionDecoder):
-    """YOLOv8 segmentation: boxes as in yolov8, and masks.
+    """YOLOv8 segmentation: boxes as in `yolov8`, and masks.
 
-    Each candidate has 32 more coefficients, the weights of the prototype masks (B, 32, h, w).
+    Each candidate has 32 more values. They are the weights of the prototype masks (B, 32, h, w), whose weighted sum is
+    the mask of the candidate.
     """
 
     name = "yolov8-seg"
@@ -99,11 +102,9 @@ class Yolov8Seg(DetectionDecoder):
 
 
 class Detr(DetectionDecoder):
-    """DETR: logits (B, queries, classes + 1) with softmax, and boxes (B, queries, 4).
+    """DETR: logits (B, queries, classes + 1), converted by softmax, and boxes (B, queries, 4).
 
-    Boxes are centre and size, divided by the image size.
-
-    The last class is "no object".
+    Boxes are centre and size, divided by the image size. The last class means "no object".
     """
 
     name = "detr"
@@ -117,7 +118,8 @@ class Detr(DetectionDecoder):
 
 
 class RtDetr(DetectionDecoder):
-    """RT-DETR, Deformable DETR and others with focal loss: as detr, with logits (B, queries, classes) and sigmoid."""
+    """RT-DETR, Deformable DETR and similar networks: as `detr`, with logits (B, queries, classes), converted by the
+    sigmoid."""
 
     name = "rt-detr"
     version = "1"

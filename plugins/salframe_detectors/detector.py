@@ -29,10 +29,10 @@ CPU."""
 
 
 class OnnxDetector(Detector):
-    """Any perspective detection network in ONNX, on overlapping views that cover the sphere; detections are merged.
+    """Runs any ONNX detection network for perspective images on overlapping views, and merges the detections.
 
-    Range is optional. Without range, labels, scores and bearings are known, and positions are NaN: enough for a query
-    in a map with range, but not for building a map.
+    The views cover the sphere. Range is optional. Without range, the objects have labels, scores and bearings, and
+    their positions are NaN. Such objects suffice for a query in a map with range, but not for building a map.
     """
 
     name = "onnx"
@@ -44,54 +44,53 @@ class OnnxDetector(Detector):
         model: Literal[tuple(ZOO)] | SingleFile = Field(  # type: ignore[valid-type]
             "yolox-nano",
             union_mode="left_to_right",
-            description=f"path of an ONNX file, or name of weights to download: {', '.join(ZOO)}",
+            description=f"network. {', '.join(ZOO)}: weights that `salframe weights fetch` downloads; otherwise the "
+            "path of an ONNX file",
         )
-        decoder: slot("detection-decoder", "yolox", description="format of the outputs")  # type: ignore[valid-type]
+        decoder: slot("detection-decoder", "yolox", description="decoder for the output format of the network")  # type: ignore[valid-type]
         labels: Literal["coco-80"] | tuple[str, ...] | SingleFile = Field(
             "coco-80",
             union_mode="left_to_right",
-            description="list of the class labels in the order of the network's outputs, coco-80 for the 80 classes "
-            "of COCO, or path of a YAML file with such a list under `names`",
+            description="class labels in the order of the network's outputs. coco-80: the 80 classes of COCO; "
+            "otherwise a list, or the path of a YAML file that contains a list under the key `names`",
         )
         size_px: tuple[int, int] | None = Field(
             None, description="width and height of the network's input (pixels); null: read from the file"
         )
         channels: Literal["bgr", "rgb"] = Field(
-            "bgr", description="order of the colour channels of the network's input"
+            "bgr", description="order of the colour channels in the network's input. bgr: blue first; rgb: red first"
         )
         scale: float = Field(
             1.0,
             gt=0,
-            description="factor that multiplies colours (0 to 255) before normalisation: (colour * scale - mean) / std",
+            description="factor that multiplies the colours (0 to 255) before normalisation: (colour * scale - mean) "
+            "/ std",
         )
         mean: tuple[float, float, float] = Field(
             (0.0, 0.0, 0.0),
-            description="mean of each colour channel, subtracted from the scaled colours, in the order of `channels`",
+            description="value that is subtracted from each scaled colour channel, in the order of `channels`",
         )
         std: tuple[float, float, float] = Field(
             (1.0, 1.0, 1.0),
-            description="standard deviation of each colour channel, by which the colours are divided, in the order of "
-            "`channels`",
+            description="value that each colour channel is divided by after the subtraction of `mean`, in the order "
+            "of `channels`",
         )
         fill: int = Field(
-            114,
-            ge=0,
-            le=255,
-            description="grey value (0 to 255) that replaces the pixels without image content in a partial panorama",
+            114, ge=0, le=255, description="grey value (0 to 255) of the pixels that a partial panorama does not cover"
         )
         min_score: float = Field(0.3, gt=0, le=1, description="minimum confidence score of a detection (0 to 1)")
         overlap: float = Field(
             0.45,
             gt=0,
             lt=1,
-            description="minimum intersection over union of two boxes in a view that count as the same object, so "
-            "that only the better one remains",
+            description="minimum intersection over union of two boxes in a view that count as the same object; only "
+            "the box with the better score remains",
         )
         fov_deg: float = Field(
             90.0,
             ge=MIN_FOV_DEG,
             le=120,
-            description="field of view across the shorter side of each perspective view (degrees)",
+            description="field of view (degrees) across the shorter side of each perspective view",
         )
 
     def __init__(self, config: ComponentConfig | None = None) -> None:

@@ -19,18 +19,18 @@ from salframe_detectors.duplicates import same_objects
 
 
 class UnionDetector(Detector):
-    """Merged detections of several detectors; an object that more than one of them detects is reported once.
+    """Merges the detections of several detectors. An object that more than one of them detects is reported once.
 
-    Labels are replaced by the labels that detectors share. If several detectors detect an object, the detection with a
-    known position and the best score is returned, with the best score of all. The order of the detectors does not
-    matter.
+    Labels are replaced by the labels that the detectors have in common. If several detectors detect an object, the
+    result has the best of their scores. Its other values come from the detection with the best score among those with a
+    known position, or among all if no position is known. The order of the detectors does not matter.
     """
 
     name = "union"
     version = "2"
 
     class Config(ComponentConfig):
-        of: slots("detector", ("segments", "onnx"), "detectors to combine")  # type: ignore[valid-type]
+        of: slots("detector", ("segments", "onnx"), "list of the detectors whose detections are merged")  # type: ignore[valid-type]
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)

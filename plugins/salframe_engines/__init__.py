@@ -19,7 +19,7 @@ from salframe.framework.errors import WorkerDied
 
 
 class Inline(Engine):
-    """Runs items one after the other in this process, for debugging. Peak memory is not measured."""
+    """Runs jobs one after the other in this process, for debugging. Peak memory is not measured."""
 
     name = "inline"
     version = "1"
@@ -30,7 +30,7 @@ class Inline(Engine):
 
 
 class Processes(WorkerEngine):
-    """Runs items in worker processes on this machine."""
+    """Runs jobs in worker processes on this machine."""
 
     name = "processes"
     version = "1"

@@ -38,10 +38,10 @@ class _Ranking:
 
 
 class GeometricMatcher(NodeMatcher):
-    """Compares nodes by height, size and surroundings, and verifies that one pose explains them.
+    """Compares nodes by height, size and the labels nearby, and searches for one pose that explains their positions.
 
-    Candidates are selected by their labels. The score is a weighted sum of two Jaccard indices: one over similar nodes,
-    one over nodes that coincide under one pose.
+    Candidate graphs are selected by their labels. The score of a match is a weighted sum of two Jaccard indices. The
+    first one counts similar nodes. The second one counts similar nodes that coincide under one pose.
     """
 
     name = "geometric"
@@ -51,37 +51,39 @@ class GeometricMatcher(NodeMatcher):
         similarity_score: float = Field(
             1.0,
             ge=0,
-            description="weight, in the score of a match, of the Jaccard index that counts the pairs of similar nodes",
+            description="weight of the first Jaccard index in the score of a match. It compares the nodes of both "
+            "graphs without their horizontal positions",
         )
         geometry_score: float = Field(
             2.0,
             ge=0,
-            description="weight, in the score of a match, of the Jaccard index that counts the node pairs consistent "
-            "with one pose; 0: no geometric verification",
+            description="weight of the second Jaccard index in the score of a match. It counts the nodes that "
+            "coincide under one pose; 0: there is no geometric verification",
         )
         tolerance_m: float = Field(
             0.3,
             gt=0,
-            description="geometric verification: maximum distance (m), at range 0, between two nodes that are taken "
-            "for the same object",
+            description="geometric verification: maximum distance (m) between two nodes that coincide, for nodes at "
+            "the range 0",
         )
         tolerance_share: float = Field(
             0.05,
             ge=0,
-            description="geometric verification: increase of the maximum distance between two nodes of the same "
-            "object per metre of range",
+            description="geometric verification: increase of this maximum distance with the ranges a and b of the two "
+            "nodes, per metre of sqrt(a^2 + b^2)",
         )
         max_scale_error: float = Field(
             0.0,
             ge=0,
             lt=1,
-            description="geometric verification: maximum relative error of the scale of a query's ranges; the scale "
-            "is estimated with the pose; 0: the scale is known, as for a depth sensor",
+            description="geometric verification: maximum relative error of the scale of a query's ranges, which is "
+            "estimated with the pose; 0: the scale is known, as for a depth sensor",
         )
         max_shift_m: float = Field(
             6.0,
             gt=0,
-            description="geometric verification: maximum distance (m) between a query and a matching reference frame",
+            description="geometric verification: maximum distance (m) between the query and the reference frame that "
+            "it is compared with",
         )
 
     @property

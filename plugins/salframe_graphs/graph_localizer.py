@@ -24,22 +24,24 @@ from salframe_graphs.views import ViewObjects, join_objects
 
 
 class GraphLocalizerConfig(LevelledConfig):
-    """Settings of the stages that create a saliency graph."""
+    """Settings of the steps that compute a saliency graph from a panorama."""
 
     range: range_slot()  # type: ignore[valid-type]
     detector: slot("detector", "auto")  # type: ignore[valid-type]
-    saliency: slot("saliency", "volumetric", description="weights of the objects")  # type: ignore[valid-type]
+    saliency: slot(
+        "saliency", "volumetric", description="saliency model, which computes how much each object stands out"
+    )  # type: ignore[valid-type]
     graph: GraphConfig = GraphConfig.model_validate({})
     odometry: OdometryNoise = added(
         OdometryNoise(),
         match_only=True,
-        description="expected errors of the measured motion between the views of a query",
+        description="expected errors of the motion that odometry measures between the views of a query",
     )
     view_objects: ViewObjects = added(
         ViewObjects(),
         match_only=True,
-        description="expected position errors of objects in the views of a query; nearby objects within these "
-        "errors are merged into one",
+        description="expected position errors of objects in the views of a query; objects of several views that are "
+        "close to each other within these errors are merged",
     )
 
 

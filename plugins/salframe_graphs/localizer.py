@@ -19,7 +19,10 @@ from salframe_graphs.panorama_matching import PanoramaMatching, PanoramaMatching
 
 
 class SaliencyGraphLocalizer(GraphLocalizer):
-    """Matches the saliency graph of a query to those of the reference frames; the pose follows from aligned nodes."""
+    """Compares the saliency graph of a query with the graph of each reference frame.
+
+    The pose is computed from matched objects.
+    """
 
     name = "saliency-graph"
     version = "4"

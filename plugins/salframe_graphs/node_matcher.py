@@ -40,61 +40,69 @@ def _ascending(edges_m: tuple[float, ...]) -> tuple[float, ...]:
 
 
 class NodeMatcherConfig(ComponentConfig):
-    """Settings of the selection of candidates and of node similarity."""
+    """Settings of the selection of candidate graphs, and of the similarity of two nodes."""
 
     rarity: bool = Field(
         True,
-        description="true: rare labels have a larger weight: ln((1 + S) / (1 + s)) + 1, if s of the map's S "
-        "graphs have the label; false: equal weights",
+        description="true: rare labels have larger weights: ln((1 + G) / (1 + g)) + 1 for a label that g of the G "
+        "graphs of the map contain; false: all labels have the weight 1",
     )
     confidence: bool = Field(
         True,
-        description="true: the weight of a node is multiplied by the confidence score of its detection; false: it "
-        "is not",
+        description="true: the weight of a node is the weight of its label times the confidence score of the "
+        "detector; false: it is the weight of the label only",
     )
     min_candidate_ratio: float = Field(
         0.25,
         ge=0,
         le=1,
-        description="minimum label similarity (Jaccard index) of a candidate with the query, divided by that of the "
-        "best candidate (paper: 0.6)",
+        description="minimum similarity of the labels (Jaccard index) of a candidate graph and the query, divided by "
+        "the highest similarity of all graphs (paper: 0.6)",
     )
     max_candidates: int | None = Field(
         100,
         ge=1,
-        description="maximum number of candidate graphs for a query, selected by the scene index; null: all "
-        "graphs (as in the paper)",
+        description="maximum number of candidate graphs, which are compared with a query node by node; the scene "
+        "index selects them; null: all graphs (as in the paper)",
     )
-    scene_index: slot("scene-index", "by-size", description="index that selects candidates")  # type: ignore[valid-type]
+    scene_index: slot(
+        "scene-index",
+        "by-size",
+        description="index that selects the candidate graphs of a map with more than `max_candidates` graphs",
+    )  # type: ignore[valid-type]
     height_scale_m: float | None = Field(
         0.2,
         gt=0,
-        description="difference in height (m) at which the similarity of two nodes is halved; null: heights are "
+        description="difference in height (m) of two nodes at which their similarity is halved; null: heights are "
         "ignored",
     )
     size_scale: tuple[float, float] | None = Field(
         (0.8, 0.5),
-        description="the similarity of two nodes is halved if the logarithm of the ratio of their box lengths is the "
-        "first value, or that of their box heights the second; null: sizes are ignored",
+        description="scales of the differences in size: the similarity of two nodes is halved if ln(ratio of their "
+        "box lengths) is the first value, and halved if ln(ratio of their box heights) is the second value; null: "
+        "sizes are ignored",
     )
     ring_edges_m: Annotated[tuple[float, ...], AfterValidator(_ascending)] = Field(
-        (1.0, 2.0, 4.0), description="list of the outer radii (m) of the distance rings around a node, ascending"
+        (1.0, 2.0, 4.0),
+        description="list of the outer radii (m), ascending, of the rings around a node. The labels of the other "
+        "nodes in each ring are counted and form the structural feature of the node, together with those counted "
+        "by `hops`",
     )
     hops: int = Field(
         2,
         ge=0,
         le=16,
-        description="maximum number of edges between a node and the neighbours whose labels are counted in its "
-        "structural feature",
+        description="maximum number of edges between a node and the nodes whose labels are counted in its structural "
+        "feature; 0: only the rings are used",
     )
     structure_weight: float = Field(
         0.3,
         ge=0,
-        description="weight of the structural feature (labels of the neighbours) in the similarity of two nodes; "
-        "the label has weight 1",
+        description="weight of the structural feature (labels of the nodes nearby) in the similarity of two nodes; "
+        "the label has the weight 1; 0: the feature is not used",
     )
     min_similarity: float = Field(
-        0.1, ge=0, le=1, description="minimum similarity of two nodes that can be matched (0 to 1)"
+        0.1, ge=0, le=1, description="minimum similarity (0 to 1) of two nodes that can be matched"
     )
 
 

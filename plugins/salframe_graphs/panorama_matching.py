@@ -20,18 +20,20 @@ from salframe_graphs.panorama_scores import PanoramaScores, PanoramaScoresConfig
 
 
 class PanoramaMatchingConfig(PanoramaScoresConfig):
-    """Settings of the matching of a query with each reference frame."""
+    """Settings of the comparison of a query with each single reference frame, and of its pose."""
 
     positioner: slot(  # type: ignore[valid-type]
         "positioner",
         "robust",
         match_only=True,
         optional=True,
-        description="positioner, which estimates the query pose from matched objects; null: the answer has the "
+        description="positioner, which estimates the pose of the query from matched objects; null: the answer has the "
         "pose of the reference frame",
     )
     min_score: float = match_only(
-        0.0, ge=0, description="minimum score of the best match; with a lower score, the query has no answer"
+        0.0,
+        ge=0,
+        description="minimum score of the best match; with a lower score, the answer names no place (status low-score)",
     )
 
 

@@ -24,25 +24,28 @@ _MATCHER = "matcher"
 
 
 class PanoramaScoresConfig(ComponentConfig):
-    """Settings of the matching of a query with each reference frame."""
+    """Settings of the comparison of a query with each single reference frame."""
 
     matcher: slot(  # type: ignore[valid-type]
-        "matcher", "geometric", match_only=True, description="method that matches the graphs of query and map"
+        "matcher",
+        "geometric",
+        match_only=True,
+        description="matcher, which compares the graph of a query with the graphs of the map",
     )
-    top_k: int = match_only(20, ge=1, description="maximum number of graphs that the matcher returns")
+    top_k: int = match_only(20, ge=1, description="maximum number of matching graphs that the matcher returns")
     agreement: float = match_only(
         0.5,
         ge=0,
-        description="the score of a match increases by this factor times the scores of the matches that give a similar "
-        "query pose in the world; 0: off",
+        description="factor of the support between matches. The score of a match increases by this factor times the "
+        "scores of the other matches that give a similar pose of the query in the world; 0: no increase",
     )
     agreement_radius_m: float = match_only(
-        1.5, gt=0, description="maximum distance (m) between the query poses of two agreeing matches"
+        1.5, gt=0, description="maximum distance (m) between the query poses of two matches that support each other"
     )
     nearest_scene: bool = match_only(
         True,
-        description="true: if the best match is a transition frame (doorway), the answer is the nearest scene "
-        "frame; false: the transition frame itself",
+        description="true: if the best match is a transition frame (in a doorway), the answer is the scene frame (in "
+        "a room) nearest to the estimated pose; false: the answer is the transition frame",
     )
 
 

@@ -48,10 +48,11 @@ def _as_pose(rotation: np.ndarray, shift: np.ndarray) -> np.ndarray:
 
 
 class RobustPositioner(Positioner):
-    """Scores a pose from every minimal set of matches, then refines the best by Umeyama's method on its inliers.
+    """Computes a pose from each smallest possible set of matches, and refines the poses that most matches agree with.
 
-    The minimal set is two matches for SE(2), which ignores height, and three for SE(3). The inliers have unit weights.
-    The result has a covariance and the support of the runner-up.
+    The smallest set is two matches for SE(2), which ignores height, and three matches for SE(3). The best poses are
+    fitted to their inliers by Umeyama's method with equal weights. The result has a covariance, and the ratio of the
+    scores of the second and the best pose.
     """
 
     name = "robust"
@@ -59,18 +60,24 @@ class RobustPositioner(Positioner):
 
     class Config(ComponentConfig):
         group: Literal["SE(2)", "SE(3)"] = Field(
-            "SE(2)", description="motion to estimate. SE(2): x, y and yaw; SE(3): all six degrees of freedom"
+            "SE(2)",
+            description="degrees of freedom of the pose. SE(2): x, y and yaw; SE(3): position and all three "
+            "rotations. A query without range always has x, y and yaw",
         )
         tolerance_m: float = Field(
-            0.8, gt=0, description="maximum residual (m) of a matched object that is an inlier of a pose"
+            0.8,
+            gt=0,
+            description="maximum distance (m) between two matched objects, after the motion by a pose, at which "
+            "they are inliers of this pose",
         )
-        min_inliers: int = Field(2, ge=2, description="minimum number of matched objects that are inliers of a pose")
+        min_inliers: int = Field(2, ge=2, description="minimum number of inliers of a pose, at least 3 for SE(3)")
         ambiguity: float = Field(
             0.95,
             gt=0,
             le=1,
-            description="share of the inliers of the best pose; if a different pose has at least this share, the "
-            "result is ambiguous",
+            description="limit of the ratio of the scores of the second and the best pose. If the ratio is at least "
+            "this value, the result is ambiguous and has no pose. The second pose is the best one that is over 0.5 m "
+            "or 30 deg away from the best pose",
         )
 
     _separate_m: ClassVar[float] = 0.5
@@ -188,10 +195,11 @@ def _covariance(reference: np.ndarray, shift: np.ndarray, residual: np.ndarray) 
 
 
 class LeastSquaresPositioner(Positioner):
-    """The positioner of the paper: translation by a pseudo-inverse over all pairs of nodes, yaw by the mean turn.
+    """The positioner of the paper: the position by least squares over all pairs of nodes, the yaw by a mean of angles.
 
-    The translation is Theorem 1 of the paper. It needs three nodes that are not on a line. `norms: literal` is the
-    theorem as printed; `angle: arccos` is the paper's orientation, which loses the sign.
+    The position is the solution of Theorem 1 of the paper. It needs three nodes that are not on a line. With `norms:
+    literal`, the theorem is used as printed. With `angle: arccos`, the angle is computed as in the paper, which loses
+    its sign.
     """
 
     name = "least-squares"
@@ -200,24 +208,24 @@ class LeastSquaresPositioner(Positioner):
     class Config(ComponentConfig):
         norms: Literal["squared", "literal"] = Field(
             "squared",
-            description="norms in the vector b of the paper. squared: as in the proof; literal: as printed in the "
-            "theorem",
+            description="norms in the linear equations of Theorem 1 of the paper. squared: squared norms, as in the "
+            "proof; literal: norms, as printed in the theorem",
         )
         angle: Literal["atan2", "arccos"] = Field(
             "atan2",
-            description="rotation angle of each matched node between query and map. atan2: signed; arccos: unsigned, "
-            "as in the paper",
+            description="angle of rotation that each pair of matched nodes gives. atan2: with sign; arccos: without "
+            "sign, as in the paper",
         )
         mean: Literal["circular", "arithmetic"] = Field(
             "circular",
-            description="mean of the rotation angles of the matched nodes: circular; or arithmetic, as in the paper "
-            "(wrong near 180 deg)",
+            description="mean of the angles of rotation of all pairs of matched nodes. circular: mean of directions; "
+            "arithmetic: mean of numbers, as in the paper, which is wrong near 180 deg",
         )
         max_condition: float = Field(
             1e3,
             gt=1,
-            description="maximum condition number of the matrix B; above it, the nodes are considered collinear and "
-            "there is no pose",
+            description="maximum condition number of the linear equations; above it, the nodes are considered to lie "
+            "on a line, and there is no pose",
         )
 
     @property

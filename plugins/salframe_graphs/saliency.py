@@ -15,11 +15,11 @@ from salframe.graphs.saliency import SaliencyModel
 
 
 class VolumetricSaliency(SaliencyModel):
-    """Saliency is an object's share of the volume of all objects: S_b = V_b / sum(V).
+    """The saliency of an object is its share of the volume of all objects: S_b = V_b / sum(V).
 
-    V_b is the volume of the convex hull of the points of the object. An object of unknown volume has saliency 0. If no
-    volume is known, such as without range, saliency is the share of solid angle. If no solid angle is known either, all
-    objects have equal saliency.
+    V_b is the volume of the convex hull of the points of object b. An object of unknown volume has the saliency 0. If
+    no volume is known, such as in a panorama without range, the saliency is the object's share of the solid angle of
+    all objects. If no solid angle is known either, all objects have the same saliency.
     """
 
     name = "volumetric"
@@ -34,7 +34,7 @@ class VolumetricSaliency(SaliencyModel):
 
 
 class UniformSaliency(SaliencyModel):
-    """Equal saliency of all objects, a control without salient objects."""
+    """The same saliency for all objects, a control experiment that shows the effect of saliency."""
 
     name = "uniform"
     version = "1"
@@ -44,7 +44,10 @@ class UniformSaliency(SaliencyModel):
 
 
 class RandomSaliency(SaliencyModel):
-    """Random saliency, a control without information. The same panorama always gets the same values."""
+    """Random saliency, a control experiment that shows the effect of saliency.
+
+    The same panorama always gets the same values.
+    """
 
     name = "random"
     version = "1"

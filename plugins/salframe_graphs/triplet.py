@@ -19,10 +19,11 @@ from salframe_graphs.node_pairs import shared_weight
 
 
 class TripletMatcher(NodeMatcher):
-    """Aligns nodes one-to-one and scores the edges that both graphs have between aligned nodes, as in the paper.
+    """Aligns the nodes of two graphs one-to-one, and scores the edges that both graphs have between them, as in the
+    paper.
 
-    Candidates are selected by their labels. There is no geometric verification: the positioner estimates the pose from
-    the aligned nodes.
+    An edge and its two nodes form a triplet. Candidate graphs are selected by their labels. There is no geometric
+    verification: the positioner estimates the pose from the aligned nodes.
     """
 
     name = "triplet"
@@ -31,34 +32,35 @@ class TripletMatcher(NodeMatcher):
     class Config(NodeMatcherConfig):
         labels: Literal["set", "multiset"] = Field(
             "multiset",
-            description="labels that are compared to select candidates. set: without their counts; multiset: with "
-            "their counts",
+            description="label similarity that selects the candidate graphs. set: each label counts once; multiset: "
+            "each label counts as often as it occurs",
         )
         structure: Literal["rings", "node2vec"] = Field(
             "rings",
-            description="structural feature of a node. rings: label counts in distance rings and by number of edges; "
-            "node2vec: an embedding",
+            description="structural feature of a node. rings: the labels of other nodes, counted in rings around the "
+            "node and by number of edges; node2vec: an embedding of the node, as in the paper",
         )
         saliency_weight: float = Field(
             0.0,
             ge=0,
-            description="weight of the ratio of saliencies in the similarity of two nodes; the label has weight 1",
+            description="weight of the ratio of the saliencies in the similarity of two nodes; the label has the "
+            "weight 1; 0: saliencies are not compared",
         )
         normalise: bool = Field(
             True,
-            description="true: the triplet score is divided by the sum of the query's edge weights; false: it is not, "
-            "as in the paper",
+            description="true: the triplet score is divided by the sum of the edge weights of the query; false: it is "
+            "not divided, as in the paper",
         )
         edge_weights: Literal["saliency", "unit"] = Field(
             "saliency",
-            description="weight of a triplet. saliency: sqrt(S_a S_b), where S_a and S_b are the saliencies of its "
-            "two nodes; unit: 1 (unweighted graph)",
+            description="weight of a triplet (two nodes and the edge between them). saliency: sqrt(S_a S_b), where "
+            "S_a and S_b are the saliencies of the two nodes; unit: 1",
         )
         similarity_score: float = Field(
             0.0,
             ge=0,
-            description="weight, in the score of a match, of the Jaccard index that counts the pairs of similar "
-            "nodes; the triplets have weight 1",
+            description="weight of a Jaccard index in the score of a match, which compares the nodes of both graphs; "
+            "the triplets have the weight 1; 0: only triplets count, as in the paper",
         )
         seed: int = Field(0, ge=0, description="random seed of the node2vec training")
 

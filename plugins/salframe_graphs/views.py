@@ -17,18 +17,19 @@ from salframe_graphs.sightings import concatenate_sightings, merge_sightings, si
 
 
 class ViewObjects(Settings):
-    """Errors of the position of an object in a view, along each axis."""
+    """Position errors of an object in one of several views of a query, along each axis."""
 
     position_error_m: float = Field(
         0.15,
         gt=0,
-        description="standard deviation (m) of the position of an object in a view along each axis, at range 0",
+        description="standard deviation (m) of the position of an object in a view along each axis, if its range is "
+        "0. It decides whether objects of several views are merged",
     )
     range_error_share: float = Field(
         0.05,
         ge=0,
-        description="standard deviation of the position of an object in a view along each axis, relative to its "
-        "range, in addition to the constant position error",
+        description="standard deviation of the position of an object divided by its range, an independent error in "
+        "addition to `position_error_m`",
     )
 
 

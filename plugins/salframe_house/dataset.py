@@ -54,7 +54,8 @@ stored results then remain valid. Raising the version of the dataset would disca
 class House(RenderedDataset["HouseFrame"], NavigableDataset):
     """A furnished building, generated and rendered from a seed.
 
-    The reference frames show the building by day. The queries show it later, after some objects have changed.
+    The reference frames show the building by day. The queries show it later, after some objects were removed, moved or
+    added.
     """
 
     name = "house"

@@ -16,9 +16,13 @@ MAX_ROOMS = 500
 
 
 class HouseConfig(QueryView):
-    """Settings of the building, its changes and the rendering."""
+    """Settings of the generated building, its changes between map and queries, and the rendering of panoramas."""
 
-    style: Literal["home", "office", "hotel"] = Field("home", description="style of the generated building")
+    style: Literal["home", "office", "hotel"] = Field(
+        "home",
+        description="type of building that is generated (its rooms and furniture): a home, an office building, or a "
+        "hotel",
+    )
     rooms: int = Field(12, ge=4, le=MAX_ROOMS, description="number of rooms of the building, including corridors")
     storeys: int = added(
         1,
@@ -28,112 +32,121 @@ class HouseConfig(QueryView):
         "plus 1",
     )
     seed: int = Field(0, ge=0, description="random seed of the building and of the changes of its objects")
-    queries_per_room: int = Field(3, ge=0, description="number of queries per room")
+    queries_per_room: int = Field(3, ge=0, description="number of queries in each room")
     frames_per_room: int | None = added(
         None,
         ge=1,
-        description="maximum number of reference frames per room; the queries do not depend on it; null: as many "
-        "as the room needs",
+        description="maximum number of reference frames in each room; null: as many as are needed so that every point "
+        "of the floor is at most 3 m from a reference frame. The queries do not depend on this setting",
     )
     frames_per_position: int = added(
         1,
         ge=1,
         le=16,
-        description="number of reference frames at each of the positions that cover a room; most rooms have one "
-        "position. The queries do not depend on it",
+        description="number of reference frames near each of the positions that cover a room (most rooms have one "
+        "position); fewer if the room is too small. The queries do not depend on this setting",
     )
     map_spacing_m: float = added(
         1.0,
         gt=0,
         le=3,
-        description="distance (m) of neighbouring reference frames at a position, as far as the room allows; without "
-        "effect if frames_per_position is 1",
+        description="distance (m) between neighbouring reference frames near a position, as far as the room allows; "
+        "only used if frames_per_position is over 1",
     )
     query_shift_m: float = added(
         0.7,
         ge=0,
         le=2,
-        description="mean distance (m) of the queries from the nearest reference frame of their room, as far as the "
-        "rooms allow; single distances are 0.43 to 1.57 times the mean. 0: queries are at reference frames",
+        description="mean distance (m) between a query and the nearest reference frame of its room, as far as the "
+        "rooms allow; single distances are 0.43 to 1.57 times the mean; 0: queries are at the positions of reference "
+        "frames",
     )
     query_yaw: Literal["uniform", "normal", "same"] = Field(
         "uniform",
-        description="yaw of the queries. uniform: uniform over the circle; same: the yaw of the nearest reference "
-        "frame; normal: the yaw of the nearest reference frame plus a normally distributed angle with "
-        "a mean absolute value of 16.6 deg",
+        description="yaw of the queries. uniform: random over the full circle; normal: yaw of the nearest reference "
+        "frame plus a normally distributed angle with a mean absolute value of 16.6 deg; same: yaw of the nearest "
+        "reference frame",
     )
     query_tilt_deg: float = added(
         0.0,
         ge=0,
         le=180,
-        description="tilt of the cameras of the queries in degrees, each about a random horizontal axis; 180: upside "
-        "down",
+        description="tilt of the camera of each query in degrees, about a random horizontal axis; 0: level; 180: "
+        "upside down",
     )
     query_height_m: float = added(
-        1.5, ge=0.2, le=2.2, description="mean height of the cameras of the queries above the floor in metres"
+        1.5,
+        ge=0.2,
+        le=2.2,
+        description="mean height (m) of the cameras of queries above the floor; single heights differ from it by "
+        "up to 3 cm",
     )
     changed_fraction: float = Field(
         0.1,
         ge=0,
         le=1,
-        description="fraction of objects that are removed, moved or added between the reference frames and the "
-        "queries (0 to 1)",
+        description="number of objects that are removed, moved or added after the map was recorded and before the "
+        "queries, divided by the number of objects (0 to 1)",
     )
     changes: Literal["uniform", "by-class"] = added(
         "uniform",
-        description="objects that change. uniform: all movable objects with equal probability, and fittings only "
-        "after them; "
-        "by-class: movable objects more often (chairs and bins 10 times as often as wardrobes, fittings never)",
+        description="objects that change between map and queries. uniform: all objects with equal probability, but "
+        "fittings such as toilets and lamps only if not enough other objects can change; by-class: objects that "
+        "people often move change more often (chairs and bins 10 times as often as wardrobes, fittings never)",
     )
     change_kinds: tuple[Literal["removed", "moved", "added"], ...] = added(
         ("removed", "moved", "added"),
         min_length=1,
-        description="list of the kinds of changes, which are equally frequent",
+        description="list of the kinds of changes, all equally frequent. removed: an object disappears; moved: an "
+        "object has another position in its room; added: a new object appears",
     )
     signs: bool = added(
         False,
-        description="true: rooms have a sign with their number, as a poster inside and a plate beside the door outside",
+        description="true: each room has signs with its number, a poster inside and a plate beside the door outside; "
+        "false: no signs",
     )
     signs_unreadable: float = added(
-        0.0, ge=0, le=1, description="share of the signs (0 to 1) that cannot be read when the queries are taken"
+        0.0, ge=0, le=1, description="probability (0 to 1) that a sign is unreadable when the queries are taken"
     )
     signs_wrong: float = added(
         0.0,
         ge=0,
         le=1,
-        description="share of the signs (0 to 1) that have the number of another room when the queries are taken",
+        description="probability (0 to 1) that a sign has the number of another room when the queries are taken",
     )
     lighting: Literal["other", "day", "evening", "dim"] = Field(
         "other",
-        description="lighting of the queries; other: evening or dim at random. Reference frames always have daylight",
+        description="lighting of the queries (reference frames always have daylight). other: evening or dim at "
+        "random; day: daylight; evening: all lamps are on and it is dark outside; dim: few lamps are on, and the "
+        "image is dark and noisy",
     )
     height: int = Field(
-        512, ge=64, multiple_of=4, description="height of the panoramas in pixels; the width is twice the height"
+        512, ge=64, multiple_of=4, description="height of a panorama in pixels; its width is twice the height"
     )
     models: UserFile | None = Field(
         None,
-        description="path of a folder of Sweet Home 3D furniture libraries (.sh3f), whose models replace many of "
-        "the generated objects",
+        description="path of a folder with Sweet Home 3D furniture libraries (.sh3f), whose models replace many of "
+        "the generated objects; null: all objects are generated",
     )
     models_part: Literal["training", "held-out"] | None = Field(
         None,
-        description="furniture models to use. training: those in the training data of `panoseg`; held-out: all "
-        "others; null: both",
+        description="furniture models of `models` to use. training: those in the training data of the detector "
+        "`panoseg`; held-out: all others; null: all models",
     )
     rgb: bool = Field(
-        True, description="true: render colour, range and instances; false: only range and instances, 9 times faster"
+        True,
+        description="true: panoramas have colour, range and annotations; false: no colour, and rendering is 9 "
+        "times faster",
     )
-    query_range: bool = Field(
-        True, description="true: the queries have range; false: they have colour and annotations only"
-    )
+    query_range: bool = Field(True, description="true: queries have range; false: queries have no range")
     map_range: bool = added(
-        True, description="true: the reference frames have range; false: they have colour and annotations only"
+        True, description="true: reference frames have range; false: reference frames have no range"
     )
     query_scale_share: float = Field(
         0.0,
         ge=0,
-        description="standard deviation of the random factor (mean 1) that multiplies all ranges of a query; "
-        "each query has its own factor",
+        description="standard deviation of the random factor (mean 1) that multiplies all ranges of a query; each "
+        "query has its own factor; 0: ranges have no scale error",
     )
     hide_query_place: bool = hide_query_place_setting()
 

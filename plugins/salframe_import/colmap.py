@@ -28,10 +28,10 @@ DENSE_SUFFIXES = (".geometric.bin", ".photometric.bin")
 
 
 class ColmapImporter(Importer):
-    """COLMAP models, text or binary: equirectangular cameras, other cameras and rigs.
+    """COLMAP models (text or binary) with equirectangular cameras, other cameras, or rigs of cameras.
 
-    The world is turned upright by the mean up direction of the pictures. The pictures of a rig that were taken together
-    are stitched to one panorama.
+    The world is rotated so that the mean up direction of the pictures becomes z. The pictures that a rig took at the
+    same time are stitched to one panorama.
     """
 
     name = "colmap"
@@ -44,36 +44,43 @@ class ColmapImporter(Importer):
             None,
             gt=0,
             allow_inf_nan=False,
-            description="metres per unit of the model; needed unless camera_height is set",
+            description="length (m) of one unit of the model; exactly one of scale and camera_height must be set",
         )
         camera_height: float | None = Field(
             None,
             gt=0,
             le=100,
-            description="height of the cameras above the floor (m), instead of scale; the floor is detected in the "
-            "points of the model, and gets z = 0",
+            description="median height (m) of the cameras above the floor, from which the scale is computed; exactly "
+            "one of scale and camera_height must be set. The floor is detected in the points of the model, and gets z "
+            "= 0",
         )
         images: str | None = Field(
             None,
             min_length=1,
-            description="folder of the pictures; null: the folder named images, beside or above the model",
+            description="folder of the pictures; null: the folder `images` in the folder of the model or in one of "
+            "the two folders above it",
         )
         depth: str | None = Field(
             None,
             min_length=1,
-            description="folder of depth images: 16-bit PNG files with the names of the pictures, or stereo/depth_maps "
-            "of COLMAP; null: import no depth",
+            description="folder of depth images: 16-bit PNG files with the names of the pictures, or the folder "
+            "stereo/depth_maps of COLMAP; null: no depth is imported",
         )
-        depth_unit_m: float = Field(MILLIMETRE, gt=0, description="metres per unit of the values of a PNG depth image")
+        depth_unit_m: float = Field(
+            MILLIMETRE,
+            gt=0,
+            description="length (m) of one unit of a PNG depth image (0.001: the values are in millimetres)",
+        )
         depth_kind: Literal["ray", "z", "cube"] | None = Field(
             None,
-            description="quantity in a PNG depth image. z: depth along the optical axis; ray: along the ray; cube: "
-            "along the axis of the cube face that shows a pixel; null: ray for equirectangular pictures, else z",
+            description="quantity that a PNG depth image contains. ray: distance along the ray; z: depth along the "
+            "optical axis; cube: depth along the axis of the cube face that shows the pixel; null: ray for "
+            "equirectangular pictures, z for other pictures",
         )
         group_by: Literal["frame", "motion"] = Field(
             "frame",
-            description="pictures that form one panorama. frame: those of a rig that were taken together; motion: "
-            "those of a camera that turned and moved little, in the order of their names",
+            description="pictures that form one panorama. frame: pictures that a rig of cameras took at the same "
+            "time; motion: successive pictures of a camera that turns at one place, in the order of their names",
         )
 
     def read(self, source: Path) -> Recording:

@@ -43,10 +43,10 @@ SEAMS = (
 
 
 class CubemapImporter(Importer):
-    """Cubemaps: six faces of 90 degrees with z-depth along the axis of each face, and the table poses.csv.
+    """Cubemaps: six faces of 90 degrees as colour images, with optional depth images and a table of poses, poses.csv.
 
-    The column picture has the name of the cubemap, which is also part of the file names of its faces. The other columns
-    are those of the format pictures. Cubemaps without a row are queries.
+    The column picture of the table contains the name of the cubemap, which is also part of the file names of its faces.
+    The other columns are those of the format `pictures`. Cubemaps that are not in the table are queries.
     """
 
     name = "cubemap"
@@ -56,20 +56,30 @@ class CubemapImporter(Importer):
         height: int = Field(
             512, ge=64, le=4096, description="height of a panorama in pixels; its width is twice the height"
         )
-        picture: str = Field("{name}_{face}.jpg", description="pattern of the file name of the colour image of a face")
+        picture: str = Field(
+            "{name}_{face}.jpg",
+            description="pattern of the file names of the colour images: {name} stands for the name of the cubemap, "
+            "{face} for the name of the face",
+        )
         depth: str = Field(
             "{name}_{face}.depth.png",
-            description="pattern of the file name of the depth image of a face; the file may be missing",
+            description="pattern of the file names of the depth images, with {name} and {face} as in `picture`; "
+            "cubemaps without depth images are imported without range",
         )
         faces: tuple[str, str, str, str, str, str] = Field(
-            FACES, description="names of the faces in front, to the right, behind, to the left, above and below"
+            FACES,
+            description="names of the six faces in the file names, in this order: front, right, back, left, up, down",
         )
-        depth_unit_m: PositiveFloat = Field(MILLIMETRE, description="metres per unit of the values of a depth image")
+        depth_unit_m: PositiveFloat = Field(
+            MILLIMETRE, description="length (m) of one unit of a depth image (0.001: the values are in millimetres)"
+        )
         depth_missing: tuple[Annotated[int, Field(ge=0, le=MAX_STEP)], ...] = Field(
-            (), description="values of a depth image that mean an unknown depth, besides 0"
+            (), description="list of the values of a depth image that mean an unknown depth, in addition to 0"
         )
         depth_kind: Literal["z", "ray"] = Field(
-            "z", description="quantity in a depth image. z: depth along the axis of the face; ray: range along the ray"
+            "z",
+            description="quantity that a depth image contains. z: depth along the axis of the face; ray: distance "
+            "along the ray",
         )
 
         @field_validator("picture", "depth")

@@ -76,38 +76,49 @@ class _Transforms(_Intrinsics):
 
 
 class PerspectiveImporter(Importer):
-    """Posed images with intrinsics and optional depth, from transforms.json as nerfstudio reads it. Images of one
-    station are stitched to a panorama.
+    """Perspective images with poses, intrinsics and optional depth, from a transforms.json in the format of nerfstudio.
 
-    The keys station, place and time of a frame are optional. Lens distortion is removed. The source is the
-    folder that contains transforms.json.
+    The source is the folder that contains transforms.json. The images of one station (a position of the camera) are
+    stitched to one panorama. Each frame in the file may have the additional keys station, place and time. Lens
+    distortion is removed.
     """
 
     name = "perspective"
     version = "1"
 
     class Config(StationSettings):
-        transforms: str = Field("transforms.json", min_length=1, description="name of the list of images in the folder")
+        transforms: str = Field(
+            "transforms.json", min_length=1, description="name of the JSON file in the folder that lists the images"
+        )
         pose_convention: PoseConvention = Field(
-            "opengl-z-up", description="convention of transform_matrix; nerfstudio uses opengl-z-up"
+            "opengl-z-up",
+            description="convention of transform_matrix: the axes of world and camera, and the direction of the "
+            "transformation; docs/reference/folder-format.md#poses explains each value. nerfstudio uses opengl-z-up",
         )
         position_unit_m: PositiveFloat = Field(
-            1.0, description="length of one unit of the positions, in metres (0.001: the positions are in millimetres)"
+            1.0, description="length (m) of one unit of the positions (0.001: the positions are in millimetres)"
         )
-        depth_unit_m: PositiveFloat = Field(MILLIMETRE, description="metres per unit of the values of a depth image")
+        depth_unit_m: PositiveFloat = Field(
+            MILLIMETRE, description="length (m) of one unit of a depth image (0.001: the values are in millimetres)"
+        )
         depth_missing: tuple[Annotated[int, Field(ge=0, le=MAX_STEP)], ...] = Field(
-            (), description="values of a depth image that mean an unknown depth, besides 0"
+            (), description="list of the values of a depth image that mean an unknown depth, in addition to 0"
         )
         depth_kind: Literal["z", "ray"] = Field(
-            "z", description="quantity in a depth image. z: depth along the optical axis; ray: range along the ray"
+            "z",
+            description="quantity that a depth image contains. z: depth along the optical axis; ray: distance along "
+            "the ray",
         )
         group_by: Literal["auto", "station", "time", "motion"] = Field(
             "auto",
-            description="images that form one panorama. station: those with the same key station; time: consecutive "
-            "images at most max_gap_s apart; motion: consecutive images with little motion; auto: station if the "
-            "frames have this key, else motion",
+            description="images that form one panorama. auto: station if a frame has the key station, otherwise "
+            "motion; station: images with the same value of the key station; time: consecutive images with gaps of at "
+            "most max_gap_s; motion: successive images of a camera that turns at one place",
         )
-        max_gap_s: PositiveFloat = Field(1.0, description="maximum time between images of one panorama (group_by time)")
+        max_gap_s: PositiveFloat = Field(
+            1.0,
+            description="maximum time (s) between consecutive images of one panorama; only used if group_by is time",
+        )
 
     def read(self, source: Path) -> Recording:
         path = source / self.config.transforms if source.is_dir() else source

@@ -18,25 +18,29 @@ RANGE, VALID, OBJECTS = ".range.png", ".valid.png", ".objects.png"
 
 
 class PictureImporter(Importer):
-    """Equirectangular pictures, with range images NAME.range.png, and the table poses.csv. Pictures without a row are
-    queries.
+    """Equirectangular pictures, with optional range images NAME.range.png and a table of poses, poses.csv.
 
     The table has the columns picture, x_m, y_m, z_m and yaw_deg, and optionally place, roll_deg, pitch_deg and t_s. The
-    angles are those of a camera with x forward, y left and z up: it is turned by the yaw, the pitch and the roll.
-    Instead of angles it may have the quaternion qx, qy, qz, qw.
+    camera has x forward, y left and z up. Its rotation is the yaw about z, then the pitch about the new y, then the
+    roll about the new x. The columns qx, qy, qz and qw (a quaternion) can replace the angles. Pictures that are not in
+    the table are queries.
     """
 
     name = "pictures"
     version = "1"
 
     class Config(PoseSettings):
-        range_unit_m: PositiveFloat = Field(MILLIMETRE, description="metres per unit of the values of a range image")
+        range_unit_m: PositiveFloat = Field(
+            MILLIMETRE, description="length (m) of one unit of a range image (0.001: the values are in millimetres)"
+        )
         range_missing: tuple[Annotated[int, Field(ge=0, le=MAX_STEP)], ...] = Field(
-            (), description="values of a range image that mean an unknown range, besides 0"
+            (), description="list of the values of a range image that mean an unknown range, in addition to 0"
         )
         range_kind: RangeKind = Field(
             RangeKind.RAY,
-            description="quantity in a range image. ray: range along the ray; cube: z-depth of stitched cube faces",
+            description="quantity that a range image contains. ray: distance along the ray; z: not possible for "
+            "panoramas; cube: depth along the axis of the cube face that shows the pixel, for pictures stitched from "
+            "cube faces",
         )
 
     def read(self, source: Path) -> Recording:

@@ -22,14 +22,18 @@ MAX_NORM_ERROR = 0.01
 
 
 class PoseSettings(ComponentConfig):
-    """Settings of importers that read a table of poses."""
+    """Settings of importers that read the poses from a CSV file."""
 
-    poses: str = Field("poses.csv", min_length=1, description="name of the table of poses in the folder")
+    poses: str = Field(
+        "poses.csv", min_length=1, description="name of the CSV file in the folder that contains the poses"
+    )
     pose_convention: PoseConvention = Field(
-        "ros", description="convention of the poses, such as compass for headings clockwise from north"
+        "ros",
+        description="convention of the poses: the axes of world and camera, and the direction of the transformation; "
+        "docs/reference/folder-format.md#poses explains each value",
     )
     position_unit_m: PositiveFloat = Field(
-        1.0, description="length of one unit of the positions, in metres (0.001: the positions are in millimetres)"
+        1.0, description="length (m) of one unit of the positions (0.001: the positions are in millimetres)"
     )
 
 

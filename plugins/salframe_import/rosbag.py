@@ -29,7 +29,7 @@ VIEWS = "views"
 
 
 class RosBagImporter(Importer):
-    """ROS 1 bags, ROS 2 bags and MCAP files: pictures and depth with the poses of odometry or tf."""
+    """ROS 1 bags, ROS 2 bags and MCAP files: images and depth, with poses from odometry or tf."""
 
     name = "rosbag"
     version = "1"
@@ -38,70 +38,96 @@ class RosBagImporter(Importer):
 
     class Config(StationSettings):
         image: str | None = Field(
-            None, description="image topics of the colour, separated by commas; null: the only topic with colour images"
+            None,
+            description="topics of the colour images, separated by commas; null: the only topic with colour images",
         )
         depth: str | None = Field(
             None,
-            description="depth topics, one for each image topic and in the same order; none: import no "
-            "depth; null: the only depth topic, if there is one",
+            description="topics of the depth images, one for each image topic and in the same order. The word none: "
+            "no depth is imported; null: the only depth topic, if there is one",
         )
         camera_info: str | None = Field(
             None,
-            description="topics of the intrinsics, one for each image topic and in the same order; null: "
-            "camera_info in the namespace of each image topic, if it exists",
+            description="topics of the camera intrinsics (CameraInfo), one for each image topic and in the same "
+            "order; null: the topic camera_info in the namespace of each image topic, if it exists",
         )
         projection: Projection = Field(
-            "auto", description="projection of the images; auto: pinhole if there are intrinsics"
+            "auto",
+            description="projection of the images. auto: pinhole if the bag has intrinsics of the images, otherwise "
+            "equirectangular; equirectangular: panoramas; pinhole: perspective images",
         )
         camera_axes: CameraAxes = Field(
             "auto",
-            description="axes of the frame of equirectangular images. optical: x right, y down, z forward; body: x "
-            "forward, y left, z up; auto: the axes for which the images are upright",
+            description="axes of the camera frame of equirectangular images. auto: the axes for which the images are "
+            "upright; optical: x right, y down, z forward; body: x forward, y left, z up",
         )
         poses: str | None = Field(
             None,
-            description="source of the poses: an odometry topic, or tf; null: tf if it has the frame map, else the "
-            "only odometry topic, else tf",
+            description="source of the poses: the name of an odometry topic, or the word tf; null: tf if it contains "
+            "the frame map, otherwise the only odometry topic, otherwise tf",
         )
         world: str | None = Field(
-            None, description="frame of the poses of tf; null: map, or the root of the tree if there is no map"
+            None,
+            description="name of the tf frame in which poses are expressed; null: map, or the root of the tf tree "
+            "if there is no frame map",
         )
         odometry: str | None = Field(
             None,
-            description="odometry topic with the motion between the views of a sequence; null: the only odometry "
-            "topic, or the source of the poses if there is none",
+            description="odometry topic that gives the motion between the views of a sequence; null: the only "
+            "odometry topic, or the source of the poses if there is no odometry topic",
         )
         tolerance_s: float = Field(
-            0.02, gt=0, le=1, description="maximum difference of the stamps of messages that belong together (s)"
+            0.02,
+            gt=0,
+            le=1,
+            description="maximum time difference (s) between the header stamps of messages that belong together, "
+            "such as an image and its depth",
         )
-        depth_unit_m: float = Field(MILLIMETRE, gt=0, description="metres per unit of 16-bit depth")
+        depth_unit_m: float = Field(
+            MILLIMETRE,
+            gt=0,
+            description="length (m) of one unit of 16-bit depth images (0.001: the values are in millimetres)",
+        )
         depth_kind: Literal["ray", "z", "cube"] | None = Field(
             None,
-            description="quantity in the depth. z: along the optical axis; ray: along the ray; cube: along the axis of "
-            "the cube face that shows a pixel; null: z for pinhole images, ray for equirectangular ones",
+            description="quantity that the depth images contain. ray: distance along the ray; z: depth along the "
+            "optical axis; cube: depth along the axis of the cube face that shows the pixel; null: z for pinhole "
+            "images, ray for equirectangular images",
         )
         group_by: Literal["time", "motion"] = Field(
             "time",
-            description="pinhole images that form one panorama. time: those of one time; motion: those of a camera "
-            "that turned and moved little",
+            description="pinhole images that form one panorama. time: images of all cameras at the same time; motion: "
+            "successive images of a camera that turns at one place",
         )
         num_views: int = Field(
             0,
             ge=0,
             le=100,
-            description="number of views of each multi-view query (a sequence); 0: no multi-view queries",
+            description="number of views of each query that is taken from the recording, a sequence of images; 0: no "
+            "queries are taken",
         )
         sequence_period: int = Field(
-            20, ge=2, description="number of views from the end of a sequence to the end of the next one"
+            20,
+            ge=2,
+            description="number of views from the end of one sequence to the end of the next one, larger than "
+            "num_views; the images between two sequences are reference frames",
         )
         view_distance_m: float = Field(
-            0.5, gt=0, description="distance after which a new view of a sequence is taken (m)"
+            0.5,
+            gt=0,
+            description="distance (m) that the camera moves between two views of a sequence; a turn by "
+            "view_turn_deg also starts a new view",
         )
         view_turn_deg: float = Field(
-            45.0, gt=0, description="turn after which a new view of a sequence is taken (degrees)"
+            45.0,
+            gt=0,
+            description="angle (degrees) that the camera turns between two views of a sequence; a motion by "
+            "view_distance_m also starts a new view",
         )
         distribution: Literal["foxy", "galactic", "humble", "iron", "jazzy", "kilted"] = Field(
-            "humble", description="ROS 2 distribution whose message definitions are used if the bag has none"
+            "humble",
+            description="ROS 2 distribution, whose message definitions are used if the bag contains no message "
+            "definitions",
         )
 
     def read(self, source: Path) -> Recording:

@@ -38,29 +38,29 @@ _FULL_TURN_DEG = 360
 
 
 class StationSettings(ComponentConfig):
-    """Settings of importers that stitch images to panoramas."""
+    """Settings of importers that stitch several images to one panorama."""
 
     height: int = Field(
         512, ge=64, le=4096, description="height of a panorama in pixels; its width is twice the height"
     )
     max_move_m: PositiveFloat = Field(
         0.3,
-        description="maximum distance between the cameras of the images of one panorama, in metres. Used if images are "
-        "grouped by their motion",
+        description="maximum distance (m) of the camera from its position in the first image of a panorama; only used "
+        "if images are grouped by their motion",
     )
     min_view_deg: float = Field(
         180.0,
         ge=0,
         le=_FULL_TURN_DEG,
-        description="minimum horizontal field of view of a panorama, in degrees. Used if images are grouped by their "
-        "motion",
+        description="minimum horizontal field of view (degrees) that the images of a panorama cover together; only "
+        "used if images are grouped by their motion",
     )
     min_step_deg: float = Field(
         10.0,
         ge=0,
         le=90,
-        description="minimum turn (degrees) between successive images of one panorama; images after a smaller turn "
-        "are left out",
+        description="minimum angle (degrees) between the optical axes of any two images that a turning camera took "
+        "for a panorama; images at smaller angles are left out; 0: all images are used",
     )
 
 

@@ -57,11 +57,10 @@ class _Stamped:
 
 
 class TumImporter(Importer):
-    """Folders of the TUM RGB-D benchmark: rgb.txt, depth.txt and groundtruth.txt. Images where the camera turned enough
-    are stitched to panoramas.
+    """Folders in the format of the TUM RGB-D benchmark: rgb.txt, groundtruth.txt, and optionally depth.txt.
 
-    Each colour image takes the depth image and the pose with the nearest time. A recording without depth.txt has
-    colour only.
+    The images that the camera took while it turned at one place are stitched to one panorama. Each colour image is
+    combined with the depth image and the pose of the nearest time. Without depth.txt, panoramas have no range.
     """
 
     name = "tum"
@@ -71,16 +70,30 @@ class TumImporter(Importer):
         camera: str = Field(
             "auto",
             min_length=1,
-            description="camera of 640 x 480 pixels: freiburg1, freiburg2, freiburg3, default (525 pixels), or a file "
-            "CAMERA.json; auto: by the name of the folder, else default",
+            description="intrinsics of the camera: freiburg1, freiburg2 or freiburg3 (cameras of the benchmark), "
+            "default (focal length 525 pixels at 640 x 480), or the path of a file CAMERA.json; auto: the camera in "
+            "the name of the folder, otherwise default",
         )
-        max_time_s: PositiveFloat = Field(0.02, description="maximum time between an image and its depth and pose")
-        pose_offset_s: float = Field(0.0, description="seconds to add to the times of the poses")
-        quaternion: Literal["xyzw", "wxyz"] = Field("xyzw", description="order of the quaternions in groundtruth.txt")
+        max_time_s: PositiveFloat = Field(
+            0.02,
+            description="maximum time (s) between a colour image and its depth image, and between a colour image and "
+            "its pose",
+        )
+        pose_offset_s: float = Field(0.0, description="time (s) that is added to the times of the poses")
+        quaternion: Literal["xyzw", "wxyz"] = Field(
+            "xyzw",
+            description="order of the quaternion components in groundtruth.txt. xyzw: the scalar part is last; wxyz: "
+            "the scalar part is first",
+        )
         pose_convention: PoseConvention = Field(
-            "opencv", description="convention of the poses in groundtruth.txt; the benchmark uses opencv"
+            "opencv",
+            description="convention of the poses in groundtruth.txt: the axes of world and camera, and the direction "
+            "of the transformation; docs/reference/folder-format.md#poses explains each value. The benchmark uses "
+            "opencv",
         )
-        depth_unit_m: PositiveFloat = Field(1 / 5000, description="metres per unit of the values of a depth image")
+        depth_unit_m: PositiveFloat = Field(
+            1 / 5000, description="length (m) of one unit of a depth image (0.0002: the value 5000 means 1 m)"
+        )
 
     def read(self, source: Path) -> Recording:
         colors, poses = _read_list(source / COLOR, 1), _read_list(source / POSES, 7)

@@ -38,12 +38,15 @@ APART_M = 1000.0
 
 
 class MatterportAnnotations(NavigableDataset):
-    """Real buildings: the objects visible from each viewpoint of Matterport3D, from the annotations of REVERIE.
+    """Real buildings: the objects visible from each viewpoint of Matterport3D, from the annotations of the benchmark
+    REVERIE.
 
     By default, each query has a map of all other viewpoints of its building. The query is turned by a random yaw. The
-    range of an object comes from its position, which is triangulated from its bearings at several viewpoints. With
-    `query_motion=driven`, the views of a query are the panoramas of a random walk from viewpoint to viewpoint, each
-    with a random yaw. The map contains none of these viewpoints.
+    annotations contain the direction of an object, but no range. The range is computed from the position of the object,
+    which is triangulated from its directions at several viewpoints.
+
+    With `query_motion=driven`, a query is a random walk from viewpoint to viewpoint. Its views are the panoramas of the
+    walk, each with a random yaw. The map contains none of these viewpoints.
     """
 
     name = "matterport-annotations"
@@ -51,50 +54,56 @@ class MatterportAnnotations(NavigableDataset):
 
     class Config(QueryView):
         root: Path | None = Field(
-            None, description="path of the folder that contains connectivity/, reverie/BBox/ and vp2room_label.json"
+            None,
+            description="path of the folder that contains connectivity/, reverie/BBox/ and vp2room_label.json; "
+            "required (--data-dir sets it)",
         )
         scans: Literal["all"] | tuple[str, ...] = Field(
-            "all", description="list of the ids of the buildings to use, or all"
+            "all", description="list of the ids of the buildings to use; all: all buildings in the folder"
         )
         range_noise: float = Field(
             0.05,
             ge=0,
             lt=1,
             description="standard deviation of the random factor (mean 1) that multiplies the range of an object; "
-            "each object has its own factor at each viewpoint",
+            "each object has its own factor at each viewpoint; 0: ranges have no noise",
         )
         query_range: bool = added(
-            True, description="true: the objects of queries have ranges; false: only directions and solid angles"
+            True,
+            description="true: the objects of queries have ranges; false: they have directions and solid angles only",
         )
-        min_visible: int = Field(3, ge=1, description="minimum number of visible objects in a query")
+        min_visible: int = Field(
+            3, ge=1, description="minimum number of visible objects at a viewpoint that is used as a query"
+        )
         seed: int = Field(
             0,
-            description="random seed of the range noise, of the ranges of objects seen from one viewpoint only, and "
-            "of the yaws of queries",
+            description="random seed of the range noise, of the yaws and walks of queries, of the viewpoints that "
+            "`map_share` chooses, and of the ranges of objects that are seen from a single viewpoint and cannot be "
+            "triangulated",
         )
         leave_out: int = match_only(
             1,
             ge=1,
-            description="number of viewpoints left out of the map for a query: its own viewpoint and the nearest ones "
-            "in its region; regions with at most this number of viewpoints have no queries",
+            description="number of viewpoints that are left out of the map of a query: its own viewpoint and the "
+            "nearest ones in the same region. Regions with at most this number of viewpoints have no queries",
         )
         query_triangulates: bool = match_only(
             True,
-            description="true: the ranges of objects in a map are triangulated from all viewpoints, including those "
-            "that are left out of the map; false: only from the viewpoints in the map",
+            description="true: the ranges of the objects in a map are triangulated from all viewpoints of the "
+            "building, also from those left out of the map; false: only from the viewpoints in the map",
         )
         one_map: bool = match_only(
             False,
-            description="true: a map contains all buildings, 1 km apart along x, except for one viewpoint of each "
-            "building, which is a query; false: each building has separate maps",
+            description="true: a map contains all buildings, placed 1 km apart along x, without one viewpoint of each "
+            "building, which is a query; false: each building has its own maps",
         )
         map_share: float | None = added(
             None,
             match_only=True,
             gt=0,
             lt=1,
-            description="share of the viewpoints of each building that are its map, drawn at random; all others are "
-            "queries, and leave_out must be 1; null: each query has a map of all other viewpoints",
+            description="share of the viewpoints of each building that form its map, chosen at random; all other "
+            "viewpoints are queries, and leave_out must be 1; null: each query has its own map of all other viewpoints",
         )
         hide_query_place: bool = hide_query_place_setting()
 

@@ -38,9 +38,10 @@ _MISFIT_M = 0.25
 
 
 class HabitatMaps(MatterportAnnotations):
-    """`matterport-annotations` of one building with floor masks from its top-down maps (Object2HabitatMap).
+    """One building of the dataset `matterport-annotations`, with floor masks from the top-down maps of
+    Object2HabitatMap.
 
-    The floor consists of the regions of the map. Obstacles are all objects other than floor, door and stairs.
+    The floor is the area of all regions in the top-down map. All objects except floor, door and stairs are obstacles.
     """
 
     name = "habitat-maps"
@@ -50,12 +51,12 @@ class HabitatMaps(MatterportAnnotations):
         root: Path | None = Field(
             None,
             description="path of the folder that contains habitat_map/<scan>/, house/<scan>.house, and the files of "
-            "matterport-annotations",
+            "the dataset matterport-annotations; required (--data-dir sets it)",
         )
         resolution_m: float = Field(
             0.05,
             gt=0,
-            description="width of a cell of the floor masks (m), rounded to a whole number of pixels of the top-down "
+            description="size of a pixel of the floor masks (m), rounded to a whole number of pixels of the top-down "
             "map",
         )
 

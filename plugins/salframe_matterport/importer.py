@@ -20,20 +20,23 @@ from salframe_matterport.release import Color, Viewpoint, cameras_path, find_bui
 
 class Matterport3DImporter(Importer):
     """A building of the Matterport3D release: the 18 colour and depth images of each viewpoint, stitched to one RGB-D
-    panorama with the objects of the .house file.
+    panorama.
 
-    Places are the regions of the .house file. Viewpoints outside all regions are left out.
+    The objects of the .house file are the annotations, and its regions are the places. Viewpoints outside all regions
+    are left out.
     """
 
     name = "matterport3d"
     version = "1"
 
     class Config(ComponentConfig):
-        scan: str | None = Field(None, description="id of the building; null: the only one in the folder")
+        scan: str | None = Field(
+            None, description="id of the building to import; null: the only building in the folder"
+        )
         color: Color = Field(
             "skybox",
-            description="images that give the colour of a panorama. skybox: the six skybox faces, evenly exposed; "
-            "pictures: the 18 colour pictures that belong to the depth images",
+            description="images that the colour of a panorama is computed from. skybox: the six skybox images, which "
+            "have even exposure; pictures: the 18 colour images that belong to the depth images",
         )
         height: int = Field(512, ge=64, description="height of a panorama in pixels; its width is twice the height")
 

@@ -33,10 +33,10 @@ from salframe_matterport.scenes import generator
 class Matterport3D(Dataset):
     """Real buildings of Matterport3D: the 18 colour and depth images of each viewpoint, stitched to one RGB-D panorama.
 
-    Annotations are the objects of the .house file: a pixel shows the object whose oriented box contains its point.
-    Places are the regions of the .house file; viewpoints outside all regions are left out. Each query has a map of all
-    other viewpoints; the region of the query must have another viewpoint. The query is turned by a random yaw.
-    Panoramas are stitched once and stored in salframe's cache.
+    The annotations are the objects of the .house file: a pixel shows the object whose oriented box contains its 3D
+    point. The places are the regions of the .house file. Viewpoints outside all regions are left out. Each query has a
+    map of all other viewpoints of its building. A viewpoint is a query if its region contains another viewpoint. The
+    query is turned by a random yaw. Each panorama is stitched once and stored in salframe's cache.
     """
 
     name = "matterport3d"
@@ -45,15 +45,17 @@ class Matterport3D(Dataset):
 
     class Config(QueryView):
         root: Path | None = Field(
-            None, description="path of the folder of the Matterport3D release, which contains v1/scans/<scan>/..."
+            None,
+            description="path of the folder of the Matterport3D release, which contains v1/scans/<scan>/...; "
+            "required (--data-dir sets it)",
         )
         scans: Literal["all"] | tuple[str, ...] = Field(
-            "all", description="list of the ids of the buildings to use, or all"
+            "all", description="list of the ids of the buildings to use; all: all buildings in the folder"
         )
         color: Color = Field(
             "skybox",
-            description="images that give the colour of a panorama. skybox: the six skybox faces, evenly exposed; "
-            "pictures: the 18 colour pictures that belong to the depth images",
+            description="images that the colour of a panorama is computed from. skybox: the six skybox images, which "
+            "have even exposure; pictures: the 18 colour images that belong to the depth images",
         )
         height: int = Field(512, ge=64, description="height of a panorama in pixels; its width is twice the height")
         seed: int = Field(0, description="random seed of the yaws of queries")

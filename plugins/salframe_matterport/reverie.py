@@ -33,8 +33,12 @@ NAMED = 5
 
 
 class Reverie(Scorer):
-    """The benchmark REVERIE: an agent reaches the viewpoint that shows the target object (SR, OSR, SPL), and names the
-    object (RGS, RGSPL)."""
+    """The metrics of the benchmark REVERIE. An agent moves to the viewpoint that shows a target object, and identifies
+    the object.
+
+    SR, OSR and SPL measure whether the agent reaches the viewpoint. RGS and RGSPL measure whether it identifies the
+    object.
+    """
 
     name = "reverie"
     version = "1"

@@ -36,9 +36,10 @@ _COLUMNS = "id", "role", "place", "x_m", "y_m", "z_m", "yaw_rad"
 class MeshDataset(RenderedDataset[FrameSpec]):
     """RGB-D panoramas rendered from a mesh: Matterport3D (.obj), HM3D (.glb), Replica (.ply), or any other building.
 
-    The folder contains one mesh and the positions of panoramas: frames.csv, or the .house file of a Matterport3D
-    building. The panoramas of a .house file are the reference frames; queries are placed near them on free floor, with
-    random yaw. The dataset can render a panorama at any pose.
+    The folder contains a mesh, and a file with the positions of the panoramas: frames.csv, or the .house file of a
+    Matterport3D building. The table frames.csv lists reference frames and queries. The panoramas of a .house file are
+    reference frames. In this case, queries are placed near them on free floor, with a random yaw. The dataset can
+    render a panorama at any pose.
     """
 
     name = "mesh"
@@ -51,23 +52,27 @@ class MeshDataset(RenderedDataset[FrameSpec]):
         root: Path | None = Field(
             None,
             description="path of the folder that contains a mesh, frames.csv or a .house file, and optionally "
-            "regions.json with the rooms",
+            "regions.json with the rooms; required (--data-dir sets it)",
         )
         mesh: str | None = Field(
-            None, description="name of the mesh file in the data folder; null: the only mesh in the folder"
+            None, description="name of the mesh file in the folder; null: the only mesh in the folder"
         )
         up: Literal["z", "y"] = Field(
-            "z", description="axis of the mesh that points up: z for Matterport3D and Replica, y for HM3D"
+            "z", description="axis of the mesh that points up. z: as in Matterport3D and Replica; y: as in HM3D"
         )
         height: int = Field(512, ge=64, description="height of a panorama in pixels; its width is twice the height")
-        resolution_m: float = Field(0.05, gt=0, description="width of a cell of the floor masks (m)")
+        resolution_m: float = Field(0.05, gt=0, description="size of a pixel of the floor masks (m)")
         queries_per_frame: int = Field(
-            1, ge=0, description="number of queries that are rendered near each panorama of a .house file"
+            1,
+            ge=0,
+            description="number of queries that are rendered near each panorama of a .house file; no effect on a "
+            "folder with frames.csv",
         )
         seed: int = Field(
             0,
             ge=0,
-            description="random seed of the positions and yaws of the queries near the panoramas of a .house file",
+            description="random seed of the positions and yaws of the queries near the panoramas of a .house file; no "
+            "effect on a folder with frames.csv",
         )
         hide_query_place: bool = hide_query_place_setting()
 

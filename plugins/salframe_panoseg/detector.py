@@ -40,7 +40,10 @@ PANOSEG = NetworkWeights(
 
 
 class PanoSegDetector(Detector):
-    """Objects from colour and range, by a segmentation network trained on rendered buildings; shipped with salframe."""
+    """Objects from colour and range, by a segmentation network that is part of salframe.
+
+    The network was trained on rendered buildings.
+    """
 
     name = "panoseg"
     version = "4"
@@ -49,13 +52,14 @@ class PanoSegDetector(Detector):
 
     class Config(ComponentConfig):
         model: UserFile | None = Field(
-            None, description="path of the folder that your training wrote; null: the network that salframe ships"
+            None, description="path of the folder that your own training wrote; null: the network that salframe ships"
         )
         min_score: float = Field(
             0.25,
             ge=0,
             le=1,
-            description="minimum score of an object: the mean probability of its class over its pixels (0 to 1)",
+            description="minimum score of an object (0 to 1), which is the mean probability of its class over its "
+            "pixels",
         )
         exposure: Literal["auto", "none"] = exposure_setting()
 

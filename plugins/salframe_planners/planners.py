@@ -71,7 +71,10 @@ class _GraphPlanner(Planner):
 
 
 class FloydWarshall(_GraphPlanner):
-    """Computes the shortest routes between all nodes in advance by the Floyd-Warshall algorithm, as in the paper."""
+    """Computes the shortest routes between all pairs of nodes in advance, by the Floyd-Warshall algorithm.
+
+    The paper uses this algorithm.
+    """
 
     name = "floyd-warshall"
     version = "1"
@@ -86,7 +89,10 @@ class FloydWarshall(_GraphPlanner):
 
 
 class Dijkstra(_GraphPlanner):
-    """Computes the shortest routes from the start of each requested route by Dijkstra's algorithm, for large maps."""
+    """Computes a shortest route when it is requested, by Dijkstra's algorithm.
+
+    It is for large maps.
+    """
 
     name = "dijkstra"
     version = "1"

@@ -30,7 +30,10 @@ change for workers without a GPU, and the line on stdout about a dead worker, be
 
 
 class Ray(WorkerEngine):
-    """Runs items on the machines of a Ray cluster, or on this machine only. Each worker has one processor."""
+    """Runs jobs in worker processes on the machines of a Ray cluster, or on this machine only.
+
+    Each worker uses one processor.
+    """
 
     name = "ray"
     version = "1"
@@ -40,8 +43,8 @@ class Ray(WorkerEngine):
     class Config(WorkerEngine.Config):
         address: str | None = Field(
             None,
-            description="address of the Ray cluster: HOST:PORT of a running cluster, or auto for the cluster of this "
-            "machine; null: start a cluster on this machine for the duration of the command",
+            description="address of the Ray cluster: HOST:PORT of a running cluster, or the word auto for the cluster "
+            "on this machine; null: a cluster is started on this machine and ends with the command",
         )
 
     def ready(self) -> int:

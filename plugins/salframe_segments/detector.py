@@ -45,10 +45,10 @@ ADE20K = NetworkWeights(
 
 
 class SegmentsDetector(Detector):
-    """Objects from any network with class scores per pixel, averaged over overlapping views; doors and windows are
-    objects.
+    """Objects from any semantic segmentation network, whose class scores are averaged over overlapping views.
 
-    Range is optional. Without range, bearings, labels and scores are known, and positions are NaN.
+    Doors and windows are objects too. Range is optional. Without range, the objects have labels, scores and bearings,
+    and their positions are NaN.
     """
 
     name = "segments"
@@ -62,27 +62,31 @@ class SegmentsDetector(Detector):
         model: Literal["ade20k"] | SingleFile = Field(
             "ade20k",
             union_mode="left_to_right",
-            description="path of an ONNX or TensorFlow Lite file, or name of weights to download: ade20k",
+            description="network. ade20k: weights that are downloaded by `salframe weights fetch`; otherwise the path "
+            "of an ONNX or TensorFlow Lite file",
         )
         card: SingleFile | None = Field(
             None,
-            description="path of the network's model card; null: NAME.yaml beside the network's file, else the card "
-            "that salframe ships for the file",
+            description="path of the network's model card, a YAML file that describes input, output and classes; "
+            "null: the file NAME.yaml beside the network's file, or else the card that salframe ships for this network",
         )
-        views: int = Field(6, ge=1, le=16, description="number of horizontal perspective views cut from the panorama")
+        views: int = Field(
+            6, ge=1, le=16, description="number of horizontal perspective views that are cut from the panorama"
+        )
         tilted_views: int = Field(
             0,
             ge=0,
             le=8,
-            description="number N of tilted views: N additional views look up by 60 deg, and N look down by 60 deg",
+            description="number N of tilted views, in addition to the horizontal ones: N views look up by 60 deg, and "
+            "N views look down by 60 deg",
         )
         fov_deg: float = Field(
-            90.0, ge=30, le=120, description="horizontal field of view of each perspective view (degrees)"
+            90.0, ge=30, le=120, description="horizontal field of view (degrees) of each perspective view"
         )
         mirrored: bool = Field(
             False,
             description="true: the network also runs on mirrored views, which takes twice the time and gives more "
-            "stable results; false: only on the views themselves",
+            "stable results; false: it runs on the original views only",
         )
         min_score: float = Field(0.3, ge=0, le=1, description="minimum confidence score of an object (0 to 1)")
         exposure: Literal["auto", "none"] = exposure_setting()

@@ -47,10 +47,11 @@ EMPTY = ImageDetections(np.zeros((0, 4)), np.zeros(0), np.zeros(0, int))
 
 
 class TransformersDetector(Detector):
-    """Objects from a published network of the library `transformers`: semantic, instance, panoptic or universal
-    segmentation, or closed-set or zero-shot detection, as the network's configuration states.
+    """Objects from a published segmentation or detection network of the library `transformers`.
 
-    Range is optional. Without range, bearings, labels and scores are known, and positions are NaN.
+    The network may be for semantic, instance, panoptic or universal segmentation, or for closed-set or zero-shot
+    detection. Its configuration states which of them. Range is optional. Without range, the objects have labels, scores
+    and bearings, and their positions are NaN.
     """
 
     name = "transformers"
@@ -63,14 +64,14 @@ class TransformersDetector(Detector):
         labels: tuple[str, ...] | UserFile | None = Field(
             None,
             union_mode="left_to_right",
-            description="labels that a zero-shot network searches for: a list, or the folder of a saved map whose "
-            "labels are used; null: the names of salframe's vocabulary. Other networks have fixed labels",
+            description="labels that a zero-shot network searches for: a list, or the path of a saved map whose "
+            "labels are used; null: the names of salframe's vocabulary. Networks with fixed labels require null",
         )
         fov_deg: float = Field(
             90.0,
             ge=MIN_FOV_DEG,
             le=120,
-            description="field of view across the shorter side of each perspective view (degrees)",
+            description="field of view (degrees) across the shorter side of each perspective view",
         )
         min_score: float = Field(0.3, gt=0, le=1, description="minimum confidence score of an object (0 to 1)")
 

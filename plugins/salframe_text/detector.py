@@ -30,11 +30,11 @@ SAMPLES = 24
 
 
 class TextDetector(Detector):
-    """Strings on signs, posters and door plates, read in level views by the text networks of RapidOCR.
+    """Reads texts on signs, posters and door plates in horizontal views, by the networks of RapidOCR.
 
-    Each string is an object with the label `text`, and the string is its text. Range is optional. Without range,
-    bearings are known, and positions are NaN. The networks are part of the package `rapidocr`, so nothing is
-    downloaded.
+    Each text is an object with the label `text`, and the attribute `text` of the object is the string that was read.
+    Range is optional. Without range, the objects have bearings, and their positions are NaN. The networks are part of
+    the package `rapidocr`, so nothing is downloaded.
     """
 
     name = "text"
@@ -44,13 +44,17 @@ class TextDetector(Detector):
     extra = "salframe[text]"
 
     class Config(ComponentConfig):
-        views: int = Field(6, ge=3, le=16, description="number of horizontal perspective views cut from the panorama")
+        views: int = Field(
+            6, ge=3, le=16, description="number of horizontal perspective views that are cut from the panorama"
+        )
         fov_deg: float = Field(
-            80.0, ge=30, le=120, description="horizontal field of view of each perspective view (degrees)"
+            80.0, ge=30, le=120, description="horizontal field of view (degrees) of each perspective view"
         )
         width_px: int = Field(1024, ge=256, le=4096, description="width of each perspective view in pixels")
         min_score: float = Field(0.6, ge=0, le=1, description="minimum confidence score of a string (0 to 1)")
-        min_length: int = Field(2, ge=1, le=MAX_TEXT, description="minimum number of characters of a string")
+        min_length: int = Field(
+            2, ge=1, le=MAX_TEXT, description="minimum number of characters of a string; shorter strings are left out"
+        )
 
         @model_validator(mode="after")
         def _views_cover_the_horizon(self) -> Any:

@@ -21,14 +21,16 @@ ALPHABET = 40
 
 
 class TextEvidence(EvidenceModel):
-    """Log likelihood ratio of the strings of a query: column `text`.
+    """Log likelihood ratio of the strings that a query shows, in the column `text`.
 
-    The probability of reading the string q where the map has the string s is (1 - e)^(n - d) (e / ALPHABET)^d, with the
-    error rate e of a character, the length n of the longer string, and the edit distance d (Levenshtein 1966). A query
-    reads one of the strings of its place. With the probability `unmapped`, it reads another string, because a sign was
-    overlooked, replaced or wrong: a string of a random place or an unknown string, both equally likely. The ratio
-    compares the place with a random place, so strings that few places have count more. Query strings are assumed to be
-    independent. The sum is limited to +-`max_nats`, so that wrong signs cannot overrule the objects. It is 0 where the
+    The map has the string s, and the query reads the string q. The probability of reading q is (1 - e)^(n - d) (e /
+    ALPHABET)^d, with the error rate e of a character, the length n of the longer string, and the edit distance d
+    (Levenshtein 1966). ALPHABET is 40.
+
+    A query reads one of the strings of its place. With the probability `unmapped`, a sign was overlooked, replaced or
+    wrong. The query then reads a string of a random place or an unknown string, both equally likely. The ratio compares
+    the place with a random place, so strings that few places have count more. The strings of a query are assumed to be
+    independent. Their sum is limited to +-`max_nats`, so that wrong signs cannot overrule the objects. It is 0 if the
     query or the place has no string.
     """
 
@@ -36,24 +38,24 @@ class TextEvidence(EvidenceModel):
     version = "1"
     columns = (
         EvidenceColumn(
-            "text", "log likelihood ratio (nats) of the strings of the query, rare strings count more", weight=1.0
+            "text", "log likelihood ratio (nats) of the strings of the query; rare strings count more", weight=1.0
         ),
     )
     arrays = (STRINGS,)
 
     class Config(ComponentConfig):
         character_error: float = Field(
-            0.03, gt=0, lt=0.5, description="probability that a character of a sign is read wrongly (0 to 0.5)"
+            0.03, gt=0, lt=0.5, description="probability (0 to 0.5) that a character of a sign is read wrongly"
         )
         unmapped: float = Field(
             0.35,
             gt=0,
             lt=1,
-            description="probability (0 to 1) that a string of a query is not among those of its place in the map, "
-            "because one of them was overlooked, replaced or wrong",
+            description="probability (0 to 1) that a string of a query is not among the strings of its place in the "
+            "map, because a sign was overlooked, replaced or wrong",
         )
         max_nats: float = Field(
-            4.0, gt=0, description="maximum absolute value of the log likelihood ratio of all strings (nats)"
+            4.0, gt=0, description="maximum absolute value (nats) of the log likelihood ratio of all strings together"
         )
 
     def describe(self, panorama: Panorama, description: Description) -> Description:

@@ -55,26 +55,35 @@ class _Vote:
 
 
 class VoteTracker(Tracker):
-    """The pose that most answers agree with, weighted by probability and age."""
+    """The pose that most of the recent answers agree with. Each answer is a vote for a pose.
+
+    A vote is weighted by the probability of the answer and by its age. Odometry moves the poses of older answers to the
+    present.
+    """
 
     name = "votes"
     version = "1"
 
     class Config(ComponentConfig):
         fade: float = Field(
-            0.7, ge=0, le=1, description="factor of all older votes at each new answer; 1: votes do not fade"
+            0.7,
+            ge=0,
+            le=1,
+            description="factor (0 to 1) that multiplies the weights of all older votes at each new answer; 1: "
+            "votes keep their weights",
         )
-        agreement_m: float = Field(0.5, gt=0, description="maximum distance of poses that agree (m)")
+        agreement_m: float = Field(0.5, gt=0, description="maximum distance (m) between two poses that agree")
         agreement_deg: float = Field(
-            30.0, gt=0, le=180, description="maximum difference of the headings of poses that agree (degrees)"
+            30.0, gt=0, le=180, description="maximum difference (degrees) between the headings of two poses that agree"
         )
         min_votes: float = Field(
             0.1,
             ge=0,
-            description="minimum sum of votes to track a pose; an answer without a probability counts as one vote here",
+            description="minimum sum of the faded probabilities of the agreeing answers at which the pose counts as "
+            "known; an answer without probabilities has the probability 1",
         )
         odometry: OdometryNoise = Field(
-            OdometryNoise(), description="errors of odometry, in the covariance of the pose"
+            OdometryNoise(), description="expected errors of odometry, which enlarge the covariance of the pose"
         )
 
     def __init__(self, config: ComponentConfig | None = None) -> None:

@@ -16,7 +16,7 @@ from salframe.navigation.episodes import EpisodeRequest
 
 
 class Scorer(Role):
-    """Scores the answers of any program to a benchmark by the rules of that benchmark."""
+    """Computes the metrics of a benchmark from a file of answers, which any program may have written."""
 
     role = "scorer"
 

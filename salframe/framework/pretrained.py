@@ -32,18 +32,24 @@ DEFAULT_SIDE_PX = 512
 
 
 class PretrainedConfig(ComponentConfig):
-    """Settings of components that run a network of transformers."""
+    """Settings of components that run a network of the library `transformers`."""
 
     model: HubName | UserFile | None = Field(
         None,
         union_mode="left_to_right",
-        description="folder of the model with config.json and model.safetensors, or hf:ORG/MODEL[@REVISION] of the "
-        "Hugging Face hub, downloaded by `salframe weights fetch` (required)",
+        description="path of a folder with config.json and model.safetensors, or hf:ORG/MODEL[@REVISION], a model of "
+        "the Hugging Face hub that `salframe weights fetch` downloads; required",
     )
     size_px: tuple[int, int] | None = Field(
-        None, description="width and height of each view (pixels); null: those of the model's image processor"
+        None,
+        description="width and height of the network's input (pixels); null: the size that the model's image "
+        "processor states",
     )
-    device: Device = Field("auto", description="processor that runs the network; on a GPU it runs in half precision")
+    device: Device = Field(
+        "auto",
+        description="processor that runs the network. auto: the first of cuda, mps and cpu that this machine has; "
+        "cpu: the main processor; cuda: an NVIDIA GPU; mps: an Apple GPU. On a GPU, the network runs in half precision",
+    )
 
 
 def hub_weights(config: PretrainedConfig) -> tuple[NetworkWeights, ...]:

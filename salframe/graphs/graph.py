@@ -174,24 +174,24 @@ def concatenate_graphs(parts: Sequence[SaliencyGraph]) -> SaliencyGraph:
 
 
 class GraphConfig(Settings):
-    """Which objects become nodes and which nodes are in context."""
+    """Settings that determine which objects become nodes, and which nodes are connected by edges."""
 
     min_share: float = Field(
-        0.0,
-        ge=0,
-        le=1,
-        description="minimum saliency (share of the volume of all objects) of an object to be a node of the graph",
+        0.0, ge=0, le=1, description="minimum saliency (0 to 1) of an object that becomes a node of the graph"
     )
     top_k: int | None = Field(
-        None, ge=1, description="maximum number of nodes of the graph, the most salient ones; null: all"
+        None,
+        ge=1,
+        description="maximum number of nodes of the graph; the most salient objects become nodes; null: all objects",
     )
     extent: Literal["mean", "max"] = Field(
-        "mean", description="size l of a box in Eq. 1 of the paper: the mean or the maximum of its three dimensions"
+        "mean",
+        description="size l of a box in Eq. 1 of the paper. mean: mean of its three sides; max: its longest side",
     )
     distance: Literal["surface", "centroid"] = Field(
         "surface",
-        description="distance d_s of two objects in Eq. 1 of the paper. surface: between the upright boxes; "
-        "centroid: between the centroids",
+        description="distance d_s of two objects in Eq. 1 of the paper, which decides whether an edge connects them. "
+        "surface: distance between their boxes; centroid: distance between their centroids",
     )
 
 

@@ -51,7 +51,7 @@ class RankedGraphs:
 
 
 class GraphMatcher(Role):
-    """Finds the graphs of a map that match a query graph."""
+    """Finds the graphs of a map that are most similar to the graph of a query."""
 
     role = "matcher"
     uses_scene_index: ClassVar[bool] = False

@@ -11,7 +11,7 @@ from salframe.graphs.detections import Detections
 
 
 class SaliencyModel(Role):
-    """Scores how much an object stands out."""
+    """Computes the saliency of each object: how much the object stands out among the objects of its panorama."""
 
     role = "saliency"
 

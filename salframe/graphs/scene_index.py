@@ -41,7 +41,7 @@ class SceneLookup(Protocol):
 
 
 class SceneIndex(Role):
-    """Selects the scenes of a large map that are matched with a query, with an index in a memory-mapped folder."""
+    """Selects the reference frames of a large map that are compared with a query, by an index on disk."""
 
     role = "scene-index"
     word = "scene index"

@@ -94,7 +94,7 @@ class PlaceHypotheses:
 
 
 class EvidenceModel(Role):
-    """Computes numbers that measure how well each candidate place fits a query, one column for each kind of number.
+    """Computes numbers (columns of evidence) that measure how well a query fits each candidate place of a map.
 
     A component sets `columns` and implements `score`. A component that stores arrays of each panorama also sets
     `arrays` and implements `describe` and `index`. All other methods have a default. If a panorama lacks the parts that

@@ -35,14 +35,16 @@ def range_slot() -> Any:
     return slot(
         RangeModel.role,
         optional=True,
-        description="model that estimates the range of panoramas without a range image; null: none",
+        description="model that estimates the range of panoramas without a range image; null: their range remains "
+        "unknown",
     )
 
 
 def posterior_slot() -> Any:
     """Return the type of a localizer's setting `posterior`, which converts scores to probabilities."""
     help = (
-        "parameters that convert scores to probabilities, or a file written by `salframe fit`; null: no probabilities"
+        "parameters that convert scores to probabilities, or the path of a file written by `salframe "
+        "fit`; null: answers have no probabilities"
     )
     return Annotated[
         Posterior | None, BeforeValidator(partial(read_fitted, "posterior")), match_only(None, description=help)
@@ -50,17 +52,18 @@ def posterior_slot() -> Any:
 
 
 class LevelledConfig(ComponentConfig):
-    """Base of the Config of localizers with the setting `level`."""
+    """Base of the Config of localizers that have the setting `level`."""
 
     level: Literal["auto", "off"] = added(
         "auto",
-        description="auto: tilted panoramas are levelled before they are described (reference frames by their poses, "
-        "queries by the floor and walls in the range image, or by the lines in the colour image); off: no levelling",
+        description="levelling of tilted panoramas before they are described. auto: reference frames are levelled by "
+        "their poses, queries by the floor and walls in the range image, or by the lines in the colour image; off: no "
+        "levelling",
     )
 
 
 class Localizer(Role):
-    """Finds where a panorama was taken, from descriptions of panoramas with known places and poses.
+    """Finds the place and the pose of a query in a map of panoramas with known places and poses.
 
     A localizer implements `needs` and three methods. `describe` returns the description of a panorama, `index` receives
     the descriptions of the reference frames, and `match` localizes a query from its description. All other methods have

@@ -60,7 +60,7 @@ class PoseEstimate:
 
 
 class Positioner(Role):
-    """Estimates the pose of a query in a reference frame from matched nodes."""
+    """Estimates the pose of a query relative to a reference frame, from pairs of matched objects."""
 
     role = "positioner"
 

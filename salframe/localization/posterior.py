@@ -35,37 +35,47 @@ class Head(Settings):
     """
 
     absent_mean: float = Field(
-        description="mean contrast of the answers to out-of-map queries: how much the score of the first place exceeds "
-        "those of the others"
+        description="mean contrast of the answers to out-of-map queries. The contrast of an answer is the score of "
+        "the first place minus the mean score of the next five places, divided by `temperature`"
     )
     absent_deviation: float = Field(
         gt=0, description="standard deviation of the contrast of the answers to out-of-map queries"
     )
     bias: float = Field(
-        description="logarithm of the likelihood ratio of a correct answer to an answer to an out-of-map query, at the "
-        "contrast `absent_mean`"
+        description="logarithm of a likelihood ratio at the contrast `absent_mean`: how much more probable this "
+        "contrast is for a correct answer than for an answer to an out-of-map query"
     )
     slope: float = Field(
-        ge=0, description="change of this log likelihood ratio per increase of the contrast by `absent_deviation`"
+        ge=0,
+        description="change of the logarithm of the likelihood ratio (see `bias`) if the contrast increases by "
+        "`absent_deviation`",
     )
     accuracy: float = Field(
-        ge=0, le=1, description="probability that the first place is the true one, if the query is in the map"
+        ge=0, le=1, description="probability (0 to 1) that the first place is correct, if the query is in the map"
     )
     other_score: float = Field(
-        description="mean score of the places other than the first, divided by the temperature; used if an answer has "
-        "only one place"
+        description="mean score of the places after the first one, divided by `temperature`; it is used if an answer "
+        "has only one place"
     )
     objects: float = Field(
         0.0,
         ge=0,
-        description="mean number of objects of the scene frames of the map; 0: the number of objects has no effect",
+        description="mean number of objects of the reference frames in rooms; 0: the number of objects of a query has "
+        "no effect",
     )
     mean_effect: float = Field(
-        0.0, description="change of the logarithm of `absent_mean` per unit of ln(objects of the query / `objects`)"
+        0.0, description="change of ln(`absent_mean`) per unit of ln(number of objects of the query / `objects`)"
     )
-    deviation_effect: float = Field(0.0, description="as `mean_effect`, of the logarithm of `absent_deviation`")
-    bias_effect: float = Field(0.0, description="as `mean_effect`, of `bias`")
-    accuracy_effect: float = Field(0.0, description="as `mean_effect`, of the log-odds of `accuracy`")
+    deviation_effect: float = Field(
+        0.0, description="change of ln(`absent_deviation`) per unit of ln(number of objects of the query / `objects`)"
+    )
+    bias_effect: float = Field(
+        0.0, description="change of `bias` per unit of ln(number of objects of the query / `objects`)"
+    )
+    accuracy_effect: float = Field(
+        0.0,
+        description="change of the log-odds of `accuracy` per unit of ln(number of objects of the query / `objects`)",
+    )
 
     def relative_objects(self, objects: np.ndarray) -> np.ndarray:
         """Return nu of queries, from their numbers of objects (N,); 0 where either number is unknown (0)."""
@@ -104,32 +114,36 @@ class Posterior(Settings):
     """
 
     temperature: float = Field(
-        gt=0, description="difference between the scores of two places at which one is e times as probable as the other"
+        gt=0,
+        description="difference between the scores of two places at which one place is e times as probable as the "
+        "other",
     )
     head: Head
     max_out_of_map_probability: float = Field(
         MAX_OUT_OF_MAP_PROBABILITY,
         ge=0,
         le=1,
-        description="maximum out-of-map probability of an answer; above it, the status of the answer is out-of-map",
+        description="maximum out-of-map probability (0 to 1) of an answer that names a place; above it, the answer "
+        "has the status out-of-map",
     )
     calibrate: bool = Field(
         True,
-        description="true: the out-of-map probability is calibrated with the reference frames of each map; false: it "
-        "is used as fitted",
+        description="true: the out-of-map probability is calibrated with the reference frames of each map; false: the "
+        "fitted parameters are used for all maps",
     )
     query_distance_m: float = Field(
         1.0,
         gt=0,
-        description="typical distance (m) of a query from the nearest reference frame of its place; only for the "
-        "calibration",
+        description="typical distance (m) of a query from the nearest reference frame of its place, which is used by "
+        "the calibration only",
     )
     max_false_accept: float | None = Field(
         None,
         gt=0,
         lt=1,
-        description="maximum false accept rate: accept only answers that pass a conformal test at this level, made "
-        "from the reference frames of the map; null: no test",
+        description="maximum false accept rate (share of the out-of-map queries whose answers are accepted). An "
+        "answer is accepted only if it passes a conformal test, which uses the reference frames of the map; null: no "
+        "test",
     )
 
     def contrast(self, scores: np.ndarray) -> float:

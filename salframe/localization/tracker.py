@@ -77,7 +77,7 @@ class TrackedPose:
 
 
 class Tracker(Role):
-    """Tracks the pose of a moving camera, from answers of a localizer and odometry.
+    """Tracks the pose of a moving camera, from the answers of a localizer to its images and from odometry.
 
     Call `move` with the motion up to a query, then `observe` with the answer to this query. Where an answer arrives
     late, call `move` with the later motion after `observe`. A tracker holds the belief of one camera. `open_tracker`

@@ -56,12 +56,12 @@ class EpisodeRequest(Settings):
         description="number of the floor of a start by x and y, from 1 for the lowest one; required if the world has "
         "several",
     )
-    goal: str = Field(description="id of a node")
+    goal: str = Field(description="id of the node of the map that the agent is to reach")
     yaw_deg: float | None = Field(
-        None, description="heading at the start in degrees, counter-clockwise from the world's x axis; null: random"
+        None, description="heading at the start (degrees), counter-clockwise from the x axis of the world; null: random"
     )
     world: str | None = Field(
-        None, description="id of the building (world) of the episode; required if the dataset has several"
+        None, description="id of the building of the episode; null: the only building of the dataset"
     )
 
 

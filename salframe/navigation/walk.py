@@ -39,37 +39,44 @@ class EpisodeStatus(StrEnum):
 
 
 class NavigationConfig(Settings):
-    """Settings of navigation, the same for every method of a run. Noise is normal with these standard deviations."""
+    """Settings of navigation, the same for every method of a run. All errors are normally distributed."""
 
-    planner: slot("planner", default_of("navigation_planner"), description="route planner")  # type: ignore[valid-type]
-    tracker: slot("tracker", description="tracker of the agent's pose")  # type: ignore[valid-type]
-    budget: int = Field(60, ge=1, description="maximum number of panoramas per episode")
+    planner: slot(
+        "planner", default_of("navigation_planner"), description="planner that computes the routes of the agent"
+    )  # type: ignore[valid-type]
+    tracker: slot("tracker", description="tracker that estimates the pose of the agent")  # type: ignore[valid-type]
+    budget: int = Field(
+        60,
+        ge=1,
+        description="maximum number of panoramas that the agent takes in an episode; the episode fails after them",
+    )
     arrival_m: float = Field(
-        0.25, gt=0, description="length of the remaining path below which an agent reports its arrival (m)"
+        0.25, gt=0, description="maximum length (m) of the remaining path at which the agent reports its arrival"
     )
     max_turns: int = added(
         0,
         ge=0,
-        description="maximum number of turns on the spot at a position, each by `next_view` of an answer that is not "
-        "accepted; the views from the position are localized together",
+        description="maximum number of turns on the spot at one position. If an answer is not accepted, the agent "
+        "turns as the answer suggests (`next_view`), and all views from this position are localized together; 0: the "
+        "agent does not turn for another view",
     )
-    turn_noise_deg: float = Field(2.0, ge=0, description="standard deviation of the heading after a turn (degrees)")
+    turn_noise_deg: float = Field(2.0, ge=0, description="standard deviation (degrees) of the error of a turn")
     length_noise: float = Field(
-        0.05, ge=0, description="standard deviation of the length of a walk, relative to its length"
+        0.05, ge=0, description="standard deviation of the error of the length of a move, relative to the length"
     )
     slip_m: float = added(
         0.0,
         ge=0,
-        description="length of the slip of an agent at the end of a walk (m), in a random direction; only after "
-        "walks longer than the slip; walls stop it",
+        description="distance (m) that the agent slips in a random direction at the end of a move, if the move is "
+        "longer than this distance; walls stop the slip; 0: no slip",
     )
     odometry_turn_noise_deg: float = Field(
-        2.0, ge=0, description="standard deviation of a turn as measured by odometry (degrees)"
+        2.0, ge=0, description="standard deviation (degrees) of the error of odometry in a turn"
     )
     odometry_length_noise: float = Field(
         0.05,
         ge=0,
-        description="standard deviation of the length of a walk as measured by odometry, relative to the length",
+        description="standard deviation of the error of odometry in the length of a move, relative to the length",
     )
 
 

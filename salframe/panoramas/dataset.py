@@ -23,7 +23,7 @@ MANIFEST = "manifest.json"
 
 
 class Dataset(Role):
-    """Reference frames with poses, queries without poses, and the ground truth of the queries for evaluation."""
+    """A source of reference frames with poses, of queries, and of the true places and poses of the queries."""
 
     role = "dataset"
     presets = "data"

@@ -21,13 +21,17 @@ if TYPE_CHECKING:
 
 
 class FolderDataset(Dataset):
-    """Panoramas in a folder with a manifest.json (docs/reference/folder-format.md)."""
+    """Panoramas in a folder with a manifest.json, whose format is described in docs/reference/folder-format.md."""
 
     name = "folder"
     version = "1"
 
     class Config(QueryView):
-        root: Path | None = Field(None, description="path of the folder that contains the manifest.json")
+        root: Path | None = Field(
+            None,
+            description="path of the folder that contains manifest.json; required (--data-dir, or the name of the "
+            "folder as data, sets it)",
+        )
         hide_query_place: bool = hide_query_place_setting()
 
     @property

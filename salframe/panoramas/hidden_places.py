@@ -19,8 +19,8 @@ def hide_query_place_setting() -> Any:
     """Return the field of the setting `hide_query_place`. A dataset with this setting applies `add_hidden_places` to
     its folds."""
     help = (
-        "true: localize each query twice: in the whole map, and in the map without the place of the query and its "
-        "doorways, for which the correct answer is out-of-map; false: only in the whole map"
+        "true: each query is localized twice: in the whole map, and in a map without the place of the "
+        "query and its doorways, where the correct answer is out-of-map; false: only in the whole map"
     )
     return match_only(False, description=help)
 

@@ -172,7 +172,7 @@ class Recording:
 
 
 class Importer(Role):
-    """Reads recordings in a foreign format as panoramas with poses, times and places."""
+    """Converts recordings in another format to panoramas with poses, times and places."""
 
     role = "importer"
     word: ClassVar[str] = "format"

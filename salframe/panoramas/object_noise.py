@@ -18,31 +18,32 @@ MIN_FACTOR = 0.1
 
 
 class ObjectNoise(Settings):
-    """Rates and sizes of simulated errors. Every random draw is keyed by seed, frame and object."""
+    """Rates and sizes of simulated errors of objects. The errors of an object are random, and depend only on the seed,
+    the frame and the object."""
 
     missed: float = Field(
-        0.0, ge=0, le=1, description="share of objects that are removed, as if a detector had missed them (0 to 1)"
+        0.0, ge=0, le=1, description="share of objects that are removed (0 to 1), as if a detector had missed them"
     )
     mislabelled: float = Field(
-        0.0, ge=0, le=1, description="share of objects whose label is replaced by another label of the dataset (0 to 1)"
+        0.0, ge=0, le=1, description="share of objects (0 to 1) whose label is replaced by another label of the dataset"
     )
     range_share: float = Field(
         0.0,
         ge=0,
         description="standard deviation of the random factor (mean 1) that multiplies the range of an object; each "
-        "object has its own factor",
+        "object has its own factor; 0: ranges do not change",
     )
 
 
 class AnnotationNoise(ObjectNoise):
-    """Rates and sizes of simulated errors in the annotations of a panorama, independent of its pixels."""
+    """Rates and sizes of simulated errors in the annotations of a panorama. The errors do not depend on the pixels."""
 
     false_positives: float = Field(
         0.0,
         ge=0,
         le=1,
-        description="number of false positives divided by the number of objects; a false positive is the outline of an "
-        "object at another azimuth, with another label",
+        description="number of false positives divided by the number of objects (0 to 1). A false positive is a copy "
+        "of an object at a random azimuth, with another label",
     )
 
 

@@ -16,37 +16,41 @@ RED_TO_BLUE = np.array([0.5, 0.0, -0.5])
 
 
 class QueryImage(Settings):
-    """Changes of a colour image. They are applied in the order of the settings, and have no random part."""
+    """Changes of a colour image. They are applied in the order of the settings, and are not random."""
 
     blur_px: float = Field(
         0.0,
         ge=0,
         le=50,
-        description="standard deviation of a Gaussian blur of the light, in pixels of the panorama; 0: no blur",
+        description="standard deviation (pixels of the panorama) of the Gaussian blur that is applied to the linear "
+        "light; 0: no blur",
     )
     exposure_ev: float = Field(
         0.0,
         ge=-10,
         le=10,
-        description="exposure in stops: linear light is multiplied by 2 to this power, so that -2 leaves a quarter of "
-        "the light; what exceeds white is white",
+        description="change of the exposure in stops (EV): linear light is multiplied by 2 to the power of this "
+        "value, so -2 leaves a quarter of the light; values above white become white",
     )
     warmth_ev: float = Field(
         0.0,
         ge=-4,
         le=4,
-        description="error of the white balance in stops: linear red is multiplied by 2 to half of this power, and "
-        "linear blue is divided by the same factor; positive: warm (yellow), negative: cool (blue)",
+        description="error of the white balance in stops: linear red is multiplied by 2 to the power of half of this "
+        "value, and linear blue is divided by the same factor; positive: warm (yellow), negative: cool (blue)",
     )
     scale: float = Field(
         1.0,
         gt=0,
         le=1,
-        description="resolution relative to the panorama: the image is reduced to this share of its width and height, "
-        "and enlarged again",
+        description="share of the original resolution: the image is reduced to this share of its width and height, "
+        "then enlarged to the original size; 1: no change",
     )
     jpeg_quality: int | None = Field(
-        None, ge=1, le=100, description="quality of a JPEG compression (1 to 100); null: no compression"
+        None,
+        ge=1,
+        le=100,
+        description="JPEG quality (1 to 100) at which the image is compressed and decoded; null: no compression",
     )
 
 

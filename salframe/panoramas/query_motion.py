@@ -27,12 +27,12 @@ class OdometryErrors(OdometryNoise):
         0.0,
         ge=0,
         description="standard deviation of the random factor (mean 1) that multiplies all travelled distances of a "
-        "query",
+        "query; each query has its own factor; 0: distances have no scale error",
     )
     shuffled: bool = Field(
         False,
-        description="true: the motions are assigned to the wrong views of a query, as a control; false: to the "
-        "right ones",
+        description="true: the measured motions are assigned to other views of the same query, as a control "
+        "experiment (no effect on queries of fewer than three views); false: each view has its own motion",
     )
 
 

@@ -39,42 +39,52 @@ class QueryView(ComponentConfig):
         match_only=True,
         gt=0,
         le=360,
-        description="horizontal field of view of queries (degrees), centred on their heading; all elevations are "
-        "visible; 360: the whole panorama",
+        description="horizontal field of view (degrees) of queries, centred on the heading of the camera; the view "
+        "shows all elevations; 360: the whole panorama",
     )
     query_focal: float | None = added(
         None,
         match_only=True,
         gt=0,
-        description="focal length of queries, divided by half the image width; a query is then one 4:3 perspective "
-        "view along its heading (1: 90 deg wide, 74 deg high; 2: 53 and 41; 3: 37 and 28); null: no perspective view",
+        description="focal length of queries, divided by half the image width. A query is then one perspective view "
+        "(4:3) along the heading of the camera (1: 90 deg wide, 74 deg high; 2: 53 and 41; 3: 37 and 28); null: "
+        "queries are panoramas",
     )
     query_noise: AnnotationNoise = added(
         AnnotationNoise(),
         match_only=True,
-        description="simulated errors in the annotations of queries; reference frames have none",
+        description="simulated errors in the annotations of queries; reference frames have no errors",
     )
     query_image: QueryImage = added(
-        QueryImage(), match_only=True, description="changes of the colour image of queries; reference frames have none"
+        QueryImage(),
+        match_only=True,
+        description="changes of the colour images of queries; the images of reference frames do not change",
     )
-    query_views: int = added(1, match_only=True, ge=1, le=100, description="number of views per query")
+    query_views: int = added(
+        1,
+        match_only=True,
+        ge=1,
+        le=100,
+        description="number of views per query; 1: the views that the dataset stores, usually one",
+    )
     query_motion: Literal["turned", "driven"] = added(
         "turned",
         match_only=True,
-        description="motion of the camera between the views of a query. turned: it turns to the left on the spot, by "
-        "60 % of the field of view per view; driven: it moves along a path, in datasets that have other views near "
-        "the query",
+        description="motion of the camera between the views of a query. turned: the camera turns to the left on the "
+        "spot, by 60 % of the field of view per view; driven: the camera moves along a path, which requires a dataset "
+        "with further views near the query (house, matterport-annotations, or a folder with sequences)",
     )
     query_odometry: OdometryErrors = added(
         OdometryErrors(),
         match_only=True,
-        description="simulated errors of the measured motion between the views of a query",
+        description="simulated errors of the motion that odometry measures between the views of a query",
     )
-    query_errors: Literal["stretch", "view"] = added(
-        "stretch",
+    query_errors: Literal["per-query", "per-view"] = added(
+        "per-query",
         match_only=True,
-        description="simulated detection errors of an object in the views of a query. stretch: the same errors in "
-        "all views of a walk; view: different errors in each view",
+        description="simulated detection errors of an object (by `query_noise` or the detector annotations) in the "
+        "views of a query. per-query: an object has the same errors in all views of the query; per-view: an object "
+        "has new errors in each view",
     )
 
 
@@ -179,7 +189,7 @@ def _with_motion(query: QueryFrame, config: Any, content: str) -> QueryFrame:
 def _load_view(view: QueryFrame, config: Any, query_id: str) -> Panorama:
     """Return the panorama of a view of a query, with the settings of QueryView applied."""
     panorama = view.load()
-    if config.query_errors == "stretch" and view.id != query_id and panorama.annotations is not None:
+    if config.query_errors == "per-query" and view.id != query_id and panorama.annotations is not None:
         panorama = replace(panorama, annotations=replace(panorama.annotations, error_id=query_id))
     return as_query(panorama, config)
 

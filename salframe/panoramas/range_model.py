@@ -20,7 +20,7 @@ from salframe.panoramas.panorama import Panorama
 
 
 class RangeModel(Role):
-    """Estimates the range of a panorama from its colour."""
+    """Estimates the range of a panorama from its colour image."""
 
     role = "range-model"
     needs: ClassVar[frozenset[str]] = frozenset({"rgb"})

@@ -19,20 +19,21 @@ RIGID_TOLERANCE = 1e-3
 
 
 class OdometryNoise(Settings):
-    """Errors of the motion between views, as odometry measures it."""
+    """Errors of the motion that odometry measures between the views of a query."""
 
     drift_share: float = Field(
         0.02,
         ge=0,
         le=1,
-        description="standard deviation of a travelled distance as measured by odometry, relative to the distance",
+        description="standard deviation of the position error of odometry along each horizontal axis, divided by the "
+        "travelled distance",
     )
     heading_drift_deg: float = Field(
         1.0,
         ge=0,
         le=180,
-        description="standard deviation of the change of heading from one view to the next, as measured by "
-        "odometry (degrees)",
+        description="standard deviation (degrees) of the error of odometry in the change of heading from one view to "
+        "the next",
     )
 
 

@@ -35,10 +35,14 @@ class DetectedObject(RequestBody):
     size_m: Annotated[list[_Size], Field(min_length=3, max_length=3)] | None = Field(
         None, description="length, width and height of the upright box in metres"
     )
-    yaw_deg: _Angle = Field(0.0, description="azimuth of the length of the box")
-    azimuth_deg: _Angle | None = Field(None, description="azimuth of an object without position")
-    elevation_deg: float | None = Field(None, ge=-90, le=90, description="elevation of an object without position")
-    solid_angle_sr: float | None = Field(None, ge=0, le=12.6, description="solid angle that the object covers")
+    yaw_deg: _Angle = Field(0.0, description="azimuth of the length of the box (degrees)")
+    azimuth_deg: _Angle | None = Field(None, description="azimuth (degrees) of an object without position")
+    elevation_deg: float | None = Field(
+        None, ge=-90, le=90, description="elevation (degrees) of an object without position"
+    )
+    solid_angle_sr: float | None = Field(
+        None, ge=0, le=12.6, description="solid angle (steradians) that the object covers"
+    )
 
     @model_validator(mode="after")
     def _check_position(self) -> Self:
@@ -56,10 +60,10 @@ class DetectedObject(RequestBody):
 class Motion(RequestBody):
     """The motion of the robot since the previous observation, in the frame of its base before the motion."""
 
-    x_m: float = Field(ge=-1000, le=1000, description="forward")
-    y_m: float = Field(0.0, ge=-1000, le=1000, description="to the left")
-    z_m: float = Field(0.0, ge=-1000, le=1000, description="upward")
-    yaw_deg: float = Field(0.0, ge=-3600, le=3600, description="counter-clockwise")
+    x_m: float = Field(ge=-1000, le=1000, description="motion forward in metres")
+    y_m: float = Field(0.0, ge=-1000, le=1000, description="motion to the left in metres")
+    z_m: float = Field(0.0, ge=-1000, le=1000, description="motion upward in metres")
+    yaw_deg: float = Field(0.0, ge=-3600, le=3600, description="rotation in degrees, counter-clockwise from above")
 
 
 class DetectionsQuery(RequestBody):
@@ -90,14 +94,14 @@ class CovarianceBody(BaseModel):
     frame: Literal["world"]
     axes: list[str] = Field(description="axes of rows and columns: metres, and radians about the axes of the world")
     estimated: list[str]
-    matrix: list[list[float]] = Field(description="6 x 6")
+    matrix: list[list[float]] = Field(description="6 x 6 covariance matrix")
 
 
 class RankedPlaceBody(BaseModel):
     """A candidate place."""
 
     place: str
-    frame: str = Field(description="best reference frame of the place")
+    frame: str = Field(description="id of the best reference frame of the place")
     score: float
     probability: float | None
 
@@ -130,19 +134,29 @@ class AnswerBody(BaseModel):
     """The answer to a query."""
 
     status: str = Field(description="ok, no-pose, or why the query was not localized")
-    accepted: bool | None = Field(description="whether a program should use the answer; null: no probabilities")
-    places: list[RankedPlaceBody] = Field(description="best first")
+    accepted: bool | None = Field(
+        description="whether a program should use the answer; null: the answer has no probabilities"
+    )
+    places: list[RankedPlaceBody] = Field(description="candidate places, best first")
     out_of_map_probability: float | None
     pose: PoseBody | None
-    T_world_query: list[list[float]] | None = Field(description="4 x 4")
+    T_world_query: list[list[float]] | None = Field(
+        description="pose as a 4 x 4 matrix, translation in metres; null: unknown"
+    )
     covariance: CovarianceBody | None
     heading_deg: float | None
     notes: list[str]
     map_version: str
-    seconds: float = Field(description="time of the computation")
-    objects: list[QueryObject] | None = Field(None, description="with ?objects=true")
-    edges: list[list[int]] | None = Field(None, description="pairs of objects in context, with ?objects=true")
-    picture: str | None = Field(None, description="the image as the server placed it, a data URL; with ?picture=true")
+    seconds: float = Field(description="computation time in seconds")
+    objects: list[QueryObject] | None = Field(
+        None, description="detected objects of the query; only with ?objects=true"
+    )
+    edges: list[list[int]] | None = Field(
+        None, description="pairs of indices of objects that an edge connects; only with ?objects=true"
+    )
+    picture: str | None = Field(
+        None, description="data URL of the image, placed on the sphere as a panorama; only with ?picture=true"
+    )
 
 
 class StartPose(RequestBody):
@@ -150,8 +164,8 @@ class StartPose(RequestBody):
 
     x_m: _Metres
     y_m: _Metres
-    z_m: _Metres = Field(0.0, description="height of the camera or of the floor")
-    yaw_deg: _Angle | None = Field(None, description="heading; null: unknown")
+    z_m: _Metres = Field(0.0, description="height (m) of the camera or of the floor")
+    yaw_deg: _Angle | None = Field(None, description="heading in degrees; null: unknown")
 
 
 class RouteStart(RequestBody):
@@ -159,7 +173,9 @@ class RouteStart(RequestBody):
 
     pose: StartPose | None = None
     place: str | None = Field(None, max_length=MAX_NAME, description="name of a place or node")
-    frame: str | None = Field(None, max_length=MAX_NAME, description="reference frame of an answer without pose")
+    frame: str | None = Field(
+        None, max_length=MAX_NAME, description="id of the reference frame of an answer without pose"
+    )
 
     @model_validator(mode="after")
     def _check_one(self) -> Self:
@@ -196,8 +212,8 @@ class RouteStepBody(BaseModel):
     to: str | None
     length_m: float
     azimuth_deg: float
-    turn_deg: float | None = Field(description="positive to the left; null: unknown heading")
-    say: str = Field(description="the step in words")
+    turn_deg: float | None = Field(description="turn in degrees, positive to the left; null: the heading is unknown")
+    say: str = Field(description="instruction for the step in words")
 
 
 class RouteBody(BaseModel):
@@ -213,7 +229,7 @@ class SessionBody(BaseModel):
     """A new session."""
 
     id: str
-    idle_s: float = Field(description="the session ends after this time without observations")
+    idle_s: float = Field(description="time in seconds without observations after which the session ends")
 
 
 class BeliefBody(BaseModel):
@@ -222,9 +238,11 @@ class BeliefBody(BaseModel):
     status: str = Field(description="tracking, lost, or out-of-map")
     place: str | None
     pose: PoseBody | None
-    T_world_base: list[list[float]] | None = Field(description="4 x 4")
+    T_world_base: list[list[float]] | None = Field(
+        description="pose as a 4 x 4 matrix, translation in metres; null: unknown"
+    )
     covariance: CovarianceBody | None
-    t_s: float | None = Field(description="time of the last observation")
+    t_s: float | None = Field(description="time of the last observation in seconds; null: no observation")
     observations: int
     places: list[RankedPlaceBody] = Field(description="candidate places of the last answer")
 
@@ -239,7 +257,9 @@ class ObservationBody(BaseModel):
 class HealthBody(BaseModel):
     """Whether the service runs."""
 
-    status: Literal["ok", "stale"] = Field(description="stale: the changed map could not be opened")
+    status: Literal["ok", "stale"] = Field(
+        description="ok: the map is up to date; stale: the map file has changed and could not be opened"
+    )
     version: str = Field(description="version of salframe")
 
 

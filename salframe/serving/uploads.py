@@ -63,15 +63,28 @@ class ServedQuery:
 class UploadFields(Settings):
     """The text fields of a multipart query. Images are in the file fields `image` and `range`."""
 
-    range_unit_m: float = Field(MILLIMETRE, gt=0, description="metres per step of the range image")
-    range_missing: list[int] = Field([], max_length=20, description="values of the range image without a reading")
+    range_unit_m: float = Field(
+        MILLIMETRE, gt=0, description="length (m) of one unit of the range image (0.001: the values are in millimetres)"
+    )
+    range_missing: list[int] = Field(
+        [],
+        max_length=20,
+        description="list of the values of the range image that mean an unknown range, in addition to 0",
+    )
     range_kind: RangeKind | None = Field(
         None,
-        description="ray: along the ray; z: along the optical axis; cube: along the axis of the cube face; by "
-        "default z for photographs, ray for panoramas",
+        description="quantity that the range image contains. ray: distance along the ray; z: depth along the optical "
+        "axis; cube: depth along the axis of the cube face that shows the pixel; null: z for photographs, ray for "
+        "panoramas",
     )
-    fov_deg: float | None = Field(None, description="horizontal field of view of a photograph of a level camera")
-    camera: CameraFile | None = Field(None, description="calibrated camera of a photograph, JSON as in camera files")
+    fov_deg: float | None = Field(
+        None,
+        description="horizontal field of view (degrees) of a photograph by a level camera; null: the image is a "
+        "panorama, or `camera` is set",
+    )
+    camera: CameraFile | None = Field(
+        None, description="calibration of the camera of a photograph, as JSON in the format of camera files"
+    )
 
 
 class ObservationFields(UploadFields):

@@ -52,7 +52,7 @@ def _straight(leg: MapEdge) -> np.ndarray:
 
 
 class Planner(Role):
-    """Plans routes on a topological map."""
+    """Plans routes between the nodes of a topological map."""
 
     role = "planner"
 

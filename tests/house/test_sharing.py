@@ -44,7 +44,7 @@ OTHERS = {
     "query_views": 2,
     "query_motion": "driven",
     "query_odometry": {"drift_share": 0.1},
-    "query_errors": "view",
+    "query_errors": "per-view",
     "query_tilt_deg": 8.0,
     "query_height_m": 1.0,
     "signs": True,

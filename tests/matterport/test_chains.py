@@ -113,7 +113,7 @@ def test_an_object_has_one_simulated_error_in_all_views_of_a_query(row):
         return drawn
 
     assert all(len(set(of_object)) == 1 for of_object in labels(noise))
-    assert any(len(set(of_object)) > 1 for of_object in labels(noise | {"query_errors": "view"}))
+    assert any(len(set(of_object)) > 1 for of_object in labels(noise | {"query_errors": "per-view"}))
 
 
 def test_a_share_of_the_viewpoints_is_the_map_of_all_queries(row):

@@ -94,8 +94,8 @@ def test_listed_objects_turn_with_the_camera():
     assert not first.labels
 
 
-@pytest.mark.parametrize(("errors", "ids"), [("stretch", {"q"}), ("view", {"q", "q/1-before", "q/2-before"})])
-def test_views_of_a_stretch_have_one_draw_of_errors(errors, ids):
+@pytest.mark.parametrize(("errors", "ids"), [("per-query", {"q"}), ("per-view", {"q", "q/1-before", "q/2-before"})])
+def test_errors_per_query_are_equal_in_all_views(errors, ids):
     query = replace(query_frames()[0], id="q", load=lambda: replace(query_frames()[0].load(), id="q"))
     frame = views_of(query, query_fov_deg=90, query_views=3, query_errors=errors)
     assert {view.load().error_id for view in frame.views} == ids

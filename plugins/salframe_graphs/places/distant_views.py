@@ -18,22 +18,24 @@ _MOTIONS = "T_last_group"
 
 
 class DistantViews(Settings):
-    """Settings for matching views that were taken far apart, in a map without floor masks."""
+    """Settings for the views of a query that were taken far apart, in a map without floor masks."""
 
     near_m: float = Field(
         2.5,
         ge=0,
-        description="maximum distance (m) of a view from the last view of its group of views; a group is assumed to be "
-        "in one place",
+        description="maximum distance (m) between a view and the last view of its group. The views of a query are "
+        "divided into groups, and each group is assumed to be in one place",
     )
     window_m: float = Field(
         5.0,
         gt=0,
-        description="maximum distance (m) from the frames of a place to the objects that distant views are compared "
-        "with",
+        description="maximum distance (m) of an object of the map from the reference frames of a place, if it is "
+        "compared with views that were taken far from the last view",
     )
     same_place_m: float = Field(
-        2.0, gt=0, description="distance (m) at which two views are in the same place with a probability of 1/e"
+        2.0,
+        gt=0,
+        description="distance (m) between two views at which the probability that they are in the same place is 1/e",
     )
 
 

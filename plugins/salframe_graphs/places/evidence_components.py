@@ -46,18 +46,25 @@ class ObjectHypotheses(PlaceHypotheses):
 
 
 class LikelihoodEvidence(EvidenceModel):
-    """Log likelihood ratio of the query's objects at the best pose in the place: column `likelihood`.
+    """Log likelihood ratio of the objects of the query at the best pose in the place, in the column `likelihood`.
 
-    The column `bearing_likelihood` has it instead where no object of the query has a range.
+    The ratio compares two explanations of the objects: they are objects of the place, or they are objects that are not
+    in the map. If no object of the query has a range, the value is in the column `bearing_likelihood` instead, and
+    `likelihood` is 0.
     """
 
     name = "likelihood"
     version = "1"
     columns = (
         EvidenceColumn(
-            "likelihood", "log likelihood ratio (nats) of the query's objects, at the best pose in the candidate place"
+            "likelihood",
+            "log likelihood ratio (nats) of the objects of the query, at the best pose in the candidate place",
         ),
-        EvidenceColumn("bearing_likelihood", "same log likelihood ratio (nats) of a query without range"),
+        EvidenceColumn(
+            "bearing_likelihood",
+            "log likelihood ratio (nats) of the objects of the query, at the best pose in the candidate "
+            "place, if no object has a range",
+        ),
     )
     uses_pose = True
 
@@ -69,9 +76,11 @@ class LikelihoodEvidence(EvidenceModel):
 
 
 class OutlineEvidence(EvidenceModel):
-    """Log likelihood ratio of the outline of the free space above the furniture: column `outline`.
+    """Log likelihood ratio of the outline of free space at the best pose in the place, in the column `outline`.
 
-    The outline is stored in the map, 144 bytes a frame. It also limits the distance at which objects should be seen.
+    The outline is the distance to the nearest surface above the furniture, in each direction. The ratio is large if the
+    outline of the query agrees with the outlines of the place. The outline takes 144 bytes for each frame of the map.
+    It also limits the distance up to which objects should be visible.
     """
 
     name = "outline"
@@ -125,7 +134,7 @@ class OutlineEvidence(EvidenceModel):
 
 
 class PanoramaEvidence(EvidenceModel):
-    """Best score of the matches with the single panoramas of the place: column `panorama`."""
+    """Best score of the matches of the query with the single panoramas of the place, in the column `panorama`."""
 
     name = "panorama"
     version = "1"
@@ -149,13 +158,17 @@ class PanoramaEvidence(EvidenceModel):
 
 
 class LabelEvidence(EvidenceModel):
-    """Labels of query and place, rare ones count more: columns `detected_labels` and `labels_shared`."""
+    """Labels that query and place have in common, in the columns `detected_labels` and `labels_shared`.
+
+    Rare labels count more.
+    """
 
     name = "labels"
     version = "1"
     columns = (
         EvidenceColumn(
-            "detected_labels", "share of the query's labels that the candidate place has; rare labels count more"
+            "detected_labels",
+            "share of the query's labels (0 to 1) that the candidate place has; rare labels count more",
         ),
         EvidenceColumn(
             "labels_shared", "Jaccard index of the labels of query and candidate place; rare labels count more"

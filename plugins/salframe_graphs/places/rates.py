@@ -15,56 +15,59 @@ SHIPPED = Path(__file__).with_name("fitted.yaml")
 
 
 class Rates(Settings):
-    """Errors of a detector between two panoramas of a place: ten scalars for all labels together."""
+    """Errors of a detector between two panoramas of one place: ten numbers, which hold for all labels."""
 
     label_agreement: float = Field(
-        gt=0, lt=1, description="probability that a detected object has the same label as in the map"
+        gt=0, lt=1, description="probability (0 to 1) that a detected object has the same label as in the map"
     )
     position_error_m: float = Field(
-        gt=0, description="standard deviation (m) of the position of a detected object along each axis, at range 0"
+        gt=0,
+        description="standard deviation (m) of the position of a detected object along each axis, if its range is 0",
     )
     range_error_share: float = Field(
         ge=0,
-        description="standard deviation of the range of a detected object, relative to the range, in addition to "
-        "the constant position error",
+        description="standard deviation of the range of a detected object divided by its range, an independent error "
+        "in addition to `position_error_m`",
     )
     height_error_m: float = Field(
-        gt=0, description="standard deviation (m) of the height of an object's centroid above the camera"
+        gt=0,
+        description="standard deviation (m) of the height of the centroid of a detected object, relative to the camera",
     )
     length_error_log: float = Field(
-        gt=0, description="standard deviation of the natural logarithm of the length of an object's box"
+        gt=0, description="standard deviation of ln(length of the box of a detected object)"
     )
     box_height_error_log: float = Field(
-        gt=0, description="standard deviation of the natural logarithm of the height of an object's box"
+        gt=0, description="standard deviation of ln(height of the box of a detected object)"
     )
     detection_logit: float = Field(
-        description="log-odds that an object is detected from a distance of 2 m, if its saliency is average and one "
-        "panorama of the map shows it"
+        description="log-odds ln(p / (1 - p)) of the probability p that an object is detected again from a distance "
+        "of 2 m, if its saliency is average and one panorama of the map shows it"
     )
     detection_per_saliency: float = Field(
-        description="change of the log-odds of the detection of an object per unit of ln(saliency / average saliency)"
+        description="change of the log-odds of detection (see `detection_logit`) per unit of ln(saliency of the "
+        "object / average saliency)"
     )
     detection_per_distance: float = Field(
-        description="change of the log-odds of the detection of an object per unit of ln(distance from the camera)"
+        description="change of the log-odds of detection of an object per unit of ln(distance from the camera)"
     )
     clutter: float = Field(
         gt=0,
-        description="rate of clutter: number of query objects without a counterpart in the place, divided by the "
-        "number of objects of the place",
+        description="number of query objects that are not in the map (clutter), divided by the number of objects of "
+        "the place",
     )
 
 
 class BearingErrors(Settings):
-    """Constants of the likelihood of query objects without range."""
+    """Constants of the likelihood of query objects that have no range."""
 
     bearing_error_rad: float = Field(
-        0.016, gt=0, description="standard deviation (rad) of each component of the bearing of an object"
+        0.016, gt=0, description="standard deviation (rad) of the direction of an object, horizontally and vertically"
     )
     horizontal_error_m: float = Field(
         0.04,
         ge=0,
-        description="standard deviation (m) of the horizontal position of an object across the bearing, in addition "
-        "to the error of the bearing and of the map",
+        description="standard deviation (m) of the horizontal position of an object perpendicular to its direction, "
+        "in addition to the errors of its direction and of the map",
     )
     vertical_error_m: float = Field(
         0.05,
@@ -75,78 +78,85 @@ class BearingErrors(Settings):
     side_error_share: float = Field(
         0.09,
         ge=0,
-        description="standard deviation of the position of the visible centre of an object, divided by the mean side "
-        "of its box; the visible part changes with the viewpoint",
+        description="standard deviation of the centre of the visible part of an object, divided by the mean side of "
+        "its box; the visible part changes with the viewpoint",
     )
     size_error_log: float = Field(
-        0.7, gt=0, description="standard deviation of ln(solid angle) of an object of known size and distance"
+        0.7, gt=0, description="standard deviation of ln(solid angle) of an object, if its size and distance are known"
     )
     size_bias_log: float = Field(
         -0.3,
-        description="mean of ln(solid angle) of an object, relative to that of its box from a random side; "
-        "negative because parts are hidden",
+        description="mean of ln(solid angle of the object / solid angle of its box from a random side); negative "
+        "because parts of objects are hidden",
     )
     size_span_log: float = Field(
         5.0,
         gt=0,
-        description="length of the interval of ln(solid angle) over which the solid angles of clutter are uniform",
+        description="length of the interval of ln(solid angle) in which the values of clutter (query objects that are "
+        "not in the map) are uniformly distributed",
     )
     clutter_solid_angle_sr: float = Field(
-        7.5, gt=0, description="solid angle (sr) over which the bearings of clutter are uniform"
+        7.5,
+        gt=0,
+        description="solid angle (sr) in which the directions of clutter (query objects that are not in the map) "
+        "are uniformly distributed",
     )
     detection_logit: float = Field(
-        -0.76, description="log-odds of the detection of an object to which `rates` give the log-odds 0"
+        -0.76, description="log-odds of detection of an object from a distance of 2 m, if `rates` give the log-odds 0"
     )
     detection_per_logit: float = Field(
         1.62,
-        description="change of the log-odds of the detection of an object per unit of its log-odds by the rates "
-        "of the detector, at a distance of 2 m",
+        description="factor that multiplies the log-odds of detection that `rates` give for a distance of 2 m; "
+        "`detection_logit` is added",
     )
     detection_per_distance: float = Field(
-        -1.09,
-        description="change of the log-odds of the detection of an object per unit of ln(distance from the camera)",
+        -1.09, description="change of the log-odds of detection of an object per unit of ln(distance from the camera)"
     )
 
 
 class Likelihood(Settings):
-    """Constants of the likelihood that are independent of the detector."""
+    """Constants of the likelihood that do not depend on the detector."""
 
     detection_per_sighting: float = Field(
         0.5,
-        description="change of the log-odds of the detection of an object per unit of ln(number of panoramas of "
-        "the map that show it)",
+        description="change of the log-odds of detection of an object per unit of ln(number of panoramas of the map "
+        "that show it)",
     )
     area_m2: float = Field(
         60.0,
         gt=0,
-        description="floor area (m2) over which the positions of clutter (query objects without an object in the "
-        "map) are uniform",
+        description="floor area (m2) in which the positions of clutter (query objects that are not in the map) are "
+        "uniformly distributed",
     )
     height_span_m: float = Field(
         2.5,
         gt=0,
-        description="interval of heights (m) over which the heights of clutter (query objects without an object "
-        "in the map) are uniform",
+        description="length (m) of the interval in which the heights of clutter (query objects that are not in the "
+        "map) are uniformly distributed",
     )
     size_span_log: float = Field(
         2.5,
         gt=0,
-        description="length of the interval of ln(size) over which the sizes of clutter (query objects without an "
-        "object in the map) are uniform",
+        description="length of the interval of ln(box length) and of ln(box height) in which the values of clutter "
+        "(query objects that are not in the map) are uniformly distributed",
     )
     unplaced_share: float = Field(
-        0.33, gt=0, le=1, description="factor on the odds of each object if no pose in the place is assumed"
+        0.33,
+        gt=0,
+        le=1,
+        description="factor (0 to 1) that multiplies the odds that an object of the query is an object of the place, "
+        "if no pose in the place is assumed",
     )
     scale_error: float = Field(
         0.1,
         gt=0,
-        description="standard deviation of true range / measured range, which is the same for all objects of a query",
+        description="standard deviation of true range / measured range; all objects of a query have the same ratio",
     )
     camera_height_error_m: float = Field(
         0.15,
         gt=0,
-        description="standard deviation (m) of the camera height of a query around its expected value; the method "
-        "estimates this height if the query has no range",
+        description="standard deviation (m) of the difference between the true and the expected camera height of a "
+        "query; the method estimates this height if the query has no range",
     )
     bearings: BearingErrors = Field(BearingErrors(), description="constants for query objects without range")
 

@@ -43,56 +43,64 @@ def _fill_weights(value: Any, info: ValidationInfo) -> Any:
 
 
 class PlacesConfig(GraphLocalizerConfig, PanoramaScoresConfig):
-    """Settings of `saliency-places`."""
+    """Settings of the localizer `saliency-places`."""
 
     evidence: slots(  # type: ignore[valid-type]
         "evidence",
         ("likelihood", "outline", "panorama", "labels"),
-        "evidence for a place, whose columns are weighed by `weights`; some of it is stored in the map",
+        "list of the kinds of evidence for a place. Each kind computes one or more numbers (columns), "
+        "whose weights are in `weights`. Some kinds store data in the map",
     )
     rates: Annotated[Rates, BeforeValidator(partial(_over_shipped, "rates", shipped_rates))] = Field(
         default_factory=shipped_rates,
-        description="mapping with the error rates of the detector, or a file written by `salframe fit`",
+        description="mapping with the error rates of the detector, or the path of a file written by `salframe fit`",
         json_schema_extra={"match_only": True},
     )
     weights: Annotated[dict[str, float], BeforeValidator(_fill_weights)] = Field(
         default_factory=lambda: {**shipped_weights()},
-        description="mapping from each column of `evidence` to its weight in the score of a place, or a file written "
-        "by `salframe fit`",
+        description="mapping from each column of `evidence` to its weight in the score of a place, or the path of a "
+        "file written by `salframe fit`",
         json_schema_extra={"match_only": True},
     )
     likelihood: Likelihood = match_only(
-        Likelihood(), description="constants of the likelihood of a query that are independent of the detector"
+        Likelihood(), description="constants of the likelihood of a query that do not depend on the detector"
     )
     posterior: Annotated[Posterior | None, BeforeValidator(partial(_over_shipped, "posterior", shipped_posterior))] = (
         Field(
             default_factory=shipped_posterior,
-            description="parameters that convert scores to probabilities, or a file written by `salframe fit`; the "
-            "default never answers out-of-map (to enable: max_out_of_map_probability=0.5); null: no probabilities",
+            description="parameters that convert scores to probabilities, or the path of a file written by `salframe "
+            "fit`; the default never answers out-of-map (to enable: max_out_of_map_probability=0.5); null: answers "
+            "have no probabilities",
             json_schema_extra={"match_only": True},
         )
     )
     candidates: int = match_only(
         100,
         ge=1,
-        description="maximum number of places that are matched object by object, the best ones of the scene index",
+        description="maximum number of places whose objects are compared with the query one by one; the scene index "
+        "selects the places",
     )
     scene_index: slot(  # type: ignore[valid-type]
-        "scene-index", "by-size", match_only=True, description="index that selects candidates"
+        "scene-index",
+        "by-size",
+        match_only=True,
+        description="index that selects the places to compare, in a map with more than `candidates` places",
     )
     merged: bool = match_only(
         True,
-        description="true: the panoramas of a place are merged into one graph; false: each panorama has its own graph",
+        description="true: the objects of all panoramas of a place are merged into one graph; false: each panorama "
+        "has its own graph",
     )
     pose: bool = match_only(
         True,
-        description="true: the answer has the estimated pose; false: it has the pose of the nearest reference frame",
+        description="true: the answer has the estimated pose; false: the answer has the pose of the reference frame "
+        "nearest to the estimated pose",
     )
-    poses: int = match_only(3, ge=1, description="maximum number of pose hypotheses that are refined in each place")
+    poses: int = match_only(3, ge=1, description="maximum number of candidate poses that are refined in each place")
     distant_views: DistantViews = added(
         DistantViews(),
         match_only=True,
-        description="how views of a query that were taken far apart are matched in a map without floor masks",
+        description="settings for views of a query that were taken far apart, in a map without floor masks",
     )
 
     @model_validator(mode="before")

@@ -41,9 +41,10 @@ class _Choice(Settings):
 
 
 class BySize(SceneIndex):
-    """Uses compiled-lists for a map of over 10,000 scenes if numba is installed, otherwise inverted-lists.
+    """Uses `compiled-lists` for a map of over 10,000 reference frames, and `inverted-lists` for other maps.
 
-    Both have their default settings. The selection is made when the map is built.
+    Without numba, `inverted-lists` is used for all maps. Both indexes have their default settings. The index is chosen
+    when the map is built.
     """
 
     name = "by-size"

@@ -36,10 +36,11 @@ _HEIGHT_M = CODE_LOW[0] + CODE_STEP * np.arange(256)
 
 
 class CompiledLists(SceneIndex):
-    """Ranks scenes as inverted-lists does, then re-ranks the best 2,000 by the objects consistent with one pose.
+    """Ranks reference frames as `inverted-lists` does, then re-ranks the best 2,000 by the positions of objects.
 
-    Two objects of the query and two of the scene give a pose; the best pose of each scene determines its score. This
-    index is for maps of over 10,000 scenes. numba compiles it when a map is built or opened.
+    A pose is computed from two objects of the query and two objects of the frame. It is scored by the objects that
+    coincide under the pose. The best pose of each frame determines its score. This index is for maps of over 10,000
+    reference frames. Its code is compiled by numba when a map is built or opened.
     """
 
     name = "compiled-lists"
@@ -51,16 +52,19 @@ class CompiledLists(SceneIndex):
         tolerance_m: float = match_only(
             0.3,
             gt=0,
-            description="maximum distance (m), at range 0, between the positions of one object in query and scene",
+            description="maximum distance (m) between an object of the query and an object of the frame that "
+            "coincide, for objects at the range 0",
         )
         tolerance_share: float = match_only(
             0.05,
             ge=0,
-            description="increase of the maximum distance between the positions of one object in query and scene, per "
-            "metre of range",
+            description="increase of this maximum distance with the ranges a and b of the two objects, per metre "
+            "of sqrt(a^2 + b^2)",
         )
         max_shift_m: float = match_only(
-            6.0, gt=0, description="maximum distance (m) between a query and the panorama of its scene"
+            6.0,
+            gt=0,
+            description="maximum distance (m) between the query and the reference frame that it is compared with",
         )
 
     def build(self, graphs: Iterable[SaliencyGraph], folder: Path) -> None:

@@ -17,10 +17,10 @@ from salframe_graphs.retrieval.scoring import best_scenes
 
 
 class InvertedLists(SceneIndex):
-    """Ranks scenes by the Jaccard index of their objects and the query's, weighted by the rarity of labels.
+    """Ranks reference frames by a Jaccard index of their objects and the objects of the query. Rare labels count more.
 
-    An object counts in the intersection with its similarity (in height, box length and box height) to the most similar
-    object with the same label.
+    Each object counts as its similarity to the most similar object with the same label. The similarity compares height,
+    box length and box height.
     """
 
     name = "inverted-lists"
@@ -28,12 +28,12 @@ class InvertedLists(SceneIndex):
 
     class Config(ComponentConfig):
         height_scale_m: float = match_only(
-            0.2, gt=0, description="difference in height (m) at which the similarity of two objects is halved"
+            0.2, gt=0, description="difference in height (m) of two objects at which their similarity is halved"
         )
         size_scale: tuple[float, float] = match_only(
             (0.8, 0.5),
-            description="the similarity of two objects is halved if the logarithm of the ratio of their box lengths is "
-            "the first value, or that of their box heights the second",
+            description="scales of the differences in size: the similarity of two objects is halved if ln(ratio of "
+            "their box lengths) is the first value, and halved if ln(ratio of their box heights) is the second value",
         )
 
     def build(self, graphs: Iterable[SaliencyGraph], folder: Path) -> None:

@@ -58,10 +58,10 @@ class Study(Settings):
         None, description="name of the dataset, or a list of names; null: the default dataset"
     )
     seeds: tuple[int, ...] = Field(
-        (), description="list of the values of data.seed whose results are pooled in one row"
+        (), description="list of values of data.seed; the results of all of them are pooled in one row"
     )
     set: dict[str, Any] = Field(
-        {}, description="mapping from dotted keys to values: settings that all rows of the table have"
+        {}, description="mapping from dotted keys to values: the settings of all rows of the table"
     )
     vary: dict[str, tuple[Any, ...]] = Field(
         {},

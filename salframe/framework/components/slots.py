@@ -50,7 +50,9 @@ def slot(
 
     order = auto_order(role)
     auto_description = (
-        f"{AUTO}: the first of {', '.join(order)} that can run on this machine and on the data" if order else None
+        f"{role}. {AUTO}: the first of {', '.join(order)} that can run on this machine and on the data"
+        if order
+        else None
     )
     field = Field(
         default_factory=lambda: None if optional and default is None else {"kind": kind()},

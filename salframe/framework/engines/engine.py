@@ -14,7 +14,7 @@ from salframe.framework.errors import WorkerDied
 
 
 class Engine(Role):
-    """Runs independent work items in this process, in worker processes, or on several machines.
+    """Runs independent jobs (work items) in this process, in worker processes, or on several machines.
 
     Work items are frames to render, frames to describe, and parts of the queries of a method. The setting `workers`, if
     an engine has it, is the number of worker processes.

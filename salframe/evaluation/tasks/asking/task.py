@@ -43,9 +43,13 @@ class AskingOptions(TaskOptions):
     """Options of a study of descriptions."""
 
     labels: tuple[NumLabels, ...] = Field(
-        (3,), min_length=1, description="list of the numbers of labels of a description; each is a row of the table"
+        (3,),
+        min_length=1,
+        description="list of numbers of object labels in a description; each number is a row of the table",
     )
-    wrong_share: float = Field(0.1, ge=0, le=1, description="probability that a label is replaced by a random one")
+    wrong_share: float = Field(
+        0.1, ge=0, le=1, description="probability (0 to 1) that a label is replaced by a random label"
+    )
 
 
 class _SavedAsking(Settings):

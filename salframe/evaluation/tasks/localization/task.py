@@ -63,8 +63,9 @@ class LocalizationOptions(TaskOptions):
 
     views: tuple[Fusion, ...] = Field(
         (),
-        description="list of the ways to get one answer from several views of a query (joined, product, surest); "
-        "each is a row of the table",
+        description="list of ways to compute one answer from several views of a query. joined: the objects of all "
+        "views are joined; product: the probabilities of the answers to the single views are multiplied; surest: the "
+        "most probable answer to a single view. Each entry is a row of the table",
     )
 
 

@@ -40,12 +40,15 @@ class NavigationOptions(TaskOptions):
     """Options of a navigation study."""
 
     episodes: NumEpisodes | str = Field(
-        100, description="number of random episodes in each dataset, or BENCHMARK:SPLIT, such as reverie:val_seen"
+        100,
+        description="number of random episodes in each dataset, or BENCHMARK:SPLIT, such as reverie:val_seen, to "
+        "run the episodes of a benchmark",
     )
     positioning: Positioning = Field(
         Positioning.ON,
-        description="whether the agent uses its estimated pose: on, off, both (one agent each), or all (both, and "
-        "an agent that knows its true place)",
+        description="agents that run for each method. on: an agent that uses the estimated pose; off: an agent that "
+        "uses the estimated place and odometry only; both: one agent of each kind; all: both, and an agent that knows "
+        "its true place",
     )
 
     @property

@@ -60,7 +60,7 @@ class ScaleOptions(TaskOptions):
     """Options of a scale study."""
 
     scenes: tuple[NumScenes, ...] = Field(
-        min_length=1, description="list of map sizes, each a number of scenes; each is a row of the table"
+        min_length=1, description="list of map sizes, in numbers of reference frames; each size is a row of the table"
     )
 
 

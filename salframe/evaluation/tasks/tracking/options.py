@@ -30,33 +30,36 @@ class Observed(StrEnum):
 
 
 class Belief(Settings):
-    """A belief on the pose of the camera."""
+    """A way to estimate the pose of the camera from answers and odometry."""
 
-    tracker: slot("tracker", description="tracker that makes the belief")  # type: ignore[valid-type]
+    tracker: slot("tracker", description="tracker that estimates the pose of the camera")  # type: ignore[valid-type]
     answers: Observed = Field(
         Observed.ALL,
-        description="answers that the belief is made from. all: the tracker observes every answer; latest: the place "
-        "and pose of the latest answer, without a tracker; first: the tracker observes only the first answer with a "
-        "pose, and then moves by odometry",
+        description="answers that the pose is estimated from. all: the tracker receives every answer; latest: place "
+        "and pose of the latest answer, without a tracker; first: the tracker receives only the first answer with a "
+        "pose, and then follows odometry",
     )
 
 
 class TrackingOptions(TaskOptions):
     """Options of a tracking study."""
 
-    walks: NumWalks = Field(50, description="number of random walks in each dataset")
+    walks: NumWalks = Field(50, description="number of random walks of the camera in each dataset")
     views: tuple[NumViews, ...] = Field(
         (NUM_VIEWS,),
         min_length=1,
-        description="list of the numbers of the latest views that are localized together; each is a row of the table",
+        description="list of numbers of views. For each number, this many of the latest views are localized together; "
+        "each number is a row of the table",
     )
     odometry: dict[str, OdometryErrors] = Field(
         {"2 % and 1 degree a step": OdometryErrors()},
         min_length=1,
-        description="mapping from names to errors of the measured motion; each is a row of the table",
+        description="mapping from row names to simulated errors of the measured motion; each entry is a row of the "
+        "table",
     )
     beliefs: dict[str, Belief] = Field(
         default_factory=lambda: {"tracker": Belief.model_validate({})},
         min_length=1,
-        description="mapping from names to beliefs that are made from the same answers; each is a row of the table",
+        description="mapping from row names to ways to estimate the pose from the same answers; each entry is a row "
+        "of the table",
     )
