@@ -40,7 +40,7 @@ def list_walks(arms: Sequence[Arm], views: Sequence[NavigationView]) -> list[dic
     """
     walks = []
     for run, view in enumerate(views):
-        plans = {id: Plan(map) for id, map in view.maps.items()}
+        plans = {id: WalkPlan(map) for id, map in view.maps.items()}
         episodes = {
             str(number): [
                 _episode(row, plans[row.world])
@@ -57,14 +57,14 @@ def list_walks(arms: Sequence[Arm], views: Sequence[NavigationView]) -> list[dic
     return walks
 
 
-def _episode(row: EpisodeRow, plan: Plan) -> dict[str, Any]:
+def _episode(row: EpisodeRow, plan: WalkPlan) -> dict[str, Any]:
     """Return the fields of an episode that a page shows, with positions in centimetre precision."""
     path = [plan.point(one, 2) for one in row.path or ()]
     believed = [None if one is None else plan.point(one, 2) for one in row.believed or ()]
     return {**row.model_dump(include=SHOWN), "path": path, "believed": believed}
 
 
-class Plan:
+class WalkPlan:
     """A map seen from above, with its floors beside each other."""
 
     def __init__(self, map: TopologicalMap) -> None:
