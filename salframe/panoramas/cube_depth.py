@@ -20,7 +20,8 @@ LEVEL_SHARE = 0.02
 def is_cube_depth(range_m: np.ndarray) -> bool:
     """Return whether the values of a range image look like depth along the axes of cube faces.
 
-    The floor on the face below the camera then has one depth, and a floor in ranges along the ray has one height.
+    The face below the camera decides. If the values are such depths, the floor has the same value everywhere. If they
+    are ranges along the ray, the floor has the same height everywhere.
 
     Args:
         range_m: (H, 2H) ranges in any unit; values that are not finite or not positive are unknown.

@@ -41,7 +41,9 @@ Pose = Field(None, min_length=16, max_length=16, description="T_world_pano, 4 x 
 
 
 class RangeKeys(Settings):
-    """Encoding of range images in the manifest: of one frame, or of all frames without these keys. None: not declared.
+    """Keys of the manifest that declare the encoding of range images.
+
+    They may be in the entry of a frame, or at the top level for all frames without them. None: not declared.
 
     Attributes:
         range_unit_m: Metres per step.
@@ -224,7 +226,7 @@ def image_names(stem: str, parts: Iterable[str]) -> dict[str, Any]:
 
     Args:
         stem: The beginning of all names.
-        parts: The parts of the panorama, of "rgb", "range", "annotations" and "valid".
+        parts: The parts of the panorama, a subset of {"rgb", "range", "annotations", "valid"}.
     """
     selected = set(parts)
     return {key: stem + ending for name, (key, ending) in WRITTEN_AS.items() if name in selected}
@@ -271,11 +273,10 @@ def write_manifest(
     Args:
         root: The folder.
         frames: Entries of all frames.
-        truth: Truth of the queries by id. Where it is empty, no truth file is written: the folder can be localized in,
-            and it cannot be evaluated.
+        truth: Truth of the queries by id. If it is empty, no truth file is written, and evaluation is not possible.
         objects: Name of the table of objects.
         floors: Entries of the floors.
-        rendered: As in Annotations.
+        rendered: Whether annotations and ranges come from a renderer and are free of errors.
         odometry: Name of the CSV file with the poses of the views of sequences over time.
     """
     if truth:

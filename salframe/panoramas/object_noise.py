@@ -14,7 +14,7 @@ from salframe.panoramas.geometry import pose_2d, transform_points
 from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
 
 MIN_FACTOR = 0.1
-"""Minimum factor of the range of an object."""
+"""Minimum of the random factor that multiplies the range of an object."""
 
 
 class ObjectNoise(Settings):

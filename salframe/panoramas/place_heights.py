@@ -20,9 +20,9 @@ NUM_FRAMES = 3
 def storeys_note(frames: Sequence[ReferenceFrame]) -> str | None:
     """Return a one-line warning about places whose frames cannot be in one room; None if there are none.
 
-    The frames of a place lie in two rooms where their heights differ by more than MAX_STEP_M, the lower frames see a
-    ceiling below the upper cameras, and the upper frames see a floor above the lower cameras. Only frames around such
-    a step are loaded. Frames without range, floor or ceiling show nothing, so that no warning is given for them.
+    The frames of a place lie in two rooms if three conditions hold: a step in their sorted heights exceeds MAX_STEP_M,
+    the lower frames see a ceiling below the upper cameras, and the upper frames see a floor above the lower cameras.
+    Only frames around such a step are loaded. Frames without range, floor or ceiling cause no warning.
     """
     of_place: dict[str, list[ReferenceFrame]] = {}
     for frame in frames:

@@ -20,20 +20,21 @@ MIN_RATIO = 8.0
 shares."""
 NUM_NEIGHBOURS = 8
 NEAR = 0.25
-"""Maximum number of smaller, and of larger, values to compare with, and their maximum relative difference. Only values
-that occur in the image count."""
+"""A value is compared with up to NUM_NEIGHBOURS smaller and as many larger values that occur in the image. Their
+relative difference to the value is at most NEAR."""
 MIN_OUTSIDE = 2.0
-"""Minimum ratio of the value to the values of all surfaces, or the inverse, in images with surfaces of a single
-value."""
+"""Minimum factor by which the value is larger or smaller than the values of all surfaces. It applies to images in which
+whole surfaces have a single value."""
 MIN_VALUES = 50
 """Minimum number of values that occur. An image with fewer values is drawn, not measured."""
 MIN_GAP = 0.02
-"""Minimum relative difference between the largest value of an image and the next smaller value. It is smaller if a
-sensor limits its range."""
+"""Minimum relative difference between the largest value of an image and the next smaller value. If the difference is
+smaller, the largest value is the maximum range of the sensor."""
 MIN_JUMP = 0.1
 """Minimum relative difference of range at the edge between a surface and pixels without a reading."""
 MIN_JUMP_SHARE = 0.9
-"""Minimum share of such edges around the value. A surface joins others at a part of its edge."""
+"""Minimum share of such jumps along the border of the pixels with the value. Along the border of a real surface, the
+share is smaller, because the surface touches others."""
 NUM_FRAMES = 6
 """Number of panoramas to check."""
 
@@ -130,7 +131,7 @@ def missing_line(shares: Mapping[int, float], source: str, encoding: RangeEncodi
     Args:
         shares: Share of the pixels with each value.
         source: The range images.
-        encoding: Encoding of their files; None if they come from no file, and the values are millimetres.
+        encoding: Encoding of the files of the range images. None if there are no files: values are then millimetres.
     """
     values = sorted(shares)
     fills = " and ".join(

@@ -150,7 +150,7 @@ def open_photograph(
     elevation_deg: float = 0.0,
     encoding: RangeEncoding | None = None,
 ) -> Shot:
-    """Read a photograph with its panorama. Arguments and errors are as in `read_photograph`, besides these:
+    """Read a photograph with its panorama. For the other arguments and the errors, see `read_photograph`.
 
     Args:
         elevation_deg: Elevation of the optical axis with `fov_deg`, in degrees, positive upwards.
@@ -230,7 +230,7 @@ def _check_files(**files: object) -> None:
 
 
 def _in_manifest(image: Path) -> Panorama | None:
-    """Return the panorama of the frame whose rgb image this is; None if no manifest.json names it."""
+    """Return the panorama of the frame whose rgb image is at a path; None if no manifest.json names the image."""
     named = find_frame_image(image)
     if named is None:
         return None

@@ -18,7 +18,7 @@ ONE_THREAD = dict.fromkeys(
     ),
     "1",
 )
-"""Environment of a worker that shares the processors. Native libraries read their number of threads from it."""
+"""Environment variables of a worker that shares the processors. They limit native libraries to one thread."""
 _is_worker, _at_work = False, False
 
 

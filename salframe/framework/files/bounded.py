@@ -84,7 +84,7 @@ def parse_json(content: bytes) -> Any:
 
 
 def parse_yaml(content: bytes | str) -> Any:
-    """Parse a YAML document with the types of JSON, and integer keys. Raises ValueError if it is invalid."""
+    """Parse a YAML document. It may have the types of JSON, and integer keys. Raises ValueError if it is invalid."""
     try:
         _check_events(content)
         value = yaml.load(content, Loader=_SAFE)

@@ -117,8 +117,7 @@ def whole_lines_bytes(path: Path) -> int:
 
 
 def copy_log(path: Path, target: Path) -> None:
-    """Copy a .jsonl or JSON file. Raises DataError if it is too large or not a regular file. A device, for example, may
-    have no end."""
+    """Copy a .jsonl or JSON file. Raises DataError if it is too large or not a regular file."""
     with reading(path, "a file of JSON"):
         check_regular(path, _MAX_LOG)
         shutil.copyfile(path, target)
