@@ -24,10 +24,10 @@ MIN_SHARE, MIN_RELATIVE_SHARE = 0.02, 0.3
 """Minimum solid angle of a floor, relative to the half sphere below the horizon and to the largest level surface. The
 floor is the lowest surface above both limits, so that a table below the camera is not taken for the floor."""
 USUAL_M, PLAUSIBLE_M = 1.5, (0.45, 2.8)
-"""Height of a camera at eye level, and limits of the heights without a warning (small robots to raised tripods)."""
+"""Height of a camera at eye level, and limits of heights without a warning (small robots to raised tripods)."""
 MIN_CONFIRMED_M = 0.1
-"""Minimum height of a camera that the z of a pose can confirm. If the origin of the world is a camera, z is often near 0
-and confirms nothing."""
+"""Minimum height of a camera that the z of a pose can confirm. If the origin of the world is a camera, z is often near
+0 and confirms nothing."""
 NUM_FRAMES = 3
 """Number of panoramas to check."""
 

@@ -38,7 +38,7 @@ class PagedTask(Task[Piece, Surveyed, PieceRowT, LineT]):
     def view(
         self, result: Result[LineT], records: Sequence[Record[PieceRowT]], survey: Surveyed
     ) -> RunView[PieceRowT, LineT]:
-        """Return the content of the HTML page for a run."""
+        """Return the data of a run from which its HTML page is made."""
 
     @classmethod
     def part(cls, views: Sequence[Any], arms: Sequence[Arm]) -> dict[str, Any]:

@@ -149,7 +149,7 @@ def run_experiment(
     results: str | Path = RESULTS,
     progress: Progress | None = None,
 ) -> ExperimentResult:
-    """Measure the tables of an experiment whose results are missing, or are of other settings or versions.
+    """Measure the tables of an experiment that have no stored result with the current settings and versions.
 
     Args:
         name: A shipped experiment or a YAML file.
@@ -235,7 +235,7 @@ def _with_data(study: Study, request: Request) -> Request:
 
 
 def _cache_key(arms: Sequence[PooledRuns]) -> str:
-    """Return the hash of all that a table depends on, except for the content of data folders."""
+    """Return the hash of everything that a table depends on, except for the content of data folders."""
     runs = []
     for arm in arms:
         for task, request, resolved in arm.runs:

@@ -40,7 +40,7 @@ QUERIES = 100
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LatencySurvey(Survey[QueryFrame]):
-    """Queries of the first fold of a data set that has any."""
+    """Queries of the first fold of a data set that has queries. `fold` is this fold."""
 
     fold: Fold
 
@@ -111,7 +111,7 @@ class _SavedMapWorker(Worker[QueryFrame]):
 
 
 def _result(future: Future[Any]) -> Any:
-    """Return the result of a process. Raises the exception of its work, and MethodFailed where it died."""
+    """Return the result of work in a process. Raises its exception, or MethodFailed if the process died."""
     try:
         return future.result()
     except BrokenProcessPool:
