@@ -13,9 +13,9 @@ from salframe.testing.rules import Rules
 NUM_STEPS = 10
 """Number of steps of the walk of the rules."""
 MAX_RECOVERY = 20
-"""Maximum number of correct answers until a tracker recovers."""
+"""Number of correct answers after which a tracker must have recovered."""
 TOLERANCE_M, TOLERANCE_DEG = 0.3, 15.0
-"""Maximum errors of a tracked pose where odometry and answers are exact."""
+"""Maximum errors of a tracked pose if odometry and answers are exact."""
 FAILED = Localization((), None, LocalizationStatus.NO_OBJECTS)
 """The answer to a query in which nothing is recognized."""
 
@@ -33,8 +33,8 @@ def _answer(pose: np.ndarray, place: str, probability: float = 0.9) -> Localizat
 
 
 class TrackerRules(Rules[Tracker]):
-    """The tracker knows the pose after correct answers, moves it by odometry, outvotes a wrong answer, and recovers
-    where the camera was moved without odometry."""
+    """The tracker knows the pose after correct answers, moves the pose by odometry, outvotes a wrong answer, and
+    recovers after the camera was moved without odometry."""
 
     def a_new_tracker_is_lost(self) -> None:
         belief = _believe(self.make(), "belief of a new tracker")

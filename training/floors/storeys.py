@@ -1,8 +1,9 @@
 """Two generated buildings as the storeys of one folder: `python -m training.floors.storeys house-42`.
 
 The command writes the panoramas of two buildings of a preset, one 3 m above the other, as one folder without floor
-masks. It builds a map of the folder, connects the storeys by stairs, and prints the routes across them, the accuracy of
-localization per storey, and the success rate of navigation from one storey to the other. floors.md reports them.
+masks. It builds a map of the folder and connects the storeys by stairs. It prints the number of correct routes between
+the storeys, the accuracy of localization per storey, and the success rate of navigation from one storey to the other.
+The page docs/how-to/floors.md reports the results.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ class Stack:
     """Two buildings, one above the other.
 
     Attributes:
-        folder: The folder with the panoramas of both.
+        folder: The folder with the panoramas of both buildings.
         datasets: The buildings.
         storey_of: Storey of each query, 0 or 1.
     """
@@ -70,7 +71,7 @@ class Stack:
 
 
 def raise_pose(T_world_pano: np.ndarray, storey: int) -> np.ndarray:
-    """Return a pose of a building as a pose on a storey of the stack."""
+    """Return a pose in a building, raised to the height of a storey of the stack (0 or 1)."""
     raised = np.array(T_world_pano)
     raised[2, 3] += storey * STOREY_M
     return raised
@@ -129,8 +130,8 @@ class StoreyWorld(FloorWorld):
 def measure_routes(
     topology: TopologicalMap, reference: TopologicalMap, count: int, seed: int
 ) -> tuple[int, list[float]]:
-    """Return the number of drawn routes across the storeys that exist and take the stairs, and the relative errors of
-    their lengths."""
+    """Draw routes from the lower to the upper storey. Return the number of routes that take the stairs, and the
+    relative errors of the lengths of all routes that exist."""
     scenes = [node.id for node in reference.nodes if node.kind is NodeKind.SCENE]
     lower = [id for id in scenes if not id.startswith(PREFIXES[1])]
     upper = [id for id in scenes if id.startswith(PREFIXES[1])]
@@ -149,7 +150,7 @@ def measure_routes(
 def localize_storeys(
     stack: Stack, localization: LocalizationMap, dataset: Dataset
 ) -> dict[int, list[tuple[bool, bool]]]:
-    """Return for each storey whether the storey and the place of each answer are right."""
+    """Return for each storey whether the storey and the place of each answer are correct."""
     right = defaultdict(list)
     for query in dataset.folds()[0].queries:
         answer = localization.localize(query, warn=lambda line: None)
@@ -168,7 +169,7 @@ def walk_across(
     seed: int,
 ) -> list[bool]:
     """Return the success of episodes from the first storey to the second: walk to the stairs, take them, and walk to
-    the goal. The localizer searches both storeys on each."""
+    the goal. The localizer always searches the map of both storeys."""
     config = NavigationConfig()
     worlds = [
         StoreyWorld(storey, dataset, on_grid(floor, replace(dataset.floors()[0], z_m=floor.z_m)), topology, frames)
@@ -194,7 +195,7 @@ def walk_across(
 
 
 def _walk(site: Site, sight: Sight, episode: Episode, config: NavigationConfig, seed: int) -> bool:
-    """Return whether an agent reaches the goal of an episode; not where its map has no path to it."""
+    """Return whether an agent reaches the goal of an episode. False if its map has no path to the goal."""
     try:
         return bool(walk(site, partial(sight.look, site.world), episode, config, seed)["success"])
     except NoRoute:
@@ -226,8 +227,8 @@ class StoreyResults:
 
     Attributes:
         routes: Number of routes across the storeys that exist and take the stairs.
-        errors: Errors of their lengths, relative to the floor masks.
-        localized: For each storey, whether the storey and the place of each answer are right.
+        errors: Errors of the lengths of routes, relative to the lengths by the floor masks.
+        localized: For each storey, whether the storey and the place of each answer are correct.
         walked: Success of each episode from one storey to the other.
     """
 

@@ -1,4 +1,4 @@
-"""Settings of a training run. The defaults are those of the weights that salframe ships."""
+"""Settings of a training run. The weights that salframe ships were trained with the defaults."""
 
 from __future__ import annotations
 

@@ -125,8 +125,8 @@ def draw_pair(
 def _draw_views(
     room: Sequence[Shot], size_px: tuple[int, int], rng: np.random.Generator
 ) -> tuple[PosedView, PosedView]:
-    """Return random views of two panoramas, towards about the same point of the room or in the same world direction,
-    as at run time."""
+    """Return random views of two panoramas. As at run time, both look at about the same point of the room, or into the
+    same direction of the world."""
     a, b = (room[i] for i in rng.choice(len(room), 2, replace=False))
     azimuth, focal = rng.uniform(-np.pi, np.pi), FOCAL_PX * rng.uniform(0.8, 1.25)
     first = PosedView(a, _camera(size_px, focal), _rotation(azimuth, rng.normal(0, 0.09), rng.normal(0, 0.04)), size_px)

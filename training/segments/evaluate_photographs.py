@@ -48,8 +48,8 @@ SCORES = (0.3, 0.5, 0.7)
 DIGITS = 5
 """Number of decimals in the JSON output."""
 TURNS_DEG = (0.0, 30.0)
-"""Rotations of the panorama for pixel metrics, which are summed over both. The photograph is in the middle of one of
-six views, and between two."""
+"""Rotations of the panorama for pixel metrics, which are summed over both rotations. With six views, the photograph is
+in the middle of a view at 0 degrees, and between two views at 30 degrees."""
 VIEWS = ((3, 120, 512), (4, 100, 512), (6, 90, 512), (6, 75, 512), (8, 75, 512), (6, 90, 1024))
 """Configurations of `--views`: views per panorama, field of view in degrees, and height of the panorama."""
 
@@ -153,7 +153,7 @@ def look(detector: Detector, view: View, panorama: Panorama) -> Seen:
 
 
 def class_pixels(detector: SegmentsDetector, panorama: Panorama, turn_deg: float) -> np.ndarray:
-    """Return the (ROWS, 2 ROWS) int class of each pixel by the detector, which runs on the rotated panorama."""
+    """Run the detector on the rotated panorama. Return the (ROWS, 2 ROWS) int class of each pixel, rotated back."""
     columns = 2 * round(turn_deg * ROWS / 360)
     shift = columns * len(panorama.valid) // ROWS
     turned = replace(
@@ -165,7 +165,7 @@ def class_pixels(detector: SegmentsDetector, panorama: Panorama, turn_deg: float
 
 
 def class_image(detections: Detections) -> np.ndarray:
-    """Return the (ROWS, 2 ROWS) int class of the best object at each pixel, wall elsewhere."""
+    """Return the (ROWS, 2 ROWS) int class of the object with the highest score at each pixel, or wall without one."""
     answer = np.full((ROWS, 2 * ROWS), CLASSES.index("wall"))
     for i in np.argsort(detections.scores, kind="stable"):
         column, row = rays_to_pixels((detections.points_m or ())[i], ROWS)

@@ -79,7 +79,7 @@ def read_rows(path: Path, kind: type[Content]) -> Iterator[Content]:
 
 
 class RowWriter:
-    """Appends rows to a .jsonl file and flushes each row. An unfinished last line is removed when the file is opened."""
+    """Appends rows to a .jsonl file and flushes each row. Opening the file removes an unfinished last line."""
 
     def __init__(self, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -33,7 +33,7 @@ ARMS = {
     Positioning.BOTH: ("", WITHOUT),
     Positioning.ALL: ("", WITHOUT),
 }
-"""Suffixes of the labels of methods, by arm."""
+"""Suffixes of the labels of the agents that run for each method."""
 
 
 class NavigationOptions(TaskOptions):

@@ -24,9 +24,9 @@ from salframe.evaluation.tables.text import fixed
 class NavigationRow(MethodRow):
     """The row of a method.
 
-    Rates are over all episodes with their 95 % intervals; a crashed episode counts as a failure. Other means are over
-    the episodes that ended. `p_value` is that of the exact paired test of success, clustered by goal, against the first
-    measured method, and `p_adjusted` its adjustment by Holm's method. `scores` are the metrics of the scorer of a
+    Rates are over all episodes, with 95 % intervals. A crashed episode counts as a failure. Other means are over the
+    episodes that did not crash. `p_value` is the p-value of the exact paired test of success against the first measured
+    method, clustered by goal. `p_adjusted` is this p-value after Holm's adjustment. `scores` are the metrics of a
     benchmark by name, averaged over data sets.
     """
 

@@ -6,7 +6,10 @@ from salframe.evaluation.runs.rows import Count, PieceRow
 
 
 class SceneRow(PieceRow):
-    """Whether a scene was retrieved, and the costs of the map."""
+    """Whether the best match of a query is its scene, and the costs of the map.
+
+    `right_exhaustive` is the same for matching with all scenes; None if the query was not matched with all scenes.
+    """
 
     query: Count
     right: bool | None = None

@@ -70,7 +70,7 @@ def _scaled(value: float | None, factor: float) -> float | None:
 def alike_tables(rows: Sequence[SensorRow], leading: Mapping[str, Sequence[str]] | None = None) -> list[Table]:
     """Return a table of the detection rates of groups of similar objects, beside the rates of the fitted model.
 
-    There is no table where no detector was measured.
+    The list is empty if no detector was measured.
     """
     if not any(row.lines for row in rows):
         return []

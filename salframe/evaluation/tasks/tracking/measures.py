@@ -1,4 +1,4 @@
-"""Compute the table rows of each method from its walks, one row for each belief."""
+"""Compute the table rows of each method from its walks, one row for each belief (estimate of the camera's pose)."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def _right(walks: Sequence[WalkRow], belief: str, count: int) -> np.ndarray:
 
 
 def _finite_median(errors_m: np.ndarray) -> float | None:
-    """Return the median of errors (N,), where inf is a missing pose; None where half of the poses are missing."""
+    """Return the median of errors (N,), in which inf is a missing pose. None if half of the poses are missing."""
     middle = np.sort(errors_m)[[(len(errors_m) - 1) // 2, len(errors_m) // 2]]
     return float(middle.mean()) if np.isfinite(middle).all() else None
 

@@ -30,7 +30,7 @@ class Observed(StrEnum):
 
 
 class Belief(Settings):
-    """A belief on the pose of the camera."""
+    """A belief: an estimate of the pose of the moving camera, made from the answers of a localizer."""
 
     tracker: slot("tracker", description="tracker that makes the belief")  # type: ignore[valid-type]
     answers: Observed = Field(

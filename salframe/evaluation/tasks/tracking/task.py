@@ -151,7 +151,7 @@ class TrackingTask(Task[Walk, TrackingSurvey, WalkRow, TrackingRow]):
 
 
 def _checked(options: TaskOptions) -> TrackingOptions:
-    """Return the options. Raises TypeError where they are those of another task."""
+    """Return the options. Raises TypeError if they are options of another task."""
     if not isinstance(options, TrackingOptions):
         raise TypeError(f"options is {type(options).__name__}, expected TrackingOptions")
     return options
