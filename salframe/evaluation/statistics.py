@@ -162,7 +162,7 @@ def false_accept_rate(correct: np.ndarray, absent: np.ndarray, share: float = AC
     """Return the share of out-of-map queries that are accepted; None if either array is empty.
 
     Args:
-        correct: (R,) evidence of the correct answers.
+        correct: (R,) evidence (score or probability) of the correct answers.
         absent: (A,) evidence of the answers to out-of-map queries.
         share: Minimum share of the correct answers to accept. The highest threshold that accepts this share is used.
     """
@@ -176,7 +176,7 @@ def average_precision(evidence: np.ndarray, right: np.ndarray, count: int) -> fl
     """Return the area under the precision-recall curve; None if `count` is 0.
 
     Args:
-        evidence: (Q,) evidence of the answers. Answers are accepted above a threshold on it.
+        evidence: (Q,) evidence (score or probability) of the answers. An answer is accepted above a threshold.
         right: (Q,) bool: the correct answers.
         count: Number of queries that can be answered correctly; recall is relative to it.
     """

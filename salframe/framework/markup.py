@@ -14,7 +14,7 @@ MARGIN_PX = 12
 MAX_HEIGHT_PX = 420
 """Maximum height of a drawing in pixels."""
 MAX_ROWS = 20
-"""Maximum number of rows of a table; a last row has the number of the others."""
+"""Maximum number of rows of a table. If there are more rows, a last row has their number."""
 
 
 def element(tag: str, text: str = "", children: Iterable[Element] = (), **attributes: str) -> Element:
@@ -63,7 +63,7 @@ class PlanDrawing:
         """Create an empty drawing.
 
         Args:
-            points_m: (N, 2) points that the drawing shows. Those that are not finite are ignored.
+            points_m: (N, 2) points that the drawing must contain. Points that are not finite are ignored.
             width_px: Maximum width.
             description: Text for screen readers.
         """

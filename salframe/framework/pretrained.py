@@ -273,7 +273,7 @@ def _input_size(processor: Any) -> tuple[int, int]:
 
 
 def _fill_with_nan(network: Any, names: Collection[str]) -> None:
-    """Set missing tensors to NaN, so that `run` finds those that matter: published files lack some unused ones."""
+    """Set missing tensors to NaN, so that `run` reports those that affect the output. Others may be missing."""
     for name, tensor in (*network.named_parameters(), *network.named_buffers()):
         if name in names and tensor.is_floating_point():
             tensor.data.fill_(float("nan"))

@@ -137,7 +137,7 @@ def _problem(model: type[BaseModel] | None, problem: Any, where: str) -> str:
 
 
 def _count(problem: Any) -> str:
-    """Return the number of items that were received, where this number is wrong."""
+    """Return the number of received items in words if the error is about this number, else ""."""
     wrong = problem["type"] in ("too_short", "too_long")
     return f" ({_counted(problem['ctx']['actual_length'], 'item')})" if wrong else ""
 

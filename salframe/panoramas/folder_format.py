@@ -27,7 +27,7 @@ WRITTEN_AS = {
     "annotations": ("instances", ".instances.png"),
     "valid": ("valid", ".valid.png"),
 }
-"""Parts of a panorama: the key in the manifest, and the ending of the file name."""
+"""Part of a panorama -> its key in the manifest, and the ending of its file name."""
 
 
 def _rigid(pose: tuple[float, ...] | None) -> tuple[float, ...] | None:
@@ -212,7 +212,7 @@ def write_floor(root: Path, name: str, masks: FloorMasks) -> FloorEntry:
 
 
 def read_floor(root: Path, entry: FloorEntry, z_m: float) -> FloorMasks:
-    """Read the masks of a floor at a height in metres. Raises DataError where they cannot be read or differ in size."""
+    """Read the masks of a floor at a height in metres. Raises DataError if they cannot be read or differ in size."""
     free, obstacle = (images.read_mask(root / name) for name in (entry.free, entry.obstacle))
     region = images.read_ids(root / entry.region)
     if not free.shape == obstacle.shape == region.shape:

@@ -87,7 +87,7 @@ class Folder:
 
     @property
     def true_poses(self) -> dict[str, np.ndarray]:
-        """True poses T_world_pano (4, 4) of query frames, where they are known, by the id of the frame."""
+        """Id of a query frame -> its true pose T_world_pano (4, 4). Frames with an unknown pose are missing."""
         poses = {id: self._pose(entry.pose) for id, entry in self._truth.items()}
         return {id: pose for id, pose in poses.items() if pose is not None}
 

@@ -18,7 +18,7 @@ MIN_FACTOR = 0.1
 
 
 class ObjectNoise(Settings):
-    """Rates and sizes of simulated errors. Every random draw is keyed by seed, frame and object."""
+    """Rates and sizes of simulated errors. The random numbers of an object depend only on seed, frame and object."""
 
     missed: float = Field(
         0.0, ge=0, le=1, description="share of objects that are removed, as if a detector had missed them (0 to 1)"
@@ -35,7 +35,7 @@ class ObjectNoise(Settings):
 
 
 class AnnotationNoise(ObjectNoise):
-    """Rates and sizes of simulated errors in the annotations of a panorama, independent of its pixels."""
+    """Rates and sizes of simulated errors in the annotations of a panorama. The errors do not depend on its images."""
 
     false_positives: float = Field(
         0.0,
@@ -105,7 +105,7 @@ def spoil_annotations(panorama: Panorama, noise: AnnotationNoise, seed: int) -> 
 def _spoil_image(
     panorama: Panorama, instance_id: np.ndarray, annotations: Annotations, draws: dict[int, _Draw]
 ) -> Panorama:
-    """Apply errors to an instance image. False positives cover only pixels without an object, at the range there."""
+    """Apply errors to an instance image. False positives cover only pixels without an object, and keep their range."""
     max_id, width = max(int(instance_id.max()), *annotations.labels, 0), instance_id.shape[1]
     new_ids, factors = np.arange(max_id + 1, dtype=np.int32), np.ones(max_id + 1, np.float32)
     labels = dict(annotations.labels)

@@ -104,7 +104,7 @@ def distinct_references(folds: Sequence[Fold]) -> list[ReferenceFrame]:
 
 
 def find_frame(dataset: Dataset, name: str) -> ReferenceFrame | QueryFrame:
-    """Return the query, the earlier view of a query, or the reference frame with an id.
+    """Return the frame with this id: a query, an earlier view of a query, or a reference frame.
 
     Raises:
         UnknownName: There is no such frame. The error suggests the closest id.

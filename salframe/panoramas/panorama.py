@@ -72,7 +72,7 @@ def labels_by_id(labels: Any, where: str) -> dict[int, str]:
 
 
 TEXT_PREFIX = "text: "
-"""Start of the annotated label of an object with a text, such as a sign: "text: 3.14" is a `text` with this string."""
+"""Start of the label of an annotated object that shows a text. The label "text: 3.14" is a sign with text "3.14"."""
 
 
 def split_text(label: str) -> tuple[str, str]:

@@ -52,7 +52,7 @@ def _storey_step(frames: Sequence[ReferenceFrame]) -> tuple[ReferenceFrame, Refe
 
 
 def _surface_m(frames: Sequence[ReferenceFrame], *, above_camera: bool) -> float:
-    """Return the median height of the ceilings or floors that frames see, in the world; NaN where they see none."""
+    """Return the median height in the world of the ceilings or floors that frames see; NaN if they see none."""
     heights_m = []
     for frame in frames:
         try:

@@ -28,9 +28,9 @@ from salframe.panoramas.pose_conventions import NAMES, PoseConvention, convert_p
 NUM_FRAMES = 24
 """Maximum number of frames whose range images are compared."""
 MAX_TILT_DEG = 10.0
-"""Maximum angle between the up axis of a panorama and that of the world, without a warning."""
+"""Maximum angle between the up axes of a panorama and of the world that causes no warning."""
 REFUSED_TILT_DEG, REFUSED_SHARE = 45.0, 0.1
-"""Poses are refused where more than this share of the frames is tilted by more than this angle."""
+"""The poses are an error if more than this share of the frames is tilted by more than this angle."""
 MIN_RATIO = 0.88
 """Minimum `Agreement.ratio` of all frames without a warning. It is 0.99 to 1.00 in rendered buildings, and 0.95 if
 positions have errors of 0.1 m."""
@@ -338,7 +338,7 @@ def _finer_scale(sample: _Sample, scale: float) -> float:
 
 
 def _scale_text(scale: float, sample: _Sample) -> str:
-    """Return the likely causes where positions times `scale` agree with the ranges."""
+    """Return the likely causes in words if positions times `scale` agree with the ranges."""
     times = f"{max(scale, 1 / scale):.4g} times too {'small' if scale > 1 else 'large'}"
     floor_m = _floor_distance_m(sample)
     height = "" if floor_m is None else f" (the floor lies {floor_m:.2f} m below the cameras)"

@@ -12,12 +12,12 @@ from salframe.panoramas.range_encoding import MILLIMETRE, RangeEncoding
 from salframe.panoramas.samples import Frame, load_samples
 
 MIN_SHARE = 0.003
-"""Minimum share of the known pixels with the value, by solid angle."""
+"""Minimum share of the known pixels, by solid angle, that have a value which may mean an unknown range."""
 MAX_PIXELS = 0.52
-"""Maximum share of all pixels with the value. A value that fills more is the background of a drawn image."""
+"""Maximum share of all pixels that have such a value. A value that fills more is the background of a drawn image."""
 MIN_RATIO = 8.0
-"""Minimum ratio of the share of the value to the share of each neighbouring value. The values of a surface have similar
-shares."""
+"""Minimum ratio of the share of pixels with the value to the share of each neighbouring value. Neighbouring values on a
+surface have similar shares."""
 NUM_NEIGHBOURS = 8
 NEAR = 0.25
 """A value is compared with up to NUM_NEIGHBOURS smaller and as many larger values that occur in the image. Their
@@ -31,10 +31,10 @@ MIN_GAP = 0.02
 """Minimum relative difference between the largest value of an image and the next smaller value. If the difference is
 smaller, the largest value is the maximum range of the sensor."""
 MIN_JUMP = 0.1
-"""Minimum relative difference of range at the edge between a surface and pixels without a reading."""
+"""Minimum relative difference of two neighbouring pixels that counts as a jump of the range."""
 MIN_JUMP_SHARE = 0.9
-"""Minimum share of such jumps along the border of the pixels with the value. Along the border of a real surface, the
-share is smaller, because the surface touches others."""
+"""Minimum share of neighbouring pixels with a jump of the range (MIN_JUMP), along the border of the pixels with the
+value. Along the border of a real surface, the share is smaller, because the surface touches other surfaces."""
 NUM_FRAMES = 6
 """Number of panoramas to check."""
 
@@ -81,7 +81,7 @@ def _stands_out(values: np.ndarray, shares: np.ndarray, number: int) -> bool:
 
     Args:
         values: (V,) values that occur, in ascending order.
-        shares: (V,) their shares of the pixels.
+        shares: (V,) share of the pixels with each value.
         number: Index of the value.
     """
     value = values[number]
@@ -93,7 +93,7 @@ def _stands_out(values: np.ndarray, shares: np.ndarray, number: int) -> bool:
 
 
 def _jump_share(steps: np.ndarray, value: int) -> float:
-    """Return the share of pixel pairs at the edge of the pixels with a value where the range jumps."""
+    """Return the share of neighbouring pixels with a jump of the range, along the border of the pixels with a value."""
     pairs = [(steps[1:], steps[:-1]), (steps[:, 1:], steps[:, :-1])]
     first, second = (np.concatenate([pair[side].ravel() for pair in pairs]).astype(np.int64) for side in (0, 1))
     at_edge = ((first == value) != (second == value)) & (first > 0) & (second > 0)

@@ -124,8 +124,8 @@ def _regions_near(floor: FloorMasks, frame: ReferenceFrame) -> tuple[str | None,
 
 
 def _likely_cause(frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks], strangers: Sequence[Stranger]) -> str:
-    """Try changes of the masks, such as a flip. Return the first after which frames and regions agree: the likely
-    cause."""
+    """Return the likely cause of the contradiction: the first change of the masks, such as a flip, after which frames
+    and regions agree."""
     sample = frames[:: 1 + len(frames) // MAX_FRAMES]
     for cause, changed in _changes(frames, floors, strangers):
         comparison = compare_regions(sample, changed)
@@ -137,7 +137,7 @@ def _likely_cause(frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks]
 def _changes(
     frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks], strangers: Sequence[Stranger]
 ) -> Iterator[tuple[str, list[FloorMasks]]]:
-    """Yield likely causes of strangers, and the floors without this error."""
+    """Yield possible errors of the masks in words, each with the floors after a correction of this error."""
     heights_m = _heights(frames, floors)
     listed = ", ".join(f"{floor.z_m:g}" for floor in floors)
     yield (

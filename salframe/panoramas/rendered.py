@@ -98,7 +98,7 @@ class RenderedDataset(FolderDataset, Generic[Frame]):
     def depends_on(self, frame: Frame) -> str:
         """Return a digest of the settings that the pixels of a frame depend on, besides the frame and the version.
 
-        The default is `fingerprint`, which includes all settings. Override it where fewer settings matter.
+        The default is `fingerprint`, which includes all settings. Override this method if fewer settings matter.
         """
         return self.fingerprint
 

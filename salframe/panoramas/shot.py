@@ -27,7 +27,7 @@ class Shot:
 
     Attributes:
         rgb: (H, W, 3) uint8, the original image.
-        panorama: The panorama for components.
+        panorama: The image as a panorama, which components use.
         camera: The camera of a photograph; None for a panorama.
         depth_steps: (h, w) int32, values of the depth image of a photograph; None if there is none.
     """
@@ -81,9 +81,9 @@ def read_panorama(
 
 
 def open_panorama(image: Path, range_image: Path | None = None, encoding: RangeEncoding | None = None) -> Shot:
-    """Read a panorama.
+    """Read an equirectangular rgb image as a panorama.
 
-    Without a range image, an image of a dataset folder gets all parts of its frame.
+    If there is no `range_image` and the image belongs to a dataset folder, the panorama has all parts of its frame.
 
     Args:
         image: The rgb image.

@@ -33,8 +33,8 @@ NUM_RIVALS, SEPARATE_DEG = 3, 7.0
 """Number of directions to refine, and the minimum angle between them."""
 MIN_LINES_SHARE, MIN_LINES_RATIO, MIN_SPREAD = 0.3, 1.05, 0.03
 """Three minima for an up direction. The share of the lines, by length, along the three axes of the room. The ratio of
-this share to that of the next best direction. The share of the vertical lines that are on walls at a right angle to the
-other vertical lines, because the lines of one wall do not suffice."""
+this share to the share of the next best direction. The share of vertical lines that are on walls at a right angle to
+the other vertical lines, because the lines of one wall do not suffice."""
 
 
 def up_from_range(range_m: np.ndarray) -> np.ndarray | None:

@@ -31,7 +31,8 @@ HOMOGRAPHIES = 0.3
 
 @dataclass(frozen=True, eq=False)
 class PosedView:
-    """A view of a shot by a camera matrix (3, 3) and a rotation (3, 3). `size_px` is (width, height)."""
+    """A perspective view of a rendered panorama (`shot`), with a camera matrix (3, 3) and a rotation (3, 3) from camera
+    axes to the panorama frame. `size_px` is (width, height)."""
 
     shot: Shot
     camera: np.ndarray

@@ -3,7 +3,7 @@
 FOLDER holds rgb/, depth/ and labels13/ of NYU Depth v2. Each view is converted to a partial panorama with its depth.
 The command prints pixel metrics, object metrics at three score thresholds, and the calibration with its curve, for
 `segments` with each network and for `panoseg`; and optionally the pixel metrics of one network with other views.
-docs/photographs.json is the output of `--json`. The metrics in docs/how-to/segments.md are from it.
+docs/photographs.json is the output of `--json`, and the source of the metrics in docs/how-to/segments.md.
 """
 
 from __future__ import annotations

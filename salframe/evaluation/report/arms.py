@@ -14,7 +14,7 @@ from salframe.evaluation.runs.method_row import MethodRow
 from salframe.framework.components.settings import flatten, spell_value
 
 SEED = "seed"
-"""Setting of the data over which runs are pooled."""
+"""Name of the setting of the data by which pooled runs may differ."""
 
 
 class Entry(NamedTuple):
@@ -93,7 +93,7 @@ def find_varied(settings: Sequence[Mapping[str, Any]], bases: Sequence[str]) -> 
 
 
 def _same(settings: Sequence[Mapping[str, Any]], bases: Sequence[str], key: str) -> Iterator[list[Mapping[str, Any]]]:
-    """Yield groups of arms with the same name and the same components above a key."""
+    """Yield groups of arms with the same base and the same components in the slots above a dotted key."""
     parts = key.split(".")
     above = [".".join([*parts[:depth], "kind"]) for depth in range(len(parts))]
     groups: dict[str, list[Mapping[str, Any]]] = {}

@@ -48,7 +48,7 @@ def describe_component(role: str, settings: Mapping[str, Any]) -> str:
 
 
 def list_notes(views: Sequence[RunView[Any, Any]], arms: Sequence[Arm]) -> list[str]:
-    """Return the notes of runs, and a line for each arm with its remark and its numbers of failures. Each is unique."""
+    """Return the notes of runs, and the remark and numbers of failures of each arm. Duplicates are removed."""
     notes = [note for view in views for note in view.result.notes]
     for arm in arms:
         failures = ", ".join(f"{count} {status}" for status, count in arm.row.status.items() if status != "ok")

@@ -115,7 +115,7 @@ class Death:
 
     @classmethod
     def of(cls, folder: Path, limits: Limits, error: WorkerDied) -> Death:
-        """Return the death of a process as the engine reports it, with the record in the folder of the process."""
+        """Return the death of a process, from the error of the engine and the files in the folder of the process."""
         piece = read_json(folder / AT_WORK) if (folder / AT_WORK).exists() else None
         log = (folder / LOG).read_text(encoding="utf-8", errors="replace") if (folder / LOG).exists() else ""
         if log:

@@ -47,7 +47,7 @@ class MethodRow(ABC):
     def from_json(cls, content: Mapping[str, Any], where: object = "a row") -> Self:
         """Return the row from its JSON. Raises DataError.
 
-        Unknown keys are ignored and missing keys take their default, since files may be of other versions.
+        Unknown keys are ignored and missing keys take their default, since another version may have written the row.
         """
         values = {field.name: content[field.name] for field in fields(cls) if field.name in content}
         for name in estimates_of(cls):

@@ -94,7 +94,7 @@ class Resolved:
         name: Name of the data set.
         data: Configuration of the data set.
         engine: Configuration of the engine.
-        scopes: Settings of anything else, by scope.
+        scopes: Settings whose key starts with a scope ("data", "engine", or a scope of the task), by scope.
         notes: Notes on methods that replace a requested one, and on the components that `auto` selected.
         replacements: Notes on methods that replace a requested one; they are also in `notes`.
         requested_as: The requested label of each method, by its label in the run.

@@ -93,7 +93,7 @@ class TableResult:
 
 @dataclass(frozen=True, eq=False)
 class ExperimentResult:
-    """An experiment and its tables, with the reported ones. `file` is the file of its results."""
+    """An experiment, its tables, and the tables reported in papers. `file` is the file with the stored results."""
 
     name: str
     experiment: Experiment

@@ -1,4 +1,4 @@
-"""Registry of roles, components and presets: guarded loading of plugins, and checks at registration."""
+"""Registry of roles, components and presets. It loads plugins, catches their errors, and checks what they register."""
 
 from __future__ import annotations
 

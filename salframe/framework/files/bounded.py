@@ -66,7 +66,7 @@ def read_bytes(path: Path, max_bytes: int = MAX_BYTES) -> bytes:
 
 
 def read_start(path: Path, max_bytes: int) -> bytes:
-    """Return the first bytes of a regular file of any size. Raises OSError, or ValueError if it is not regular."""
+    """Return the first `max_bytes` bytes of a regular file. Raises OSError, or ValueError if it is not regular."""
     check_regular(path, sys.maxsize)
     with path.open("rb") as file:
         return file.read(max_bytes)

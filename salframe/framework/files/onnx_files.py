@@ -1,4 +1,4 @@
-"""The files that an ONNX file points to: tensors may be stored outside, at locations relative to its folder.
+"""The files that an ONNX file points to. It may store tensors in other files, at locations relative to its folder.
 
 Only the fields of onnx.proto3 that lead to tensors are followed. All others are skipped.
 """

@@ -43,7 +43,7 @@ def reading(path: Path, expected: str) -> Iterator[None]:
 
 
 def read_text(path: Path, expected: str = "a text file") -> str:
-    """Read text in UTF-8. Raises DataError if the file cannot be read. `expected` names its content in messages."""
+    """Read text in UTF-8. Raises DataError if the file cannot be read. Its message names the `expected` content."""
     with reading(path, expected):
         return read_bytes(path).decode("utf-8-sig")
 

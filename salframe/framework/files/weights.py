@@ -195,7 +195,7 @@ def receive(address: str, path: Path, max_bytes: int, progress: Callable[[int], 
 
 @dataclass(frozen=True)
 class Link(Download):
-    """One file with full URLs, which need not end in its name. Further URLs are tried if the first fails."""
+    """One file with complete URLs, which may end in another name. Further URLs are tried if the first fails."""
 
     def address(self, url: str, file: WeightsFile) -> str:
         """Return the URL itself."""

@@ -193,8 +193,8 @@ def out_of_map_tables(
 
 
 def describe_times_note(rows: Sequence[LocalizationRow]) -> list[str]:
-    """Return a note that names the methods whose time to describe a panorama excludes the detector. Without such
-    methods there is no note."""
+    """Return a note that names the methods whose time to describe a panorama excludes the detector, because they use
+    annotations. The list is empty without such methods."""
     methods = [row.title for row in rows if row.measured and any(part.startswith("annotations") for part in row.input)]
     listed = list_methods(methods, [row.title for row in rows])
     return [f"describe ms: no detector time for {listed}, which use annotations"] if methods else []

@@ -1,4 +1,4 @@
-"""Episodes of benchmarks for an agent that knows the goals, and its answers in the format of the task."""
+"""Episodes of benchmarks for an agent that knows the goals, and its answers in the format of the benchmark."""
 
 from __future__ import annotations
 

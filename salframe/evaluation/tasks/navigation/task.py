@@ -209,8 +209,8 @@ def navigate(
         request: The request. Settings "navigation.KEY" are those of NavigationConfig. The seed is used for episodes,
             noise and intervals.
         episodes: The number of random episodes, a JSON file of episodes, or "BENCHMARK:SPLIT": a split of a benchmark
-            whose files are in the `root` of the data set. In a benchmark the agent knows the goals, and the
-            answers of each method are written in the format of the task.
+            whose files are in the `root` of the data set. In a benchmark the agent knows the goals, and the answers of
+            each method are written in the format of the benchmark.
         positioning: The agents to run for each method: with positioning, without, or both.
         progress: Reports the progress.
 

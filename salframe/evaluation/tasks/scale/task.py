@@ -194,7 +194,7 @@ class _ScaleWorker(Worker[int]):
         self._index = self._matcher.open_index(MappedGraphs(packed), parts.folder / INDEX)
 
     def _open_window(self, parts: MapParts) -> Any:
-        """Return the index of a map of these parts that matches all scenes of the window."""
+        """Return an index of the map of these parts. It matches a query with all scenes of the current window."""
         graphs = MappedGraphs(parts.read_table(SCENES), self._window)
         return self._matcher.open_index(graphs, parts.folder / INDEX)
 

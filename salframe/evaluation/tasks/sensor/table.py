@@ -29,7 +29,7 @@ class SensorRow(MethodRow):
         range_share: Robust standard deviation of the relative error of the range.
         size_log: Robust standard deviation of the error of the logarithm of the size.
         height_m: Robust standard deviation of the error of the height.
-        lines: The shares of groups of objects by size, range and hidden share, by name of the group.
+        lines: Detection rates of groups of objects of similar size, range or hidden share, by name of the group.
     """
 
     panoramas: int | None = None

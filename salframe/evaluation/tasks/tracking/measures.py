@@ -90,5 +90,5 @@ def _is_near(line: BeliefLine) -> bool:
 
 
 def _recovers(belief: BeliefRow) -> bool:
-    """Return whether the place is correct after at least one of the views that follow a kidnapping."""
+    """Return whether the place is correct after at least one view that follows a move without odometry."""
     return any(line.right for line in belief.kidnapped)

@@ -46,7 +46,7 @@ class _SavedTracking(Settings):
 
 @dataclass(frozen=True)
 class TrackingTask(Task[Walk, TrackingSurvey, WalkRow, TrackingRow]):
-    """The task `tracking`.
+    """The task `tracking`: does a tracker know where a moving camera is?
 
     Attributes:
         options: The options, with one number of views and one kind of odometry.

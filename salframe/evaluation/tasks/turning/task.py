@@ -47,8 +47,11 @@ class NarrowQuery:
 
 @dataclass(frozen=True)
 class TurningTask(Task[NarrowQuery, Survey[NarrowQuery], TurnRow, TurnsRow]):
-    """The task `turning`: a query whose answer is not accepted is localized together with a second view, after a turn
-    on the spot that the answer suggests, and after a random turn."""
+    """The task `turning`: does a second view after a turn on the spot help?
+
+    A query whose answer is not accepted is localized again, together with a second view. The second view is taken after
+    the turn that the answer suggests and, for comparison, after a random turn.
+    """
 
     name = "turning"
     prefix = "turning-"
