@@ -27,8 +27,8 @@ def is_dual_fisheye(rgb: np.ndarray) -> bool:
     """Return whether a picture shows two fisheye circles side by side on black.
 
     The eight corners of the two square halves must be black. The circles must be lit all around, even at the rows of
-    the corners. Panoramas that are dark or partial, or have a black cap at a pole, fail, because their rows are either
-    lit or black.
+    the corners. Panoramas that are dark or partial, or have a black cap at a pole, do not meet both conditions, because
+    each of their rows is either lit or black.
 
     Args:
         rgb: (H, 2H, 3) uint8 picture.

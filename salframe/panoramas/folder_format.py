@@ -122,7 +122,21 @@ class FloorEntry(Settings):
 
 
 class Manifest(RangeKeys):
-    """Content of manifest.json."""
+    """Content of manifest.json. All paths are relative to its folder.
+
+    Attributes:
+        format: Name of the format.
+        version: Version of the format.
+        frames: All frames: reference frames and queries.
+        truth: JSON file with the truth of the queries.
+        objects: Table with the label of each instance id.
+        labels: Table that translates labels.
+        floors: The floors.
+        rendered: Whether annotations and ranges come from a renderer and are free of errors.
+        odometry: Table with the odometry of the camera.
+        pose_convention: Axes of the poses.
+        pose_unit_m: Unit of the positions in metres.
+    """
 
     format: Literal["salframe-folder"]
     version: Literal[1]

@@ -32,8 +32,8 @@ MAX_TILT_DEG = 10.0
 REFUSED_TILT_DEG, REFUSED_SHARE = 45.0, 0.1
 """The poses are an error if more than this share of the frames is tilted by more than this angle."""
 MIN_RATIO = 0.88
-"""Minimum `Agreement.ratio` of all frames without a warning. It is 0.99 to 1.00 in rendered buildings, and 0.95 if
-positions have errors of 0.1 m."""
+"""A lower `Agreement.ratio` of all frames causes a warning. The ratio is 0.99 to 1.00 in rendered buildings, and 0.95
+if positions have errors of 0.1 m."""
 MIN_EVIDENCE = 0.08
 """Minimum `Agreement.evidence` to trust the ratio."""
 MIN_ON_SURFACE = 0.25

@@ -1,4 +1,4 @@
-"""Rules of the role `evidence`."""
+"""Conformance rules for components of the role `evidence`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rules of the role `localizer`."""
+"""Conformance rules for components of the role `localizer`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rules of the role `range-model`."""
+"""Conformance rules for components of the role `range-model`."""
 
 from __future__ import annotations
 

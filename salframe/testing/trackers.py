@@ -1,4 +1,4 @@
-"""Rules of the role `tracker`."""
+"""Conformance rules for components of the role `tracker`."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ class TrackerRules(Rules[Tracker]):
 
 
 def _motion(step: int) -> np.ndarray:
-    """Return the motion before a step of the walk."""
+    """Return the motion (4, 4) from the previous step of the walk to this step."""
     return np.eye(4) if step == 0 else invert_pose(_walk(step - 1)) @ _walk(step)
 
 
@@ -119,7 +119,7 @@ def _step(tracker: Tracker, motion: np.ndarray | None, answer: Localization) -> 
 
 
 def _call(checked: str, function: object, argument: object) -> None:
-    """Call a method that returns nothing."""
+    """Call a method, and check that it returns None."""
     returned = attempt(checked, function, argument)  # type: ignore[arg-type]
     expect(returned is None, checked, f"the result {returned!r}", "None")
 

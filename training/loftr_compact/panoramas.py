@@ -21,7 +21,7 @@ from training.loftr_compact.settings import Panoramas
 STYLES = ("home", "office", "hotel")
 SHOTS = ((0, "day"), (1, "day"), (0, "evening"), (2, "evening"), (3, "dim"))
 """Index of the position, and lighting, of each panorama of a room. Panoramas with another lighting than "day" show the
-changed building."""
+building after objects were removed, moved or added."""
 
 NEAR_M, FAR_M = 0.3, 2.0
 """Minimum and maximum distance between the first position in a room and the others."""

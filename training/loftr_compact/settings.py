@@ -16,7 +16,7 @@ class Panoramas(Settings):
 
 
 class Stage(Settings):
-    """Training steps at one view size."""
+    """A stage of the training: steps with views of one size."""
 
     width_px: int = Field(ge=16, multiple_of=8)
     height_px: int = Field(ge=16, multiple_of=8)

@@ -112,7 +112,7 @@ def measure_views(model: Path, views: Sequence[View], settings: dict[str, Any]) 
 
 
 def measure(detector: Detector, views: Sequence[View], height: int) -> dict[str, Any]:
-    """Return all metrics of a detector."""
+    """Run a detector on photographs, and return its metrics by name."""
     results = [look(detector, view, view.panorama(height)) for view in views]
     pixels = np.sum([result.pixels for result in results], 0)
     named = [result.objects.named for result in results]
@@ -141,7 +141,7 @@ def measure(detector: Detector, views: Sequence[View], height: int) -> dict[str,
 
 
 def look(detector: Detector, view: View, panorama: Panorama) -> Seen:
-    """Run a detector on a view."""
+    """Run a detector on the panorama of a photograph, and compare the result with the labels."""
     detections = detector.detect(panorama)
     if isinstance(detector, SegmentsDetector):
         answers = [class_pixels(detector, panorama, turn_deg) for turn_deg in TURNS_DEG]
@@ -191,7 +191,7 @@ def shares(counts: Sequence[Counts]) -> dict[str, Any]:
 
 
 def show(figures: dict[str, Any]) -> None:
-    """Print a few lines per detector."""
+    """Print the metrics in a few lines per detector."""
     for name, metrics in figures.pop("views", {}).items():
         print(f"{name}: accuracy {metrics['accuracy']:.3f}, mean IoU {metrics['mean_iou']:.3f}")
     for name, metrics in figures.items():

@@ -40,7 +40,11 @@ MAX_NAME_BYTES = 200
 
 
 class MethodStatus(StrEnum):
-    """The outcome of a method's work."""
+    """The outcome of a method's work.
+
+    DONE: it has finished, but some pieces may have failed. UNAVAILABLE: the method lacks a package, weights or an
+    input. CRASHED: the method raised an exception, or its process died. UNFINISHED: some pieces have no row.
+    """
 
     DONE = "done"
     UNAVAILABLE = "unavailable"
@@ -246,7 +250,7 @@ class Run:
         return folder
 
     def end(self, label: str, outcome: Outcome) -> None:
-        """Write the outcome of a method."""
+        """Write the outcome of a method to its folder."""
         write_json(self.folder(label) / OUTCOME, {**asdict(outcome), "input": list(outcome.input)})
 
     def bind(self, fingerprint: str) -> None:
@@ -283,7 +287,7 @@ class Run:
         return f"{label}: answers of {source}, with their times, are reused" if source else None
 
     def set_notes(self, notes: Sequence[str]) -> None:
-        """Write the notes on the current request."""
+        """Write the notes on the current request, which replace earlier notes."""
         write_json(self.directory / NOTES, list(notes))
 
     def reuse(self, label: str, fingerprint: str) -> None:

@@ -160,7 +160,7 @@ class _Work:
         return [key for key in map(self.task.key, self.survey.pieces) if key not in done and key not in skipped]
 
     def _answers(self, label: str, shares: Sequence[Share]) -> Iterator[Outcome | WorkerDied]:
-        """Yield the outcome of each share."""
+        """Yield the outcome of each worker's share of the pieces, or WorkerDied if the worker died."""
         work = partial(work_share, self.task, self.run.directory.absolute(), label, self.limits)
         answers = iter(self.engine.map(work, shares))
         for _ in shares:

@@ -40,7 +40,7 @@ RESULTS = Path("results")
 
 
 class TableStudy(Study):
-    """A study that is a table of an experiment."""
+    """A study whose results are one table of an experiment."""
 
     title: str = Field(description="title that is printed above the table")
     columns: tuple[str, ...] = Field(

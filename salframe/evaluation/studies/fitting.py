@@ -263,7 +263,7 @@ def _fit(tunings: Sequence[Tuning], changes: Mapping[str, Any]) -> tuple[dict[st
 
 
 def _scored(tuning: Tuning, changes: Mapping[str, Any]) -> Iterator[ScoredAnswer]:
-    """Yield the scores of the answers that rank places, with the position of the true place."""
+    """Yield the scores and the true place of each answer that ranks places."""
     counts = [count for count in tuning.num_objects.values() if count]
     map_objects = float(np.mean(counts)) if counts else 0.0
     for localizer, description, place, here in tuning.ask(changes):

@@ -33,7 +33,7 @@ CONDITION = "condition"
 
 
 class StudiedMethod(Settings):
-    """A method with its settings."""
+    """A method to measure in a study, and its settings."""
 
     method: str = Field(description="name of a preset or component, or path of a YAML file")
     set: dict[str, Any] = Field({}, description="mapping from dotted keys to values: the settings of the method")

@@ -17,7 +17,7 @@ AUTO = "auto"
 
 @cache
 def defaults() -> dict[str, Any]:
-    """Return all default names by key."""
+    """Return the content of configs/defaults.yaml."""
     content: dict[str, Any] = parse_yaml((preset_folder() / DEFAULTS).read_bytes())
     return content
 

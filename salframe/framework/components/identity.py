@@ -34,7 +34,7 @@ MAX_FOLDER_FILES, MAX_FOLDER_BYTES = 10_000, 1 << 32
 
 
 class UserFile(_Path):
-    """Type of a setting that names a file or folder of the user. The identity has its content, not its name."""
+    """Type of a setting that names a file or folder of the user. `identity` uses the content, not the name."""
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:

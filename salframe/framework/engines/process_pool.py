@@ -71,7 +71,7 @@ def _begin_work(parent: Connection) -> None:
 
 
 def _die_with(parent: Connection) -> None:
-    """Exit when the parent ends."""
+    """Wait for the end of the parent process, then exit this process."""
     with suppress(EOFError, OSError):
         parent.recv()  # nothing is sent; this returns when the parent closes its end
     os._exit(1)

@@ -20,7 +20,7 @@ POLL_S = 0.5
 
 
 class WorkerProcess(ABC):
-    """A worker process."""
+    """A worker process, which calls functions for an engine."""
 
     @abstractmethod
     def answer(self, function: Callable[[Any], Any], item: Any) -> Any:

@@ -65,7 +65,7 @@ def gather(arms: Sequence[Arm], views: Sequence[LocalizationView]) -> list[ArmAn
 
 
 def draw_figures(arms: Sequence[Arm], views: Sequence[LocalizationView]) -> list[Figure]:
-    """Return the figures of comparisons."""
+    """Return the figures of a report that compares methods."""
     arm_answers = gather(arms, views)
     figures = [
         *_bars(arm_answers),

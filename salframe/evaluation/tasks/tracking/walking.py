@@ -62,7 +62,7 @@ class Tracking(Worker[Walk]):
             dataset: The data set.
             other: A data set of another building.
             worlds: The worlds by id.
-            kidnapped: For each walk by id, the walk to which the camera is moved after its end, without odometry.
+            kidnapped: Id of a walk -> another walk, to whose start the camera is moved at the end, without odometry.
             beliefs: The beliefs by name.
             odometry: Errors of the measured motion.
             num_views: Number of the latest views that are localized together.

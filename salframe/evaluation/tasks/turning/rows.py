@@ -8,7 +8,7 @@ from salframe.evaluation.runs.rows import Line, PieceRow
 
 
 class TurnLine(Line):
-    """An answer: whether it is accepted, whether its first place is correct, and the turn before it in degrees."""
+    """An answer: whether it is accepted, whether its first place is correct, and the turn before the second view."""
 
     accepted: bool
     right: bool
@@ -16,7 +16,7 @@ class TurnLine(Line):
 
 
 class TurnRow(PieceRow):
-    """A query.
+    """The answers to one query.
 
     Attributes:
         query: Id of the query.
