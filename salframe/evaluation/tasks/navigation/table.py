@@ -25,9 +25,21 @@ class NavigationRow(MethodRow):
     """The row of a method.
 
     Rates are over all episodes, with 95 % intervals. A crashed episode counts as a failure. Other means are over the
-    episodes that did not crash. `p_value` is the p-value of the exact paired test of success against the first measured
-    method, clustered by goal. `p_adjusted` is this p-value after Holm's adjustment. `scores` are the metrics of a
-    benchmark by name, averaged over data sets.
+    episodes that did not crash.
+
+    Attributes:
+        episodes: Number of episodes.
+        success_rate: Share of the episodes in which the agent stopped near the goal.
+        oracle_success_rate: Share of the episodes in which the agent was near the goal at any time.
+        spl: Mean success weighted by path length.
+        success_rate_1m: Share of the episodes in which the agent stopped within 1 m of the goal.
+        success_rate_3m: Share of the episodes in which the agent stopped within 3 m of the goal.
+        path_m: Mean length of the path in metres.
+        panoramas: Mean number of panoramas of an episode.
+        collisions: Mean number of collisions of an episode.
+        p_value: p-value of the exact paired test of success against the first measured method, clustered by goal.
+        p_adjusted: This p-value after Holm's adjustment.
+        scores: Metrics of a benchmark by name, averaged over data sets.
     """
 
     episodes: int
