@@ -179,7 +179,7 @@ def run_experiment(
 def _table(
     name: str, study: TableStudy, request: Request, file: Path, *, quick: bool, force: bool, progress: Progress | None
 ) -> TableResult:
-    """Return a table, measured unless a matching result is stored. Errors do not affect other tables."""
+    """Return a table. It is measured if no matching result is stored. Errors do not affect other tables."""
     results, part = read_results(file), "quick" if quick else "whole"
     stored, fresh = getattr(results, part).get(name), None
     try:

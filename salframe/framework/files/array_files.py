@@ -159,7 +159,7 @@ def _header(file: BinaryIO, size: int) -> tuple[np.dtype[Any], tuple[int, ...], 
         The dtype, shape and memory order of the array.
 
     Raises:
-        ValueError: The header is invalid, its size differs from that of the file, or the values are Python objects.
+        ValueError: The header is invalid, the size of the file contradicts it, or values are Python objects.
     """
     try:
         version = np.lib.format.read_magic(file)

@@ -27,7 +27,7 @@ Row = Mapping[str, np.ndarray]
 
 
 _KINDS = {"i": "iuf", "u": "iuf"}
-"""Allowed `dtype.kind` of a column by that of an array in it. A column of integers and floats is stored as floats."""
+"""`dtype.kind` of an array -> allowed kinds of its column. A column of integers and floats is stored as floats."""
 
 
 class _Declared(Settings):
