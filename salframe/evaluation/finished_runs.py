@@ -1,4 +1,4 @@
-"""Finished runs: measure them again, and write a report that shows them side by side."""
+"""Finished runs: compute their metrics again, and write a report that shows several runs side by side."""
 
 from __future__ import annotations
 
@@ -22,7 +22,9 @@ from salframe.panoramas.opening import Progress, open_dataset
 
 
 def evaluate(directory: str | Path) -> Result[Any]:
-    """Measure a run again from its rows and the ground truth, and write its metrics and report. Runs no method.
+    """Compute the metrics of a run again from its stored rows and the ground truth, and write metrics and report.
+
+    No method is run.
 
     Raises:
         ConfigError: `directory` is not a run.
@@ -54,13 +56,13 @@ def write_report(
     """Write a report of runs of one task to a self-contained HTML file.
 
     The report shows the runs side by side and every query of a comparison. Runs that differ only in the seed of the
-    data are pooled per method. Frames that are not in the cache are described.
+    data are pooled per method. Descriptions of frames that are not in the cache are computed.
 
     Args:
         runs: Run folders, at least one.
         output: The file to write.
         full: Whether to show panoramas in full resolution instead of thumbnails.
-        columns: Names of the columns of the first table; by default the usual ones.
+        columns: Names of the columns of the first table. Empty for the default columns.
         progress: Reports the progress.
 
     Raises:
@@ -111,8 +113,8 @@ def _open(folder: Path, progress: Progress | None) -> _Opened:
 
 
 def _pool(opened: Sequence[_Opened], entries: Sequence[tuple[Entry, ...]]) -> list[MethodRow]:
-    """Return the row of each arm (a method with its settings, on one data set). Arms of the same runs are measured
-    together and tested against the first of them."""
+    """Return the row of each arm (a method with its settings, on one data set). Arms of the same runs are summarized
+    together, so that the paired tests compare each arm with the first one."""
     rows: dict[int, MethodRow] = {}
     together: dict[tuple[int, ...], list[int]] = {}
     for number, alike in enumerate(entries):

@@ -84,6 +84,7 @@ def score(task: str, answers: str | Path, root: str | Path) -> list[Mapping[str,
     Raises:
         UnknownName: There is no such scorer.
         DataError: The file has no valid answers to the benchmark.
+        InvalidAnswer: The scorer returned no row.
     """
     rows = list(find_scorer(task).score(Path(answers), Path(root)))
     if not rows:

@@ -14,7 +14,7 @@ BINS = 10
 RESAMPLES = 2000
 """Number of bootstrap samples."""
 NORMAL_95 = 1.959963984540054
-"""Half the width, in standard deviations, of the interval that holds 95 % of a normal distribution."""
+"""Half the width, in standard deviations, of the interval that contains 95 % of a normal distribution."""
 AT_RECALLS = (0.5, 0.75, 0.9)
 """Recalls at which the precision of accepted answers is reported."""
 
@@ -42,8 +42,8 @@ def estimate_proportion(successes: np.ndarray, clusters: Sequence[str]) -> Estim
 
     Queries of one cluster (a place) are correlated. If the design effect is above 1, the sample size is divided by it
     (Korn and Graubard 1998). The design effect is the variance of the mean over clusters, divided by the variance of
-    the mean of independent queries. The result is Wilson's interval where each query is a separate cluster, or all are
-    successes or all failures.
+    the mean of independent queries. The sample size is not reduced if each query is a separate cluster, or if all
+    queries are successes or all are failures.
     """
     count, share = float(len(successes)), float(successes.mean())
     number = _cluster_numbers(clusters)
@@ -62,7 +62,7 @@ def estimate_proportion(successes: np.ndarray, clusters: Sequence[str]) -> Estim
 def estimate_mean(
     values: np.ndarray, clusters: Sequence[str], seed: int, weights: np.ndarray | None = None
 ) -> Estimate:
-    """Return the mean of (N,) values with the bootstrap interval over clusters.
+    """Return the mean of (N,) values with its 95 % bootstrap interval. Each sample draws whole clusters.
 
     With weights (N,), return the sum of the values divided by the sum of the weights.
     """
@@ -78,7 +78,9 @@ def estimate_mean(
 def estimate_statistic(
     statistic: Callable[[np.ndarray], float | None], clusters: Sequence[str], seed: int
 ) -> Estimate | None:
-    """Return a statistic of the indices (N,) of queries with its bootstrap interval over clusters.
+    """Return a statistic of queries with its 95 % bootstrap interval. Each sample draws whole clusters.
+
+    `statistic` receives the indices of queries and returns a number or None.
 
     Samples where the statistic is None are left out. The result is None if the statistic of all queries is None.
     """
@@ -97,7 +99,7 @@ def paired_test(first: np.ndarray, second: np.ndarray, cluster: Sequence[str]) -
     """Return the p-value of a two-sided exact paired test of two methods, clustered.
 
     It is the probability that the numbers of correct answers differ at least as much as observed, if the answers of the
-    two methods were swapped in each cluster with probability 1/2. Where each query is a separate cluster, this is
+    two methods were swapped in each cluster with probability 1/2. If each query is a separate cluster, this is
     McNemar's exact test.
 
     Args:
@@ -117,7 +119,7 @@ def paired_test(first: np.ndarray, second: np.ndarray, cluster: Sequence[str]) -
 
 
 def holm(p_values: Sequence[float | None]) -> list[float | None]:
-    """Return the p-values of several tests, adjusted by Holm's method (1979). None, no test, is unchanged."""
+    """Return the p-values of several tests, adjusted by Holm's method (1979). None (no test) stays None."""
     order = sorted((p, i) for i, p in enumerate(p_values) if p is not None)
     adjusted: list[float | None] = [None] * len(p_values)
     largest = 0.0
@@ -130,9 +132,9 @@ def holm(p_values: Sequence[float | None]) -> list[float | None]:
 def macro_averages(
     first_place: Sequence[str | None], true_place: Sequence[str]
 ) -> tuple[float, float] | tuple[None, None]:
-    """Return the macro precision and the macro recall: unweighted means over the true places; None without places.
+    """Return the macro precision and the macro recall: unweighted means over the true places. None without places.
 
-    The precision of a place that was never answered is 0.
+    `first_place` is the answer to each query, None without one. A place that is never answered has the precision 0.
     """
     if not true_place:
         return None, None
@@ -160,7 +162,7 @@ def false_accept_rate(correct: np.ndarray, absent: np.ndarray, share: float = AC
     """Return the share of out-of-map queries that are accepted; None if either array is empty.
 
     Args:
-        correct: (R,) evidence of the correct answers.
+        correct: (R,) evidence (score or probability) of the correct answers.
         absent: (A,) evidence of the answers to out-of-map queries.
         share: Minimum share of the correct answers to accept. The highest threshold that accepts this share is used.
     """
@@ -174,7 +176,7 @@ def average_precision(evidence: np.ndarray, right: np.ndarray, count: int) -> fl
     """Return the area under the precision-recall curve; None if `count` is 0.
 
     Args:
-        evidence: (Q,) evidence of the answers. Answers are accepted above a threshold on it.
+        evidence: (Q,) evidence (score or probability) of the answers. An answer is accepted above a threshold.
         right: (Q,) bool: the correct answers.
         count: Number of queries that can be answered correctly; recall is relative to it.
     """
@@ -195,7 +197,7 @@ def precision_at(evidence: np.ndarray, right: np.ndarray, count: int) -> tuple[f
 
 
 def accepted_above(evidence: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the number and the share of correct answers among those accepted, for each distinct threshold.
+    """Return the number and the share of correct answers among the accepted answers, for each distinct threshold.
 
     Args:
         evidence: (Q,) evidence of the answers. Each distinct value is a threshold; the highest comes first.
@@ -238,5 +240,5 @@ def reliability(confidence: np.ndarray, correct: np.ndarray) -> Reliability | No
 
 
 def _cluster_numbers(cluster: Sequence[str]) -> np.ndarray:
-    """Return the names as numbers (N,) int64 from 0 without gaps."""
+    """Return the cluster of each query as a number, (N,) int64, from 0 without gaps."""
     return np.unique(np.asarray(cluster, np.str_), return_inverse=True)[1]

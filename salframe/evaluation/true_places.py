@@ -1,4 +1,4 @@
-"""Compare the places of truth with the places of the map, to find names that differ only in their spelling."""
+"""Compare the true places of queries with the places of the map, to find names that differ only in their spelling."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MAX_NAMES = 3
 
 
 def place_key(name: str) -> str:
-    """Return the key that names of one place share.
+    """Return a key that is the same for different spellings of the name of a place.
 
     Names that differ only in Unicode composition, case, white space, underscores or hyphens have the same key.
     """
@@ -26,8 +26,8 @@ def place_key(name: str) -> str:
 def places_notes(dataset: Dataset) -> list[str]:
     """Return warnings on true places of queries that are missing in the map, at most one line of each kind.
 
-    The first line names places that a reference frame has in another spelling. The second line names the others: their
-    queries are out of the map.
+    The first line lists true places that the map has in another spelling. The second line lists the other missing
+    places, whose queries are out of the map.
     """
     mapped = {frame.place for frame in reference_frames(dataset)}
     queries = {query.id for fold in dataset.folds() for query in fold.queries}

@@ -1,4 +1,4 @@
-"""The base of salframe: components, their settings, identity and discovery, files, and network weights.
+"""The base of salframe: plugin components with their settings and cache keys, plugin discovery, files, network weights.
 
-This package does not depend on any role except `engine`.
+A role is an interface that components implement. Of all roles, this package knows only `engine`.
 """

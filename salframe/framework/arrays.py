@@ -10,15 +10,15 @@ from salframe.framework.errors import DataError, SalframeError
 
 
 def as_array(value: Any, where: str, error: type[SalframeError] = DataError) -> np.ndarray:
-    """Return a value as a numeric array; lists are converted.
+    """Return a value as a numeric numpy array. Lists are converted.
 
     Args:
         value: An array, or anything that numpy converts.
         where: Name of the value in errors.
-        error: The exception to raise.
+        error: The class of the exception to raise.
 
     Raises:
-        error: The value is not a rectangular array of numbers, such as a path, or it has masked values.
+        error: The value is not a rectangular array of numbers (it is a path, for example), or it has masked values.
     """
     if np.ma.is_masked(value):
         raise error(f"{where} has masked values, expected an array without a mask: pass {where}.filled(VALUE)")
@@ -40,9 +40,9 @@ def check_array(
     Args:
         owner: The object that has the field.
         name: The name of the field.
-        dtype: The dtype of the new array. The old dtype must be castable to it ("same_kind").
+        dtype: The dtype of the new array. numpy must be able to cast the old array to it with casting="same_kind".
         shape: The length of each axis, None for any length.
-        error: The exception to raise.
+        error: The class of the exception to raise.
 
     Returns:
         The new array.
@@ -70,7 +70,7 @@ def _known(expected: int | None, got: int) -> int:
 def _convert(
     value: Any, where: str, dtype: type, shape: tuple[int | None, ...], error: type[SalframeError]
 ) -> np.ndarray:
-    """Return a value as an array of a dtype and shape. Raises as `check_array`."""
+    """Return a value as an array of a dtype and shape. Raises the same errors as `check_array`."""
     value = as_array(value, where, error)
     if not _fits(value.shape, shape):
         want = "(" + ", ".join("*" if n is None else str(n) for n in shape) + ")"
@@ -86,9 +86,9 @@ def _convert(
 
 
 def check_mask(owner: object, name: str) -> np.ndarray:
-    """Check the mask (rows, columns) in a field and replace it by a read-only bool array, as `check_array`.
+    """Check the mask (H, W) in a field, replace it by a read-only bool array, and return that array.
 
-    A mask of integers, such as 0 and 255, is true where the value is not 0.
+    A mask of integers, such as 0 and 255, is true where the value is not 0. Raises the same errors as `check_array`.
     """
     value = as_array(getattr(owner, name), f"{type(owner).__name__}.{name}")
     if value.dtype.kind in "iu":

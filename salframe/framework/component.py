@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from salframe.framework.files.weights import NetworkWeights
 
 ROLE = "role"
-"""Key in the `json_schema_extra` of a slot. Its value is the role of the component in the slot."""
+"""Key in the `json_schema_extra` of a slot (a field that holds a component). Its value is the role of the component."""
 
 
 class ComponentConfig(Settings):
@@ -39,32 +39,34 @@ class ComponentConfig(Settings):
         return value
 
     def keys_of(self, setting: str) -> Mapping[str, str]:
-        """Return the keys of a setting that is a mapping, each with its help, where other settings determine the keys.
+        """Return the allowed keys of a setting that is a mapping, with a help text for each key.
 
-        By default, no setting is such a mapping, and the result is empty.
+        Subclasses override this method if other settings determine the keys of a mapping. By default, the result is
+        empty.
         """
         return {}
 
 
 def match_only(default: Any, **field: Any) -> Any:
-    """Return a pydantic Field for a setting that affects only matching, not the descriptions of panoramas."""
+    """Return a pydantic Field for a setting that affects only matching, not descriptions (features) of panoramas."""
     return Field(default, json_schema_extra={"match_only": True}, **field)
 
 
 def added(default: Any, *, match_only: bool = False, **field: Any) -> Any:
-    """Return a pydantic Field for a setting that was added in a later version.
+    """Return a pydantic Field for a setting that was added to a component after its first release.
 
-    The default must reproduce the behaviour before the setting existed. Results that were cached earlier then remain
-    valid, because a setting at its default is not part of the cache key. For `match_only`, see the function of that
-    name.
+    The default must reproduce the behaviour before the setting existed. Results that were cached before then remain
+    valid, because such a setting is not part of the cache key while it has its default. For `match_only`, see the
+    function of that name.
     """
     return Field(default, json_schema_extra={"added": True, **({"match_only": True} if match_only else {})}, **field)
 
 
 def components_in(config: Any) -> Iterator[tuple[str, ComponentConfig]]:
-    """Yield (slot, configuration) for the components in the slots of a configuration, without nested ones.
+    """Yield (field name, configuration) for each component directly in a slot of a configuration.
 
-    The components of a field that holds several are named `name[0]`, `name[1]` and so on.
+    Components in the slots of these components are not included. A field with several components yields the names
+    `name[0]`, `name[1]` and so on.
     """
     for name in type(config).model_fields if isinstance(config, BaseModel) else ():
         value = getattr(config, name)
@@ -75,7 +77,7 @@ def components_in(config: Any) -> Iterator[tuple[str, ComponentConfig]]:
 
 
 def nested_components(config: Any) -> Iterator[ComponentConfig]:
-    """Yield the configurations of the components in the slots of a configuration, and of those in their slots."""
+    """Yield the configurations of all components in the slots of a configuration, at any depth."""
     for _, inner in components_in(config):
         yield inner
         yield from nested_components(inner)
@@ -93,9 +95,9 @@ class Component(ABC):
 
     Attributes:
         name: Kebab-case name, unique within the role.
-        version: Changes whenever the output changes. It is part of the identity.
-        requires: Importable top-level packages that the component needs.
-        extra: The pip requirement that installs them.
+        version: Version of the component, part of the cache key. Change it whenever the output changes.
+        requires: Names of the top-level packages that the component imports.
+        extra: The pip requirement that installs the packages in `requires`.
         weights: All trained weights that the component may use under any setting.
         Config: The model of the settings.
     """
@@ -126,7 +128,7 @@ class Component(ABC):
 
     @classmethod
     def weights_in_use(cls, config: Any) -> tuple[NetworkWeights, ...]:
-        """Return the weights that a component with this config loads. Their hashes are part of its identity."""
+        """Return the weights that a component with this config loads. The cache key contains their hashes."""
         return cls.weights
 
     @classmethod
@@ -159,10 +161,10 @@ class Role(Component):
     Attributes:
         role: The name of the role in configurations.
         presets: The folder in preset collections with the presets of this role, None for none.
-        word: The word for a component of this role in messages. Empty for the name of the role.
+        word: The word for a component of this role in messages. If it is empty, messages use the name of the role.
         conformance: The conformance test of the role, as "module:function" or "module:class". The function is called
-            with a function that creates the component. The class is a subclass of salframe.testing.Rules, and each
-            method is a rule.
+            with a factory that creates the component. The class is a subclass of salframe.testing.Rules, and each of
+            its methods tests one rule.
     """
 
     presets: ClassVar[str | None] = None

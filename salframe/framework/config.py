@@ -14,11 +14,13 @@ MAX_BASES = 16
 
 
 def read_yaml(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """Read a YAML mapping. An optional `base:` names another file, relative to this one, whose keys it overrides.
+    """Read a YAML mapping.
+
+    The optional key `base` names a base file, relative to this file. The keys of this file override those of the base.
 
     Args:
         path: The file.
-        above: The chain of files that have this one as their base.
+        above: Files that led to this file through their key `base`, for the recursion. Callers leave it empty.
 
     Raises:
         ConfigError: A file cannot be read, is not a YAML mapping, or the chain of bases is circular or too long.
@@ -50,7 +52,7 @@ def read_yaml(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
 
 
 def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """Return `base` updated recursively with `over`. A different `kind` discards the settings of the old one."""
+    """Return `base` updated recursively with `over`. If `over` has another `kind`, settings in `base` are discarded."""
     if "kind" in over and over["kind"] != base.get("kind", over["kind"]):
         return dict(over)
     result = dict(base)
@@ -65,7 +67,7 @@ def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def parse_override(text: str) -> tuple[tuple[str, ...], Any]:
-    """Parse `key.path=value` into the path and the value, which is read as YAML. Raises ConfigError."""
+    """Parse `key.path=value`. Return the path, split at its dots, and the value, parsed as YAML. Raises ConfigError."""
     path, equals, value = text.partition("=")
     if not equals or not all(path.split(".")):
         raise ConfigError(f"received --set {shorten(text)!r}, expected key.path=value")

@@ -47,7 +47,7 @@ class DataError(SalframeError):
 
 
 class TruthMissing(DataError):
-    """A query has no truth. Only the evaluation needs it."""
+    """A query has no true place or pose. Only the evaluation needs them."""
 
 
 class InputMissing(SalframeError):

@@ -14,11 +14,14 @@ MARGIN_PX = 12
 MAX_HEIGHT_PX = 420
 """Maximum height of a drawing in pixels."""
 MAX_ROWS = 20
-"""Maximum number of rows of a table; a last row has the number of the others."""
+"""Maximum number of rows of a table. If there are more rows, a last row has their number."""
 
 
 def element(tag: str, text: str = "", children: Iterable[Element] = (), **attributes: str) -> Element:
-    """Return an element. Its text and its attributes are escaped by `to_html`; "_" in their names means "-"."""
+    """Return an element. `to_html` escapes its text and attributes.
+
+    "_" in the name of an attribute becomes "-". A "_" at the end is removed, which allows names such as `class_`.
+    """
     made = Element(tag, {name.rstrip("_").replace("_", "-"): value for name, value in attributes.items()})
     made.text = printable(text)
     made.extend(children)
@@ -60,7 +63,7 @@ class PlanDrawing:
         """Create an empty drawing.
 
         Args:
-            points_m: (N, 2) points that the drawing shows. Those that are not finite are ignored.
+            points_m: (N, 2) points that the drawing must contain. Points that are not finite are ignored.
             width_px: Maximum width.
             description: Text for screen readers.
         """
@@ -88,33 +91,33 @@ class PlanDrawing:
         )
 
     def pixels(self, points_m: np.ndarray) -> np.ndarray:
-        """Return the pixels (..., 2) of points (..., 2)."""
+        """Return the pixel coordinates (..., 2) of points (..., 2) in metres."""
         return (np.asarray(points_m, float) - self._corner_m) * (self.scale, -self.scale) + MARGIN_PX
 
     def outline(self, rings_m: Iterable[np.ndarray], **style: str) -> None:
-        """Draw the area between closed rings (K, 2), by the even-odd rule."""
+        """Fill the area inside closed rings (K, 2) of points in metres, by the even-odd rule."""
         path = " ".join(f"M{_listed(self.pixels(ring))}Z" for ring in rings_m)
         self._add("path", d=path, fill_rule="evenodd", **style)
 
     def line(self, points_m: np.ndarray, **style: str) -> None:
-        """Draw a line through points (K, 2)."""
+        """Draw a line through points (K, 2) in metres."""
         self._add("polyline", points=_listed(self.pixels(points_m)), **{"fill": "none", **style})
 
     def dot(self, point_m: np.ndarray, radius_px: float, title: str = "", **style: str) -> None:
-        """Draw a disk. Browsers show its title when the pointer is on it."""
+        """Draw a disk at a point (2,) in metres. Browsers show its title when the pointer is on it."""
         x, y = self.pixels(point_m)
         disk = self._add("circle", cx=f"{x:.1f}", cy=f"{y:.1f}", r=f"{radius_px:.1f}", **style)
         if title:
             disk.append(element("title", title))
 
     def arrow(self, point_m: np.ndarray, yaw_rad: float, colour: str, length_px: float = 16.0) -> None:
-        """Draw an arrow head at a point, which points into the direction of an azimuth."""
+        """Draw an arrow head at a point (2,) in metres. It points to `yaw_rad`, counter-clockwise from the x axis."""
         turn = np.array([[np.cos(yaw_rad), -np.sin(yaw_rad)], [np.sin(yaw_rad), np.cos(yaw_rad)]])
         head = np.array([(0.6, 0.0), (-0.4, 0.4), (-0.2, 0.0), (-0.4, -0.4)]) * length_px / self.scale
         self.outline([head @ turn.T + np.asarray(point_m)], fill=colour, stroke=PAPER)
 
     def text(self, point_m: np.ndarray, text: str, **style: str) -> None:
-        """Write a text with its middle at a point."""
+        """Write a text with its middle at a point (2,) in metres."""
         x, y = self.pixels(point_m)
         styles = {"text_anchor": "middle", "fill": INK, **style}
         self._add("text", x=f"{x:.1f}", y=f"{y:.1f}", **styles).text = printable(text)

@@ -55,7 +55,7 @@ class OnnxModel:
             arrays: One array for each of `inputs`, in order. The first axis is the batch.
 
         Raises:
-            WeightsError: The network cannot run, an output has another batch size, or has no finite number.
+            WeightsError: The network cannot run, an output has another batch size, or it contains no finite number.
         """
         names = [tensor.name for tensor in self.inputs]
         if all(tensor.shape[:1] == (1,) for tensor in self.inputs) and len(arrays[0]) > 1:
@@ -94,7 +94,7 @@ def open_model(
     Args:
         path: The file.
         inputs: The expected shape of each input, in order. None skips the check.
-        outputs: Names of the tensors to return. Inner tensors are allowed. Empty for the declared outputs.
+        outputs: Names of the tensors that `run` returns, which may be inner tensors. Empty for the declared outputs.
         dtype: The expected dtype of all inputs.
 
     Raises:
@@ -105,7 +105,7 @@ def open_model(
 
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads_allowed() or 0
-    options.log_severity_level = 4  # nothing but fatal errors: errors are raised, and only its author can fix a warning
+    options.log_severity_level = 4  # only fatal errors: others are raised, and users cannot fix warnings of a network
     options.add_session_config_entry(
         "session.intra_op.allow_spinning", "0"
     )  # spinning threads would occupy cores that other methods can use
@@ -139,7 +139,7 @@ def open_model(
 
 
 def _tensor(node: Any) -> Tensor:
-    """Return an input that an onnxruntime session declares."""
+    """Return an input of an onnxruntime session as a `Tensor`."""
     dtype = {"float": "float32", "double": "float64"}.get(
         kind := node.type.removeprefix("tensor(").removesuffix(")"), kind
     )

@@ -53,7 +53,7 @@ class PretrainedConfig(ComponentConfig):
 
 
 def hub_weights(config: PretrainedConfig) -> tuple[NetworkWeights, ...]:
-    """Return the downloaded model of the hub that `model` names; none if it is a folder. Raises WeightsError."""
+    """Return the downloaded hub model that `model` names, or () if it is a folder or None. Raises WeightsError."""
     return (find_hub_model(config.model),) if isinstance(config.model, HubName) else ()
 
 
@@ -67,7 +67,7 @@ def check_model(component: str, config: PretrainedConfig) -> None:
 
 
 def find_model_folder(model: str | Path) -> Path:
-    """Return the folder of a model: a local folder, or that of a downloaded model of the hub (hf:ORG/MODEL).
+    """Return the folder of a model: a local folder, or the folder of a downloaded hub model (hf:ORG/MODEL).
 
     Raises:
         WeightsError: There is no such folder, or the model was not downloaded, or one of its files has changed.
@@ -145,10 +145,10 @@ class PretrainedModel:
 
     Attributes:
         folder: The folder of the model.
-        architecture: Name of its class in transformers.
-        config: Its configuration in transformers.
-        image_processor: Its image processor, implemented with Pillow.
-        tokenizer: Its tokenizer; None if it takes no text.
+        architecture: Name of the network's class in transformers.
+        config: The network's configuration in transformers.
+        image_processor: The model's image processor, in the implementation that uses Pillow.
+        tokenizer: The model's tokenizer. None if the caller needs no text.
         size_px: Width and height of the images that the network takes.
         batch: Number of images per run.
     """
@@ -195,14 +195,16 @@ class PretrainedModel:
         if size_px is not None:
             self._processing["size"] = {"width": size_px[0], "height": size_px[1]}
         if getattr(self.image_processor, "do_center_crop", None) is not None:
-            self._processing["do_center_crop"] = False  # the border of a view belongs to it
+            self._processing["do_center_crop"] = False  # a crop would remove the border of a view
 
     def prepare(self, images: np.ndarray) -> dict[str, Any]:
         """Return the inputs of the network for images (n, height, width, 3) uint8 RGB."""
         return dict(self.image_processor(images=list(images), return_tensors="pt", **self._processing))
 
     def run(self, inputs: Mapping[str, Any]) -> Any:
-        """Return the output of the network for tensors, as float32 tensors on the CPU. On a GPU, in half precision.
+        """Return the output of the network for tensors, as float32 tensors on the CPU.
+
+        On a GPU, the network runs in half precision.
 
         Raises:
             WeightsError: The network cannot run on these inputs, or needs tensors that its file does not have.
@@ -236,7 +238,7 @@ class PretrainedModel:
 
 
 def read_architecture(folder: Path, architectures: Collection[str]) -> str:
-    """Return the architecture of a model, one of those that a caller can use. Raises WeightsError."""
+    """Return the first architecture in a model's config.json that is in `architectures`. Raises WeightsError."""
     received = read_model_config(folder).get("architectures")
     names = [name for name in received if name in architectures] if isinstance(received, Sequence) else []
     if not names:
@@ -277,7 +279,7 @@ def _input_size(processor: Any) -> tuple[int, int]:
 
 
 def _fill_with_nan(network: Any, names: Collection[str]) -> None:
-    """Set missing tensors to NaN, so that `run` finds those that matter: published files lack some unused ones."""
+    """Set missing tensors to NaN, so that `run` reports those that affect the output. Others may be missing."""
     for name, tensor in (*network.named_parameters(), *network.named_buffers()):
         if name in names and tensor.is_floating_point():
             tensor.data.fill_(float("nan"))

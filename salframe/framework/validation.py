@@ -11,19 +11,18 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationIn
 from salframe.framework.errors import ConfigError, SalframeError, one_line, shorten
 
 MAX_PROBLEMS = 3
-"""Maximum number of validation errors to report; the others are counted."""
+"""Maximum number of validation errors to report. Messages have only the number of further errors."""
 
 
 MIN_POSITIVE, MAX_NUMBER, MAX_INTEGER = 1e-12, 1e12, 2**63 - 1
-"""Minimum of a number that must be positive, and maximum magnitude of a number and of an integer in settings and files.
-The squares and ratios of such numbers are
-finite, and numpy has a type for such integers."""
+"""Limits of numbers in settings and files: the minimum of a number that must be positive, and the maximum magnitudes of
+floats and of integers. Within these limits, squares and ratios are finite, and integers fit into int64."""
 Seed = Annotated[int, Field(ge=0, le=MAX_INTEGER, strict=True)]
 """Seed of random numbers."""
 
 
 class Settings(BaseModel):
-    """Base class of all settings: frozen, without unknown keys, and with numbers of limited size only.
+    """Base class of all settings. Instances are frozen. Unknown keys and numbers of excessive magnitude are errors.
 
     Field names contain their units.
     """
@@ -42,7 +41,7 @@ class Settings(BaseModel):
 
 
 def check_size(value: Any, key: str = "") -> None:
-    """Raise ValueError if a number, also in a list or mapping, exceeds MAX_NUMBER or MAX_INTEGER.
+    """Raise ValueError if the magnitude of a number exceeds its limit. Numbers in lists and mappings are also checked.
 
     `key` is the dotted key of the value, for the message.
     """
@@ -138,7 +137,7 @@ def _problem(model: type[BaseModel] | None, problem: Any, where: str) -> str:
 
 
 def _count(problem: Any) -> str:
-    """Return the number of items that were received, where this number is wrong."""
+    """Return the number of received items in words if the error is about this number, else ""."""
     wrong = problem["type"] in ("too_short", "too_long")
     return f" ({_counted(problem['ctx']['actual_length'], 'item')})" if wrong else ""
 

@@ -18,17 +18,18 @@ from salframe.panoramas.geometry import equirectangular_rays, is_rigid
 LEVEL = np.array([[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 """T_base_camera of a level camera at the origin of the base that looks along +x."""
 MIN_FOV_DEG, MAX_FOV_DEG, MAX_FISHEYE_FOV_DEG = 5.0, 170.0, 360.0
-"""Limits of the field of view across the wider side of an image, without distortion."""
+"""Minimum field of view of a camera, and maximum without and with fisheye distortion. They apply to the side of the
+image that spans the wider angle, before distortion."""
 MAX_PIXEL_RATIO = 2.0
 """Maximum ratio of fx to fy, and of fy to fx."""
 MAX_TANGENTIAL = 0.1
-"""Maximum magnitude of p1 and p2; lenses have less than 0.02. Larger values are other coefficients."""
+"""Maximum magnitude of p1 and p2. Lenses have less than 0.02. Larger values suggest coefficients in a wrong order."""
 MAX_POSITION_M = 10.0
-"""Maximum distance of a camera from the origin of its base along each axis. Larger values are millimetres."""
+"""Maximum distance of a camera from the origin of its base along each axis. Larger values are probably millimetres."""
 MAX_LOST_SHARE = 0.2
-"""Maximum share of the image where the distortion is not invertible. Fitted polynomials often fold back in corners."""
+"""Maximum share of the image where the distortion is not invertible, as in corners where its polynomial decreases."""
 MAX_ELEVATION_DEG, MAX_ROLL_DEG = 60.0, 45.0
-"""Maximum elevation of the optical axis and of the image's x axis without a warning."""
+"""Maximum elevation of the optical axis, and of the x axis of the image, that causes no warning."""
 MAX_PINHOLE_ANGLE_RAD = float(np.radians(87))
 """Maximum angle from the optical axis that a camera without fisheye distortion can show."""
 RIGID_TOLERANCE = 1e-3
@@ -65,14 +66,14 @@ class Camera:
     """A calibrated camera with the conventions of OpenCV and of the ROS message sensor_msgs/CameraInfo.
 
     The camera frame is the optical frame of ROS REP-103: x right, y down, z forward. The base frame has x forward, y
-    left and z up. The panorama of an image is centred at the camera and has the axes of the base.
+    left and z up. A panorama made from an image is centred at the camera, and its axes are parallel to the base frame.
 
     Attributes:
         width: Width of the image in pixels.
         height: Height of the image in pixels.
         fx: Focal length along x in pixels.
         fy: Focal length along y in pixels.
-        cx: Column of the principal point; the centre of the first pixel is at 0.
+        cx: Column of the principal point. The centre of the first pixel is at 0.
         cy: Row of the principal point.
         distortion_model: Name of the distortion model.
         distortion: Coefficients of the model, as COEFFICIENTS lists them.
@@ -80,7 +81,7 @@ class Camera:
 
     Raises:
         DataError: A value is invalid or implausible: the field of view, the principal point, the number of
-            coefficients, a distortion that is not invertible, or a motion that is not rigid.
+            coefficients, a distortion that is not invertible, or a T_base_camera that is not a rigid motion.
     """
 
     width: int
@@ -131,7 +132,7 @@ class Camera:
         return cls(width, height, focal, focal, *centre, T_base_camera=look_up @ LEVEL)
 
     def scaled(self, width: int, height: int) -> Camera:
-        """Return the camera of this camera's images after a change of their size."""
+        """Return the camera for images of this camera that were resized to a new width and height in pixels."""
         x, y = width / self.width, height / self.height
         centre = (self.cx + 0.5) * x - 0.5, (self.cy + 0.5) * y - 0.5
         focal = self.fx * x, self.fy * y
@@ -175,7 +176,7 @@ class Camera:
 
     @cached_property
     def max_angle_rad(self) -> float:
-        """Maximum angle from the optical axis at which the distortion is invertible, without its tangential part."""
+        """Maximum angle from the optical axis at which the distortion is invertible. Its tangential part is ignored."""
         numerator, denominator = self._radial
         folds = numerator.deriv() * denominator - numerator * denominator.deriv()
         if self._model is DistortionModel.FISHEYE:
@@ -185,7 +186,7 @@ class Camera:
 
     @cached_property
     def lost_share(self) -> float:
-        """Share of the image that shows no direction, because the distortion is not invertible there."""
+        """Share of the image where the distortion is not invertible. Its pixels have no known direction."""
         y, x = np.ogrid[0 : self.height - 1 : 101j, 0 : self.width - 1 : 101j]
         radius = np.hypot((x - self.cx) / self.fx, (y - self.cy) / self.fy)
         return float((radius > self._distorted(self.max_angle_rad)).mean())
@@ -197,7 +198,7 @@ class Camera:
             directions: (..., 3) directions of any length in the panorama frame.
 
         Returns:
-            (..., 2) float64 columns and rows; the centre of the first pixel is at 0. Pixels may be outside of the
+            (..., 2) float64 columns and rows. The centre of the first pixel is at 0. The positions may be outside the
             image, see `contains`. NaN for directions behind the camera, and where the distortion is not invertible.
         """
         import cv2
@@ -255,8 +256,8 @@ class Camera:
             height: Height H of the panorama.
 
         Returns:
-            (H, 2H) bool, whether the camera shows each pixel of the panorama, and (H, 2H, 2) float32 columns and rows
-            of `project`.
+            (H, 2H) bool, whether the image shows each pixel of the panorama, and (H, 2H, 2) float32 columns and rows
+            in the image, as from `project`.
         """
         rays = equirectangular_rays(height)
         near = rays @ self.rotation[:, 2].astype(np.float32) > np.cos(self._reach_rad)
@@ -267,7 +268,7 @@ class Camera:
 
     @cached_property
     def _reach_rad(self) -> float:
-        """Angle from the optical axis within which the whole image lies, with 50 % more for tangential distortion."""
+        """Angle from the optical axis that contains the whole image, with a margin for tangential distortion."""
         x, y = max(self.cx, self.width - self.cx) / self.fx, max(self.cy, self.height - self.cy) / self.fy
         angles = np.linspace(0, self.max_angle_rad, 8192)
         corner = np.interp(1.5 * np.hypot(x, y), self._distorted(angles), angles)

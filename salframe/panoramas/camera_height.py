@@ -1,4 +1,4 @@
-"""Check a few frames: the height of the camera, to detect ranges in a wrong unit, and changes by the reader."""
+"""Estimate the height of the camera above the floor, to detect ranges in a wrong unit."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from salframe.panoramas.samples import Frame, load_samples
 NUM_ROWS = 96
 """Approximate number of rows after subsampling: 2 deg per pixel."""
 MIN_SLOPE_DEG = 12.0
-"""Minimum angle below the horizon. The slope of surfaces at a smaller angle cannot be measured."""
+"""Minimum angle of rays below the horizon. The slope of a surface cannot be measured at smaller angles."""
 MIN_LEVEL_COSINE = 0.93
 """Cosine of the maximum slope of a level surface (22 deg)."""
 BIN_SHARE = 0.04
@@ -24,9 +24,10 @@ MIN_SHARE, MIN_RELATIVE_SHARE = 0.02, 0.3
 """Minimum solid angle of a floor, relative to the half sphere below the horizon and to the largest level surface. The
 floor is the lowest surface above both limits, so that a table below the camera is not taken for the floor."""
 USUAL_M, PLAUSIBLE_M = 1.5, (0.45, 2.8)
-"""Height of a camera at eye level, and the heights without a warning: from small robots to raised tripods."""
+"""Height of a camera at eye level, and limits of heights without a warning (small robots to raised tripods)."""
 MIN_CONFIRMED_M = 0.1
-"""Minimum height that the z of a pose confirms: z is near 0 in many maps whose origin is a camera."""
+"""Minimum height of a camera that the z of a pose can confirm. If the origin of the world is a camera, z is often near
+0 and confirms nothing."""
 NUM_FRAMES = 3
 """Number of panoramas to check."""
 
@@ -44,7 +45,7 @@ UNITS = {
     100.0: "metres read as centimetres",
     1000.0: "metres read as millimetres",
 }
-"""Factor that corrects the ranges, and the likely cause of the error."""
+"""Factor that corrects the ranges -> likely cause of the error."""
 
 
 class LevelSurfaces(NamedTuple):
@@ -55,7 +56,7 @@ class LevelSurfaces(NamedTuple):
 
 
 def find_level_surfaces(panorama: Panorama) -> LevelSurfaces:
-    """Return the distances of floor and ceiling. They are unknown without a measured range."""
+    """Return the distances of the camera from floor and ceiling. They are NaN without a measured range."""
     if panorama.range_m is None or panorama.range_by is not None:
         return LevelSurfaces(np.nan, np.nan)
     heights_m = (camera_height(range_m) for range_m in (panorama.range_m, panorama.range_m[::-1]))
@@ -118,8 +119,8 @@ def units_note(frames: Sequence[Frame], camera_z_m: Sequence[float] | np.ndarray
 
     Args:
         frames: Reference frames, queries or panoramas.
-        camera_z_m: World z of other cameras in this building, such as the cameras of the map. Like the poses of
-            reference frames, they confirm a height that is equal to the z of a camera (MIN_CONFIRMED_M and more).
+        camera_z_m: World z of other cameras in this building, such as the cameras of the map. A height of at least
+            MIN_CONFIRMED_M is confirmed if it is close to one of these z or to the z of a reference frame.
     """
     heights = {}
     z_m = list(camera_z_m)

@@ -73,7 +73,7 @@ def read_sequence(
 
 
 def _folder_sequence(folder: Folder, name: str | None) -> CameraSequence:
-    """Return a sequence of a folder."""
+    """Return a sequence of queries in a dataset folder."""
     name, entries = _choose(folder, name)
     t_s = [entry.t_s or 0.0 for entry in entries]
     odometry, truths = folder.odometry, folder.true_poses

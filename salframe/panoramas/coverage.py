@@ -22,11 +22,11 @@ accuracy of boxes."""
 
 @dataclass(frozen=True)
 class Rig:
-    """Pinhole views of width_px x height_px; fov_rad is the field of view across the shorter side.
+    """Pinhole views of width_px x height_px. fov_rad is the field of view across the shorter side.
 
-    Pixel centres are at +0.5 and the principal point is the centre of the image, as in salframe.geometry. Every view of
-    a ring is the first view of the panorama rolled by whole columns. Rolling the panorama by the same number of columns
-    therefore gives bit-identical pixels.
+    Pixel centres are at +0.5, as in salframe.panoramas.geometry. The principal point is the centre of the image. All
+    views of a ring are sampled in the same way, from the panorama rolled by whole columns. If a panorama is rolled by
+    such a number of columns, its views are therefore permuted, with bit-identical pixels.
     """
 
     width_px: int
@@ -56,7 +56,10 @@ class Rig:
         return np.stack(views)
 
     def cuts(self, box_px: np.ndarray) -> np.ndarray:
-        """Return which boxes (n, 4) reach within a pixel of their view's border, so that they may be cut: (n,) bool."""
+        """Return which boxes (n, 4) come within a pixel of the border of their view, (n,) bool.
+
+        The border may cut the objects in these boxes. A box is left, top, right and bottom in pixels.
+        """
         last_px = self.width_px - 1, self.height_px - 1
         return np.any(np.hstack([box_px[:, :2] < 1, box_px[:, 2:] > last_px]), axis=1)
 
@@ -75,8 +78,8 @@ class Grid:
         rays: Unit vectors (P, 3) float32 in the panorama frame.
         solid_angle_sr: Solid angles (P,) float64.
         visible: Whether each view shows each pixel (V, P).
-        pixel: Grid pixels that the first view of each ring shows.
-        x_px, y_px: Positions of these pixels in that view, float32.
+        pixel: For each ring, the indices of the grid pixels that its first view shows.
+        x_px, y_px: For each ring, the float32 positions of these pixels in its first view.
     """
 
     step: int
@@ -119,13 +122,13 @@ def ring_of(view: int) -> tuple[int, int]:
 
 
 def _shift(position: int, count: int, width: int) -> int:
-    """Return a shift in columns to the right. After it, the first of `count` views shows the content of the view at
-    `position`."""
+    """Return a number of columns. If the panorama is rolled to the right by this number, the first of `count` views
+    shows what the view at `position` showed."""
     return round(position * width / count)
 
 
 def _turn(marked: np.ndarray, shape: tuple[int, int], position: int, count: int) -> np.ndarray:
-    """Move the pixels (P,) that the first of `count` views marks to where the view at `position` marks them."""
+    """Return the mask (P,) of the view at `position`, given the mask of the first of `count` views."""
     return np.roll(marked.reshape(shape), -_shift(position, count, shape[1]), axis=1).ravel()
 
 

@@ -12,7 +12,8 @@ MIN_KNOWN_SHARE = 0.03
 """Minimum share of the panorama that the face below the camera must fill with known values. The whole face fills 1/4 of
 its pixels."""
 MIN_SUPPORT, MIN_SUPPORT_RATIO = 0.2, 1.5
-"""Minimum share of the face below the camera that has one depth, and its ratio to the share that has one height."""
+"""Minimum share of pixels with the same depth on the face below the camera, and minimum ratio of this share to the
+share of pixels with the same height."""
 LEVEL_SHARE = 0.02
 """Maximum relative difference of the values of one floor."""
 
@@ -20,7 +21,8 @@ LEVEL_SHARE = 0.02
 def is_cube_depth(range_m: np.ndarray) -> bool:
     """Return whether the values of a range image look like depth along the axes of cube faces.
 
-    The floor on the face below the camera then has one depth, and a floor in ranges along the ray has one height.
+    The face below the camera decides. If the values are such depths, the floor has the same value everywhere. If they
+    are ranges along the ray, the floor has the same height everywhere.
 
     Args:
         range_m: (H, 2H) ranges in any unit; values that are not finite or not positive are unknown.
@@ -38,7 +40,7 @@ def is_cube_depth(range_m: np.ndarray) -> bool:
 
 
 def _mode_share(values: np.ndarray, weight: np.ndarray) -> float:
-    """Return the largest share of the weight whose values differ by at most LEVEL_SHARE."""
+    """Return the maximum share of the total weight over all groups of values that differ by at most LEVEL_SHARE."""
     order = np.argsort(values)
     logs, total = np.log(values[order].astype(np.float64)), np.append(0, np.cumsum(weight[order]))
     last = np.searchsorted(logs, logs + LEVEL_SHARE, side="right")

@@ -1,4 +1,4 @@
-"""Checks of datasets and queries before they are used: one-line warnings if their conventions seem to be others."""
+"""Checks of datasets and queries before use: one-line warnings about units and conventions that are probably wrong."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from salframe.panoramas.region_check import check_regions
 from salframe.panoramas.samples import Frame, load_samples
 
 MAX_HEIGHT_ERROR = 0.07
-"""Maximum relative difference of two heights of one camera."""
+"""Maximum relative difference between two heights that count as equal."""
 
 
 def data_notes(dataset: Dataset) -> list[str]:
@@ -29,10 +29,11 @@ def data_notes(dataset: Dataset) -> list[str]:
 
 
 def fold_notes(folds: Sequence[Fold], floors: Sequence[FloorMasks] = ()) -> list[str]:
-    """Return warnings about reference frames; empty if their conventions are as expected.
+    """Return warnings about folds. The list is empty if their conventions are as expected.
 
-    The reference frames of the first fold are checked: a sample of them for the unit of the ranges, for values without
-        a reading and for their poses; all of them for their places and up directions.
+    A sample of all reference frames is checked for the unit of the ranges and for values that mean an unknown range.
+    The places of all reference frames are compared with the floor masks and with the storeys. The poses of the first
+    fold are compared with its range images. Queries whose views have an unknown motion are reported.
 
     Raises:
         DataError: Many panoramas are not upright by their poses, many frames stand outside the region of their place,
@@ -59,7 +60,7 @@ def motion_note(folds: Sequence[Fold]) -> str | None:
 
 
 def picture_note(frames: Sequence[Frame]) -> str | None:
-    """Return a one-line note if the reader changed the pictures of frames; None if it did not.
+    """Return a one-line note if the file reader changed the images of frames, for example their size; else None.
 
     A few of the frames are loaded. Those that cannot be read are ignored.
     """
@@ -77,8 +78,8 @@ def query_notes(panorama: Panorama, camera_z_m: Sequence[float] | np.ndarray = (
 
     Args:
         panorama: The query.
-        camera_z_m: (S,) world z of the cameras of the map. A query as high as
-            one of them causes no warning.
+        camera_z_m: (S,) world z of the cameras of the map. An implausible height of the query causes no warning if it
+            is close to one of them.
     """
     notes = [unlabelled_note(panorama)]
     if panorama.range_m is not None and panorama.range_by is None:
@@ -95,14 +96,14 @@ def query_notes(panorama: Panorama, camera_z_m: Sequence[float] | np.ndarray = (
 
 
 def upside_down_note(query: str, surfaces: LevelSurfaces, camera_z_m: np.ndarray) -> str | None:
-    """Return a warning if the ceiling is as far from the camera as the floor is in the map; None elsewhere.
+    """Return a warning if the ceiling is as far from the camera as the floor is in the map; else None.
 
     A camera that hangs upside down is the likely cause, but an upright camera may stand at such a height too.
 
     Args:
         query: Id of the query.
         surfaces: Floor and ceiling in the query.
-        camera_z_m: (S,) world z of the cameras of the map. Those that are positive are heights above the floor.
+        camera_z_m: (S,) world z of the cameras of the map. Positive values are used as heights above the floor.
     """
     known_m = camera_z_m[camera_z_m > 0]
     if np.isnan(surfaces).any() or not len(known_m):

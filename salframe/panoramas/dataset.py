@@ -33,7 +33,7 @@ class Dataset(Role):
     @property
     @abstractmethod
     def provides(self) -> frozenset[str]:
-        """Parts that all panoramas have, of "rgb", "range" and "annotations". Available before `prepare`."""
+        """Parts that all panoramas have, a subset of {"rgb", "range", "annotations"}. Available before `prepare`."""
 
     @property
     @abstractmethod
@@ -62,8 +62,8 @@ class Dataset(Role):
     def question_key(self) -> str:
         """Key of the maps and queries of a run: a digest of the fingerprint and of the changed `match_only` settings.
 
-        These settings select reference frames and queries, but do not change panoramas. Runs that differ only in these
-        settings share descriptions.
+        These settings select reference frames and queries, or change queries when they are loaded. They do not change
+        stored panoramas. Runs that differ only in these settings share the descriptions of the same panoramas.
         """
         chosen = matching_settings(self.config)
         return digest([self.fingerprint, chosen]) if chosen else self.fingerprint
@@ -82,17 +82,18 @@ class Dataset(Role):
 
     @abstractmethod
     def folds(self) -> Sequence[Fold]:
-        """Return the folds: each has reference frames with poses, and queries without poses.
+        """Return the folds.
 
-        A fold is a map with its queries. Most datasets have one fold; leave-one-out evaluation has many.
+        A fold has the reference frames of one map, with poses, and the queries to localize in this map, without poses.
+        Most datasets have one fold. Leave-one-out evaluation has many.
         """
 
     @final
     def view(self, folds: Sequence[Fold]) -> list[Fold]:
         """Return the folds with the settings of QueryView applied to the queries.
 
-        A dataset whose Config has these settings returns the result from `folds`. The cache keys of its reference
-        frames do not depend on these settings.
+        If the Config of a subclass has these settings, its `folds` must call this method and return the result. The
+        cache keys of reference frames do not depend on these settings.
         """
         if not view_settings(self.config):
             return list(folds)
@@ -103,7 +104,7 @@ class Dataset(Role):
         """Return the true pose and place of a query. Only the evaluation calls it."""
 
     def floors(self) -> Sequence[FloorMasks]:
-        """Return the floor masks, top view; empty if the dataset has none."""
+        """Return the floor masks, seen from above. Empty if the dataset has none."""
         return ()
 
     def connections(self) -> Sequence[Connection]:
@@ -118,9 +119,9 @@ class Dataset(Role):
         return {}
 
     def observe(self, T_world_pano: np.ndarray) -> Panorama:
-        """Return the panorama of a query at a new pose, in datasets that can render.
+        """Render the panorama of a query at a new pose.
 
-        A dataset whose Config has the settings of QueryView applies `as_query` to it.
+        If the Config of a subclass has the settings of QueryView, the subclass must apply `as_query` to the panorama.
 
         Args:
             T_world_pano: (4, 4) pose of the query.

@@ -7,24 +7,28 @@ import numpy as np
 _ROWS = 128
 """Height to which a picture is reduced."""
 _CORNER_RADIUS, _RING = 0.6, (0.3, 0.4)
-"""Radii relative to the height: corners lie outside the first, the image of a fisheye lens fills the ring."""
+"""Radii around the centre of each half of the picture, relative to the height. Corners are the pixels beyond the first
+radius. The image of a fisheye lens fills the ring between the other two."""
 _POLE_ROWS, _POLE_COLUMN = (0.4, 0.44), 0.08
-"""Region at the top and bottom of a circle, from its centre: at these rows the corners are black, the circle is not."""
+"""Regions at the top and bottom of a circle: limits of their rows and columns from its centre, relative to the height.
+At these rows the corners are black and the circle is lit."""
 _MAX_BLACK, _MAX_BLACK_SHARE = 32.0, 0.25
-"""Maximum brightness of the corners, absolute and relative to the ring."""
+"""Maximum brightness of the corners: absolute (0 to 255), and relative to the ring."""
 _MIN_CONTRAST = 12.0
 """Minimum difference of brightness between the image of a lens and the corners."""
 _MIN_LIT = 0.5
 """Minimum share of lit pixels for a region to count as lit."""
 _NUM_SECTORS, _MIN_SECTORS, _MIN_POLES = 8, 7, 3
-"""Number of sectors of each ring, minimum number of lit sectors of each, and of lit regions at tops and bottoms."""
+"""Number of sectors of each ring, minimum number of lit sectors of each ring, and minimum number of lit regions among
+the four at the tops and bottoms of the two circles."""
 
 
 def is_dual_fisheye(rgb: np.ndarray) -> bool:
     """Return whether a picture shows two fisheye circles side by side on black.
 
-    All eight corners of the two squares are black, and the circles are lit all around, even at the rows of the corners.
-    A panorama with a black cap at a pole, a dark one and a partial one are lit or black along whole rows.
+    The eight corners of the two square halves must be black. The circles must be lit all around, even at the rows of
+    the corners. Panoramas that are dark or partial, or have a black cap at a pole, do not meet both conditions, because
+    each of their rows is either lit or black.
 
     Args:
         rgb: (H, 2H, 3) uint8 picture.

@@ -1,4 +1,4 @@
-"""Outlines of the floor masks: polygons of the free floor and of the places."""
+"""Polygons of floor masks: the free floor and the region of each place."""
 
 from __future__ import annotations
 
@@ -19,20 +19,21 @@ REGION_COLOURS: tuple[tuple[int, int, int], ...] = (
     (249, 245, 215),
     (232, 232, 240),
 )
-"""Colours of regions, by the number of the region modulo their number."""
+"""Colours of regions. The index is the label of the region modulo the number of colours."""
 _SIMPLIFY_PX = 0.7
-"""Tolerance of the outlines, in pixels of the masks."""
+"""Tolerance for simplifying the polygons, in pixels of the masks."""
 
 
 def floor_outlines(floor: FloorMasks, mask: np.ndarray) -> list[list[np.ndarray]]:
-    """Return the polygons of a mask of a floor: an outer ring and its holes each.
+    """Return the polygons around the true pixels of a mask.
 
     Args:
-        floor: The floor.
+        floor: The floor, which has the position and resolution of the mask.
         mask: (rows, columns) bool.
 
     Returns:
-        Rings (K, 2) in metres in the world. The last point of a ring is its first.
+        One list of rings per polygon: the outer ring, then its holes. A ring is (K, 2), in metres in the world. The
+        last point of a ring equals the first.
     """
     import cv2
 
@@ -55,7 +56,7 @@ def floor_outlines(floor: FloorMasks, mask: np.ndarray) -> list[list[np.ndarray]
 
 
 def draw_floor(floor: FloorMasks, points_m: np.ndarray, width_px: int = 420) -> PlanDrawing:
-    """Return a drawing of a floor with the names of its places, which also shows points (N, 2)."""
+    """Return a drawing of a floor with the names of its places. It is large enough to show points (N, 2) in metres."""
     areas = {number: floor_outlines(floor, floor.region == number) for number in floor.regions}
     free = floor_outlines(floor, floor.free | (floor.region > 0))
     rings = [polygon[0] for polygon in free]
@@ -72,7 +73,7 @@ def draw_floor(floor: FloorMasks, points_m: np.ndarray, width_px: int = 420) -> 
 
 
 def floor_below(floors: Sequence[FloorMasks], position_m: np.ndarray) -> FloorMasks | None:
-    """Return the floor of a position (3,); the lowest one where it is on none; None without floors."""
+    """Return the floor that a position (3,) is on, or the lowest floor if it is on none. None if there is no floor."""
     by_height = sorted(floors, key=lambda floor: floor.z_m)
     if not by_height:
         return None

@@ -1,4 +1,4 @@
-"""Floors as masks, top view."""
+"""Floors as masks seen from above: free floor, obstacles, and the region of each place."""
 
 from __future__ import annotations
 
@@ -52,13 +52,13 @@ class FloorMasks:
     y = origin_m[1] - row * resolution_m.
 
     Attributes:
-        free: (rows, columns) bool, free floor, obstacles not yet subtracted. Integers are true where they are not 0.
-        region: (rows, columns) int32, label of the region; 0 outside all regions.
+        free: (rows, columns) bool, free floor. Pixels of obstacles may be true too. Integers are true where not 0.
+        region: (rows, columns) int32, label of the region (the floor area of a place); 0 outside all regions.
         obstacle: (rows, columns) bool, obstacles.
         resolution_m: Side of a pixel in metres.
         origin_m: x and y of the upper left corner of the masks in the world, in metres.
-        regions: Place of each region label.
-        z_m: Height of the floor in the world. A frame belongs to the highest floor below it, up to MAX_CAMERA_M.
+        regions: Region label -> name of the place.
+        z_m: Height of the floor in the world. A frame belongs to the highest floor at most MAX_CAMERA_M below it.
 
     Raises:
         DataError: The masks differ in size, a mask has another dtype, a number is not finite, the resolution is not
@@ -126,14 +126,14 @@ def _bounds_m(floor: FloorMasks) -> tuple[float, float, float, float]:
 
 
 def _stay_apart(floor: FloorMasks, other: FloorMasks) -> bool:
-    """Return whether two masks of one height are kept as they are, because their joined masks would be mostly empty."""
+    """Return whether two masks at one height stay separate, because their joined masks would be mostly empty."""
     bounds = np.array([_bounds_m(floor), _bounds_m(other)])
     joined = np.prod((bounds[:, 2:].max(0) - bounds[:, :2].min(0)) / floor.resolution_m)
     return not touch(floor, other) and bool(joined > MAX_EMPTY_RATIO * (floor.free.size + other.free.size))
 
 
 def find_floor(floors: Sequence[FloorMasks], xyz_m: Sequence[float] | np.ndarray) -> int | None:
-    """Return the index of the floor that a camera or an agent is on; None if it is on none. See `floor_numbers`.
+    """Return the index of the floor that a camera or an agent is on, by the rule of `floor_numbers`. None if on none.
 
     Args:
         floors: Floors, sorted by height.
@@ -144,7 +144,7 @@ def find_floor(floors: Sequence[FloorMasks], xyz_m: Sequence[float] | np.ndarray
 
 
 def floor_numbers(floors: Sequence[FloorMasks], xyz_m: np.ndarray) -> np.ndarray:
-    """Return the index of the floor of each camera, (N,) int; -1: no floor.
+    """Return the index of the floor that each position is on, (N,) int; -1 if it is on none.
 
     A position belongs to the highest floor that is at most MAX_CAMERA_M below it and whose masks cover it. If there is
     no such floor, it belongs to a floor less than SAME_FLOOR_M above it.
@@ -180,7 +180,7 @@ def check_heights(floors: Sequence[FloorMasks]) -> None:
 
 
 class Regions:
-    """The place at each position of some floors: the place of the nearest region, also on walls and sills.
+    """Lookup of the place at a position: the place of the nearest region, also on walls and sills.
 
     Attributes:
         places: Names of the places.
@@ -283,8 +283,8 @@ def _lay_over(below: FloorMasks, above: FloorMasks) -> FloorMasks:
 def _relabel(floor: FloorMasks, other: FloorMasks) -> FloorMasks:
     """Return a floor with new labels that do not collide with those of another floor.
 
-    Labels with a place differ from all labels of the other floor. Labels without a place differ from its labels with a
-    place.
+    New labels with a place differ from all labels of the other floor. New labels without a place differ from the labels
+    of the other floor that have a place.
     """
     present = {*floor.regions, *np.unique(floor.region).tolist()} - {0}
     others = {*other.regions, *np.unique(other.region).tolist()}
@@ -300,7 +300,7 @@ def _relabel(floor: FloorMasks, other: FloorMasks) -> FloorMasks:
 
 
 def _spread(floor: FloorMasks, at: np.ndarray, shape: tuple[int, int]) -> FloorMasks:
-    """Return the masks of a floor, padded to a larger shape; `at`: (row, column) of their first pixel."""
+    """Return the masks of a floor, padded to a larger shape. `at` is the (row, column) of their first pixel there."""
     margins = [
         (int(start), int(total - start - size)) for start, total, size in zip(at, shape, floor.free.shape, strict=True)
     ]

@@ -27,7 +27,7 @@ WRITTEN_AS = {
     "annotations": ("instances", ".instances.png"),
     "valid": ("valid", ".valid.png"),
 }
-"""Parts of a panorama: the key in the manifest, and the ending of the file name."""
+"""Part of a panorama -> its key in the manifest, and the ending of its file name."""
 
 
 def _rigid(pose: tuple[float, ...] | None) -> tuple[float, ...] | None:
@@ -41,7 +41,9 @@ Pose = Field(None, min_length=16, max_length=16, description="T_world_pano, 4 x 
 
 
 class RangeKeys(Settings):
-    """Encoding of range images in the manifest: of one frame, or of all frames without these keys. None: not declared.
+    """Keys of the manifest that declare the encoding of range images.
+
+    They may be in the entry of a frame, or at the top level for all frames without them. None: not declared.
 
     Attributes:
         range_unit_m: Metres per step.
@@ -120,7 +122,21 @@ class FloorEntry(Settings):
 
 
 class Manifest(RangeKeys):
-    """Content of manifest.json."""
+    """Content of manifest.json. All paths are relative to its folder.
+
+    Attributes:
+        format: Name of the format.
+        version: Version of the format.
+        frames: All frames: reference frames and queries.
+        truth: JSON file with the truth of the queries.
+        objects: Table with the label of each instance id.
+        labels: Table that translates labels.
+        floors: The floors.
+        rendered: Whether annotations and ranges come from a renderer and are free of errors.
+        odometry: Table with the odometry of the camera.
+        pose_convention: Axes of the poses.
+        pose_unit_m: Unit of the positions in metres.
+    """
 
     format: Literal["salframe-folder"]
     version: Literal[1]
@@ -210,7 +226,7 @@ def write_floor(root: Path, name: str, masks: FloorMasks) -> FloorEntry:
 
 
 def read_floor(root: Path, entry: FloorEntry, z_m: float) -> FloorMasks:
-    """Read the masks of a floor at a height in metres. Raises DataError where they cannot be read or differ in size."""
+    """Read the masks of a floor at a height in metres. Raises DataError if they cannot be read or differ in size."""
     free, obstacle = (images.read_mask(root / name) for name in (entry.free, entry.obstacle))
     region = images.read_ids(root / entry.region)
     if not free.shape == obstacle.shape == region.shape:
@@ -224,7 +240,7 @@ def image_names(stem: str, parts: Iterable[str]) -> dict[str, Any]:
 
     Args:
         stem: The beginning of all names.
-        parts: The parts of the panorama, of "rgb", "range", "annotations" and "valid".
+        parts: The parts of the panorama, a subset of {"rgb", "range", "annotations", "valid"}.
     """
     selected = set(parts)
     return {key: stem + ending for name, (key, ending) in WRITTEN_AS.items() if name in selected}
@@ -271,11 +287,10 @@ def write_manifest(
     Args:
         root: The folder.
         frames: Entries of all frames.
-        truth: Truth of the queries by id. Where it is empty, no truth file is written: the folder can be localized in,
-            and it cannot be evaluated.
+        truth: Truth of the queries by id. If it is empty, no truth file is written, and evaluation is not possible.
         objects: Name of the table of objects.
         floors: Entries of the floors.
-        rendered: As in Annotations.
+        rendered: Whether annotations and ranges come from a renderer and are free of errors.
         odometry: Name of the CSV file with the poses of the views of sequences over time.
     """
     if truth:

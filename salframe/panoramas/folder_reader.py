@@ -43,7 +43,7 @@ MIN_STOREY_M = 2.4
 
 
 class Folder:
-    """A dataset folder, read on demand. Raises DataError, in one line, where a file is missing or malformed."""
+    """A dataset folder, read on demand. All methods raise DataError if a file is missing or malformed."""
 
     def __init__(self, root: Path):
         if not (root / MANIFEST).exists():
@@ -53,7 +53,7 @@ class Folder:
 
     @property
     def provides(self) -> frozenset[str]:
-        """Parts that every frame has, of "rgb", "range" and "annotations"."""
+        """Parts that every frame has, a subset of {"rgb", "range", "annotations"}."""
         frames = self.manifest.frames
         parts = {name for name, (key, _) in WRITTEN_AS.items() if all(getattr(frame, key) for frame in frames)}
         return frozenset(parts - {"valid"})
@@ -87,12 +87,12 @@ class Folder:
 
     @property
     def true_poses(self) -> dict[str, np.ndarray]:
-        """True poses T_world_pano (4, 4) of query frames, where they are known, by the id of the frame."""
+        """Id of a query frame -> its true pose T_world_pano (4, 4). Frames with an unknown pose are missing."""
         poses = {id: self._pose(entry.pose) for id, entry in self._truth.items()}
         return {id: pose for id, pose in poses.items() if pose is not None}
 
     def reference_frame(self, entry: FrameEntry, content: str = "") -> ReferenceFrame:
-        """Return a reference frame of the manifest with this `content`; its images are read when it is loaded."""
+        """Return a reference frame of the manifest with this `content`. Its `load` reads the images."""
         kind = FrameKind.TRANSITION if entry.role == "transition" else FrameKind.SCENE
         pose, place = self._pose(entry.pose), entry.place
         if pose is None or place is None:
@@ -108,10 +108,10 @@ class Folder:
     def query_frames(self, contents: Mapping[str, str]) -> list[QueryFrame]:
         """Return the queries of the manifest. Their images are read when they are loaded.
 
-        The views of a sequence are one query, in the order of time. Its id is that of its last view.
+        All views of a sequence form one query, in the order of time. The id of the query is the id of the last view.
 
         Args:
-            contents: The `content` of frames by id; missing: "".
+            contents: The `content` of frames by id. Frames that are missing here have the content "".
 
         Raises:
             DataError: The odometry cannot be read.
@@ -131,8 +131,7 @@ class Folder:
         return queries
 
     def view_frames(self, entries: Sequence[FrameEntry], contents: Mapping[str, str]) -> list[QueryFrame]:
-        """Return one query frame for each entry, without the other views of its query. `contents` is as in
-        `query_frames`."""
+        """Return one query frame with a single view for each entry. `contents` is as in `query_frames`."""
         return [QueryFrame(entry.id, partial(self.load, entry), contents.get(entry.id, "")) for entry in entries]
 
     @cached_property
@@ -148,14 +147,14 @@ class Folder:
 
     @cached_property
     def odometry(self) -> Odometry | None:
-        """The motion of the camera; None where the manifest names none. Raises DataError where it cannot be read."""
+        """The odometry of the camera. None if the manifest names no file. Raises DataError if it cannot be read."""
         return None if self.manifest.odometry is None else Odometry.read(self.root / self.manifest.odometry)
 
     def load(self, frame: FrameEntry) -> Panorama:
         """Read the panorama of a frame.
 
-        A picture that is tilted by its XMP is levelled if the pose of the frame is level. A tilted pose describes the
-        picture as it is stored.
+        If the XMP of the picture declares a tilt, the panorama is levelled. If the pose of the frame is tilted too, the
+        panorama is not levelled, because the pose describes the picture as it is stored.
         """
         pose = self._pose(frame.pose)
         rgb, range_image, instances, valid = (
@@ -183,8 +182,8 @@ class Folder:
     def _floor_heights(self) -> list[float]:
         """Return the height of each floor in metres.
 
-        The default of a single floor is 0 if all cameras are 0 to MAX_CAMERA_M above 0, else USUAL_M below the
-        lowest camera.
+        A single floor without `z_m` is at 0 if all cameras are between -SAME_FLOOR_M and MAX_CAMERA_M. Otherwise it is
+        USUAL_M below the lowest camera, or higher if the highest camera would be more than MAX_CAMERA_M above it.
 
         Raises:
             DataError: A floor has no `z_m`, and there are several floors, or the cameras stand on more than one storey.

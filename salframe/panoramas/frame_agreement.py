@@ -1,4 +1,4 @@
-"""Agreement of the ranges of reference frames under their poses: points of one frame, seen from another frame."""
+"""Check whether the range images of reference frames agree under their poses, with the points of pairs of frames."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from salframe.panoramas.geometry import equirectangular_rays, invert_pose, rays_
 NUM_ROWS = 90
 """Rows of the reduced range image: 2 deg per pixel."""
 MAX_ELEVATION_DEG = 25.0
-"""Maximum elevation of the compared points. Floor and ceiling agree under every motion in the plane."""
+"""Maximum elevation of the compared points. Points beyond it are on floor and ceiling, which agree under every
+horizontal motion."""
 COLUMN_STEP, ROW_STEP = 2, 3
 """Steps between the compared points, in pixels of the reduced image."""
 
@@ -23,8 +24,8 @@ class Tolerance:
     """Maximum difference of ranges that agree.
 
     Attributes:
-        relative: Relative to the range.
-        offset: Relative to the median range of the frame.
+        relative: Part of the tolerance that is proportional to the range of the point.
+        offset: Part of the tolerance that is proportional to the median range of the frame.
     """
 
     relative: float = 0.05
@@ -46,7 +47,7 @@ class RangeView:
         rows, columns = (((np.arange(n) + 0.5) * full / height).astype(int) for n in (height, 2 * height))
         reduced = range_m[np.ix_(rows, columns)].astype(np.float64)
         is_known = np.isfinite(reduced) & (reduced > 0)
-        # Of 3 x 3 pixels: edges of objects are no contradiction.
+        # Minimum and maximum of 3 x 3 pixels, so that the edge of an object is no contradiction.
         self._min = minimum_filter(np.where(is_known, reduced, np.inf), 3, mode=("nearest", "wrap"))
         self._max = maximum_filter(np.where(is_known, reduced, -np.inf), 3, mode=("nearest", "wrap"))
         near_horizon = np.abs(row_elevation(height)) <= np.radians(MAX_ELEVATION_DEG)
@@ -61,12 +62,12 @@ class RangeView:
         """Compare points with the surfaces that this frame sees.
 
         Args:
-            points: (N, 3) points of another frame, in the frame of this one.
+            points: (N, 3) points of another frame, in the coordinates of this frame.
             tolerance: Maximum difference of ranges.
 
         Returns:
-            The share of points on a visible surface, and the share of points in front of it, in the free space of this
-            frame. The others are hidden behind a surface, or the range is unknown there.
+            The share of points on a surface that this frame sees, and the share of points in front of such a surface,
+            where this frame sees free space. Other points are hidden behind a surface, or the range is unknown there.
         """
         if not len(points):
             return 0.0, 0.0
@@ -85,8 +86,8 @@ class Agreement:
     """Comparison of pairs of frames.
 
     Attributes:
-        on_surface: Mean share of the points of one frame that lie on a surface that the other sees.
-        seen_through: Mean share of the points where the other frame sees free space.
+        on_surface: Mean share of the points of one frame that lie on a surface that the other frame sees.
+        seen_through: Mean share of the points of one frame that lie where the other frame sees free space.
     """
 
     on_surface: float
@@ -94,17 +95,17 @@ class Agreement:
 
     @property
     def evidence(self) -> float:
-        """Share of the points that agree with or contradict the poses."""
+        """Share of the points that either agree with the poses or contradict them."""
         return self.on_surface + self.seen_through
 
     @property
     def net(self) -> float:
-        """Share of the points that agree, less the share that contradicts."""
+        """Share of the points that agree, minus the share that contradicts."""
         return self.on_surface - self.seen_through
 
     @property
     def ratio(self) -> float:
-        """Share of the points with evidence that agree, from 0 to 1; 0 without evidence."""
+        """Share that agrees, among the points that agree or contradict, from 0 to 1; 0 without such points."""
         return self.on_surface / self.evidence if self.evidence > 0 else 0.0
 
 
@@ -117,12 +118,12 @@ def pair_agreements(
     pairs: Iterable[tuple[int, int]],
     tolerance: Tolerance = DEFAULT_TOLERANCE,
 ) -> list[Agreement]:
-    """Compare frames in pairs, each with the other.
+    """Compare the range images of pairs of frames, in both directions.
 
     Args:
         views: The frames.
-        poses: Their (4, 4) poses, in the unit of the ranges.
-        pairs: Indices of two frames each.
+        poses: (4, 4) pose of each frame, in the unit of the ranges.
+        pairs: Indices of the two frames of each pair.
         tolerance: Maximum difference of ranges.
 
     Returns:
@@ -141,15 +142,17 @@ def pair_agreements(
 
 
 def mean_agreement(agreements: Iterable[Agreement]) -> Agreement:
-    """Return the mean of comparisons; no evidence if there are none."""
+    """Return the mean of comparisons. Both shares are 0 if there are none."""
     shares = [(one.on_surface, one.seen_through) for one in agreements]
     on_surface, seen_through = np.mean(shares, axis=0) if shares else (0.0, 0.0)
     return Agreement(float(on_surface), float(seen_through))
 
 
 def nearest_pairs(places: Sequence[str], positions: np.ndarray) -> list[tuple[int, int]]:
-    """Return pairs of frames that probably see the same surfaces: each frame with the nearest one of its place, or with
-    the nearest one of all where its place has no other frame.
+    """Return the indices of pairs of frames that probably see the same surfaces.
+
+    Each frame is paired with the nearest frame of its place. If its place has no other frame, it is paired with the
+    nearest frame of all.
 
     Args:
         places: Place of each of N frames.

@@ -57,8 +57,8 @@ class ReferenceFrame:
         T_world_pano: (4, 4) float64 pose.
         kind: Whether the frame shows a scene or a transition.
         load: Returns the panorama. Frames of a saved map have no panorama; their `load` raises DataError.
-        content: Cache key of the panorama, in addition to the id; "": the content_key of the dataset. Datasets that
-            have the same panorama have the same key.
+        content: Cache key of the panorama, in addition to the id. "" stands for the content_key of the dataset.
+            Datasets that share a panorama use the same key for it.
 
     Raises:
         DataError: The kind is not a FrameKind, or the pose is not a rigid motion.
@@ -88,12 +88,12 @@ class QueryFrame:
         id: Id of the query.
         load: Returns the panorama.
         content: As in ReferenceFrame.
-        earlier: Views of the query that were taken before, in this order.
-        T_last_view: (V, 4, 4) float64 rigid motions that map coordinates of the earlier views and of this panorama to
-            those of this panorama. None if they are unknown, or if there are no earlier views.
+        earlier: Views of the query that were taken before this panorama, in the order of time.
+        T_last_view: (V, 4, 4) float64 rigid motions from the coordinates of each view to those of this panorama, for
+            the earlier views and this panorama itself. None if they are unknown, or if there are no earlier views.
 
     Raises:
-        DataError: The motions are no rigid motions, or not one for each view.
+        DataError: A motion is not rigid, or the number of motions differs from the number of views.
     """
 
     id: str

@@ -1,7 +1,8 @@
 """Coordinate frames and pixels: the equirectangular image and rigid motions.
 
-World and panorama frames are right-handed, z up, in metres; the panorama looks along +x, y is to its left (ROS
-REP-103). Pixel centres are at +0.5. Azimuth increases to the left: counter-clockwise in a top view.
+World and panorama frames are right-handed, with z up, in metres. The centre of a panorama image looks along +x, and y
+points to the left (ROS REP-103). Pixel centres are at +0.5. Azimuth increases to the left: counter-clockwise, seen from
+above.
 """
 
 from __future__ import annotations
@@ -160,14 +161,14 @@ def invert_pose(pose: np.ndarray) -> np.ndarray:
 
 
 def moved_covariance(covariance: np.ndarray, offset_m: np.ndarray) -> np.ndarray:
-    """Return the covariance of the pose of a frame that is rigidly attached to a posed frame, to first order.
+    """Return the covariance of the pose of a second frame that is rigidly attached to a first one, to first order.
 
-    A rotation by d moves the origin of the attached frame by d x offset.
+    A small rotation vector d of the first frame moves the origin of the second frame by the cross product d x offset.
 
     Args:
-        covariance: (3, 3) covariance of (x_m, y_m, yaw_rad), or (6, 6) of position and rotation, in the axes of the
-            world.
-        offset_m: (3,) position of the attached frame relative to the posed one, in the axes of the world.
+        covariance: (3, 3) covariance of the first pose as (x_m, y_m, yaw_rad), or (6, 6) of position and rotation, in
+            the axes of the world.
+        offset_m: (3,) origin of the second frame relative to the first one, in the axes of the world.
     """
     x, y, z = offset_m
     jacobian = np.eye(len(covariance))

@@ -28,10 +28,11 @@ def hide_query_place_setting() -> Any:
 def add_hidden_places(
     folds: Sequence[Fold], truth: Callable[[str], Truth], floors: Sequence[FloorMasks] = ()
 ) -> list[Fold]:
-    """Return the folds, each followed by one fold for each place of its queries, without reference frames of the place.
+    """Return the folds, each followed by its out-of-map folds.
 
-    Transition frames at doorways to the place are removed too, where floor masks show them. A fold that would have no
-    reference frame is left out.
+    A fold has one out-of-map fold for each place of its queries: the queries of the place, and the reference frames
+    without the frames of the place. Transition frames at doorways to the place are removed too, if the floor masks show
+    the place. An out-of-map fold without reference frames is left out.
 
     Args:
         folds: The folds.
@@ -54,9 +55,9 @@ def add_hidden_places(
 def hide_places(
     references: Sequence[ReferenceFrame], places: Collection[str], floors: Sequence[FloorMasks]
 ) -> tuple[ReferenceFrame, ...]:
-    """Return the reference frames without the frames of some places and of the doorways to them.
+    """Return the reference frames without the frames of some places and of the doorways to these places.
 
-    Doorways are found only where floor masks show the places.
+    Doorways are found only if the floor masks show the places.
     """
     floors = sorted(floors, key=lambda floor: floor.z_m)
     floor_m = [_floor_of(places, floor) for floor in floors]

@@ -25,7 +25,8 @@ class Region:
         kind: Letter of the room type.
         low_m: (3,) minimum corner of the box in the world.
         high_m: (3,) maximum corner of the box in the world.
-        outlines_m: Outlines on the floor in the world, (n, 2) each. The outline of the box where the file has none.
+        outlines_m: Polygons of the room on the floor, (n, 2) world x and y each. If the file has none, the rectangle of
+            the box.
     """
 
     index: int
@@ -142,7 +143,7 @@ def _objects(lines: list[list[str]]) -> Iterator[HouseObject]:
 
 
 def _vector(words: list[str], first: int) -> np.ndarray:
-    """Return the three numbers of a line from a word on, (3,). Raises ValueError if the line is too short."""
+    """Return three numbers of a line as (3,), starting at word `first`. Raises ValueError if the line is too short."""
     if len(words) < first + 3:
         raise ValueError(f"the line {' '.join(words[:2])!r} has {len(words)} words, expected at least {first + 3}")
     return np.array(words[first : first + 3], float)

@@ -27,13 +27,13 @@ class FrameImage(NamedTuple):
 def find_frame_image(path: Path) -> FrameImage | None:
     """Return the frame whose image is at a path; None if no manifest.json names it.
 
-    The manifests in the folders above the image are searched, with and without following links. If none of them names
-    the image, the manifests in the subfolders of the nearest two folders above the image are searched too, because a
-    manifest may name images outside of its folder. Malformed manifests are ignored there. An image is compared by its
-    path, in any Unicode normalization, and then by its file, so that links to the file are found too.
+    The search starts with the manifests in the folders above the image, with and without following symbolic links. If
+    none of them names the image, it continues in the subfolders of the nearest two folders above the image, because a
+    manifest may name images outside of its folder. Malformed manifests in these subfolders are ignored. An image is
+    compared by its path, in any Unicode normalization, and then by the file that its symbolic links lead to.
 
     Raises:
-        DataError: A manifest above the image is malformed, or several frames have this file under other names.
+        DataError: A manifest in a folder above the image is malformed, or several of its frames name the image.
     """
     for root in dataset_folders(path):
         if image := _find_in(Folder(root), path):

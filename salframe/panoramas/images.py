@@ -94,7 +94,7 @@ def read_mask(path: Path) -> np.ndarray:
 
 
 def write_mask(path: Path, mask: np.ndarray) -> None:
-    """Write (H, W) bool as 0 and 255."""
+    """Write a mask (H, W) bool as an image with the values 0 and 255."""
     _write(path, mask.astype(np.uint8) * 255)
 
 

@@ -1,4 +1,4 @@
-"""Floor masks of an imported recording: they give places to panoramas and routes to maps."""
+"""Floor masks of an imported recording. They determine the places of panoramas, and allow a map to plan routes."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ def read_floors(path: Path) -> list[FloorMasks]:
 
 
 def with_regions(recording: Recording, floors: Sequence[FloorMasks]) -> Recording:
-    """Return a recording whose panoramas have the place of the region where they stand, with the source REGION.
+    """Return a recording whose panoramas have the place of the floor region where they stand, as PlaceSource.REGION.
 
-    Panoramas without a pose and outside the masks are unchanged.
+    Panoramas without a pose or outside the masks are unchanged.
     """
     posed = [record for record in recording.records if record.T_world_pano is not None]
     if not floors or not posed:

@@ -38,7 +38,7 @@ def select(
 
     Args:
         recording: The recording.
-        place_from: A PlaceSource; None: the first one that every reference panorama has.
+        place_from: A PlaceSource. None: the first source that names the place of every reference panorama.
         queries: "every:N": every Nth panorama with a pose is a query. Otherwise a text file with the ids of queries,
             one a line. Panoramas without a pose are queries in any case.
         every: Minimum distance between panoramas with poses, such as "0.5m", or minimum time, such as "2s".

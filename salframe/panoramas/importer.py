@@ -67,12 +67,12 @@ class PanoramaRecord:
     """A panorama of a recording. Its images are read when `load` is called.
 
     Attributes:
-        id: Id of the frame, and the path of its images without ending. Folders are separated by "/".
+        id: Id of the frame, and the path of its images without file extension. Folders are separated by "/".
         images: The image files, or a function that reads and stitches the panorama. The function raises DataError if
-            it cannot. Its panorama has exactly the parts in `parts`, and its `notes` are printed.
-        parts: Parts of the panorama, of IMPORTED_PARTS. Image files set it.
-        T_world_pano: (4, 4) pose in metres, world z up; None if it is unknown: the panorama is a query.
-        places: Place of the panorama by the source of its name. Without a source: NONE.
+            it cannot. Its panorama has the parts in `parts`, and the `notes` of the panorama are reported.
+        parts: Parts of the panorama, a subset of IMPORTED_PARTS. If there are image files, they determine the parts.
+        T_world_pano: (4, 4) pose in metres, world z up. None if it is unknown: the panorama is then a query.
+        places: PlaceSource -> name of the place that this source states. Empty if no source states a place.
         t_s: Time of the recording in seconds; None if it is unknown.
         is_query: Whether the panorama is a query although its pose is known. The pose is then its truth.
         sequence: Name that the views of one query share, in the order of `t_s`; None for single panoramas.
@@ -122,7 +122,7 @@ class PanoramaRecord:
         """Read or stitch the panorama.
 
         Raises:
-            DataError: It cannot be read, or lacks a part that the record declares.
+            DataError: The panorama cannot be read, or lacks a part that the record declares.
         """
         if not isinstance(self.images, ImageFiles):
             panorama = self.images()
@@ -151,7 +151,7 @@ class Recording:
         notes: Warnings about the recording, one line each, such as the numbers of images that were left out.
 
     Raises:
-        DataError: There is no panorama, two have the same id, or the odometry has another shape.
+        DataError: There is no panorama, two panoramas have the same id, or the odometry has another shape.
     """
 
     records: tuple[PanoramaRecord, ...]
@@ -191,8 +191,8 @@ class Importer(Role):
     def read_views(self, source: Path) -> Recording:
         """Return the views of a moving camera as one sequence, for `track`.
 
-        All records have `t_s`, and `odometry` has a row at the time of each. The pose of a record is its true pose in
-        the world of maps, not that of the odometry; None if it is unknown.
+        All records have `t_s`, and `odometry` has a row at the time of each record. `T_world_pano` of a record is its
+        true pose in the world frame of maps, not in the frame of the odometry. None if it is unknown.
 
         Args:
             source: As in `read`.

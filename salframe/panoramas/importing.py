@@ -56,7 +56,7 @@ class ImportResult:
         num_places: Number of places of reference frames.
         place_from: Source of the names of places.
         failures: A one-line error for each panorama that could not be read, by id.
-        notes: Warnings, one line each: images that were left out, and conventions that seem to be others.
+        notes: Warnings, one line each: images that were left out, and conventions that are probably wrong.
         seconds: Time of the import.
     """
 
@@ -126,17 +126,17 @@ def import_data(
         source: The folder or file of the recording.
         output: The folder to write.
         settings: Settings of the importer as "key=value".
-        place_from: Source of the places: "column", "region", "folder" or "none"; None: the first one that the
-            recording has. With "none" each reference frame is a place of its own.
+        place_from: Source of the places: "column", "region", "folder" or "none". With "none", each reference frame is a
+            place of its own. None: the first source that names the place of every reference frame.
         queries: "every:N" makes every Nth panorama with a pose a query; otherwise a text file with the ids of queries,
             one a line. Panoramas without a pose are queries in any case.
         every: Minimum distance ("0.5m") or time ("2s") between panoramas with poses.
         floors: YAML file with floor masks in the world of the poses, as in the manifest (`import_floors.read_floors`).
-            Panoramas have the place of the region where they stand, with the source "region".
+            Each panorama gets the place of the region where it stands, with the source "region".
         progress: Called with the number of panoramas that are written.
 
     Raises:
-        UnknownName: There is no such importer, or no panorama with an id of the file of queries.
+        UnknownName: There is no such importer, or the file of queries has an id that no panorama has.
         ConfigError: An argument is invalid, or the folder has other content or was imported with other settings.
         DataError: The source is missing or malformed, or no reference panorama can be read.
     """
@@ -175,7 +175,7 @@ def import_data(
 
 
 def selected_fold(selected: Sequence[SelectedPanorama]) -> Fold:
-    """Return the reference frames of the panoramas to write as a fold without queries."""
+    """Return a fold with the selected reference panoramas and without queries."""
     frames = [
         ReferenceFrame(panorama.record.id, panorama.place or "", pose, load=panorama.record.load)
         for panorama in selected
@@ -185,7 +185,8 @@ def selected_fold(selected: Sequence[SelectedPanorama]) -> Fold:
 
 
 def _claim(folder: Path, importer: Importer, source: Path) -> None:
-    """Store the format and the settings in a new folder, or check those of an earlier import. Raises ConfigError."""
+    """Store the format and settings in a new folder. In an existing folder, check that they are equal, else raise
+    ConfigError."""
     settings = {
         "format": importer.name,
         "version": importer.version,

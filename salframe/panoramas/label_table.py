@@ -1,4 +1,4 @@
-"""Labels of annotated objects: their spelling, and tables of the user that translate them."""
+"""Labels of annotated objects: normalization of their spelling, and translation by a table of the user."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class LabelTable:
     """Translation of labels.
 
     Attributes:
-        names: Name of each label. The labels are in the form that `spelling` returns.
+        names: Label, in the form that `spelling` returns -> name that replaces it.
     """
 
     names: Mapping[str, str]
@@ -59,7 +59,7 @@ class LabelTable:
         return cls(names)
 
     def name(self, label: str) -> str:
-        """Return the name of a label; a label that is not in the table is returned as it is."""
+        """Return the name that replaces a label. A label that is not in the table is returned unchanged."""
         return self.names.get(spelling(label), label)
 
 

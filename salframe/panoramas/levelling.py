@@ -18,7 +18,7 @@ MIN_TILT_DEG = 1.0
 MAX_LINE_ROWS = 512
 """Maximum number of rows of the picture whose lines are detected."""
 _FLAT_DEG = 1e-3
-"""Maximum tilt of a pose that may be a pose in the plane, which has no information on the tilt of the camera."""
+"""Maximum tilt of a pose that may consist of position and yaw only, without information on the tilt of the camera."""
 _BLOCK_ROWS = 256
 """Number of rows that are turned at once, to bound the memory."""
 
@@ -29,14 +29,14 @@ def tilt_deg(rotation: np.ndarray) -> float:
 
 
 def pose_level_rotation(T_world_pano: np.ndarray) -> np.ndarray | None:
-    """Return the rotation R_level_pano (3, 3) that levels a panorama by its pose; None if that is level."""
+    """Return the rotation R_level_pano (3, 3) that levels a panorama by its pose. None if the pose is level."""
     if tilt_deg(T_world_pano[:3, :3]) < MIN_TILT_DEG:
         return None
     return level_rotation(T_world_pano[2, :3])
 
 
 def may_be_flat(T_world_pano: np.ndarray) -> bool:
-    """Return whether a pose may be one in the plane: exactly level, without information on the tilt of the camera."""
+    """Return whether a pose is exactly level, so that it may have no information on the tilt of the camera."""
     return tilt_deg(T_world_pano[:3, :3]) < _FLAT_DEG
 
 
@@ -48,10 +48,10 @@ def estimate_level_rotation(panorama: Panorama, parts: Collection[str]) -> np.nd
 
     Args:
         panorama: The panorama.
-        parts: Parts that may be used, of "rgb" and "range".
+        parts: Parts that may be used, a subset of {"rgb", "range"}.
 
     Returns:
-        The rotation from the panorama frame to that of an upright camera at the same position; None if the tilt is
+        The rotation from the panorama frame to the frame of an upright camera at the same position. None if the tilt is
         below MIN_TILT_DEG or unknown.
     """
     up = panorama.up if panorama.up is not None else _estimate_up(panorama, parts)
@@ -62,7 +62,7 @@ def estimate_level_rotation(panorama: Panorama, parts: Collection[str]) -> np.nd
 
 
 def _estimate_up(panorama: Panorama, parts: Collection[str]) -> np.ndarray | None:
-    """Return the up direction (3,) by the range or the colour of a panorama; None if it is unknown."""
+    """Return the up direction (3,), estimated from the range or the colour of a panorama. None if it is unknown."""
     if "range" in parts and panorama.range_m is not None:
         return up_from_range(panorama.range_m)
     if "rgb" in parts and panorama.rgb is not None:
@@ -88,7 +88,7 @@ def turn_panorama(panorama: Panorama, rotation: np.ndarray) -> Panorama:
 
     Args:
         panorama: The panorama.
-        rotation: (3, 3) rotation from its frame to the new frame.
+        rotation: (3, 3) rotation from the frame of the panorama to the new frame.
     """
     annotations = panorama.annotations
     images = {name: getattr(panorama, name) for name in ("rgb", "range_m", "valid")}
@@ -105,16 +105,16 @@ def turn_panorama(panorama: Panorama, rotation: np.ndarray) -> Panorama:
 
 
 def turn_image(image: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """Return an equirectangular image (H, 2H, ...) in other axes, as `turn_images`."""
+    """Return an equirectangular image (H, 2H, ...) as a camera with other axes would see it, see `turn_images`."""
     return turn_images([image], rotation)[0]
 
 
 def turn_images(images: Sequence[np.ndarray], rotation: np.ndarray) -> list[np.ndarray]:
-    """Return equirectangular images of one size in other axes; colour is interpolated, the rest is not.
+    """Return equirectangular images of one size as a camera with other axes at the same position would see them.
 
     Args:
-        images: Images (H, 2H, ...). Those with channels are colour.
-        rotation: (3, 3) rotation from their frame to the new frame.
+        images: Images (H, 2H, ...). Images with channels (colour) are interpolated. Others take the nearest pixel.
+        rotation: (3, 3) rotation from the frame of the images to the new frame.
     """
     import cv2
 

@@ -1,5 +1,5 @@
-"""Line segments of an equirectangular panorama. Straight lines are great circles on the sphere, and straight lines in
-perspective views."""
+"""Line segments of an equirectangular panorama. They are detected in perspective views, because only there straight
+lines of the room are straight."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ def find_segments(rgb: np.ndarray, valid: np.ndarray | None) -> np.ndarray:
     """Detect line segments in a panorama.
 
     OpenCV's LineSegmentDetector ("LSD: a line segment detector", von Gioi et al. 2012) runs on six views with the
-    resolution of the panorama. It compares directions of gradients, so its result depends little on the light. In
-    evening light weak segments are lost. Enhancing the contrast first (CLAHE) is worse, because it turns texture into
+    resolution of the panorama. It compares directions of gradients, so its result depends little on the light. Weak
+    segments are lost in evening light. Contrast enhancement (CLAHE) is not used, because it turns texture into
     segments.
 
     Args:

@@ -30,7 +30,7 @@ def configure_dataset(
 
     Args:
         data: A preset, a dataset, a YAML file, or a folder with a manifest.json; None: the default dataset.
-        data_dir: Value of its setting `root`.
+        data_dir: Value of the dataset's setting `root`. None: unchanged.
         overrides: Settings that replace those of the preset.
 
     Raises:
@@ -77,7 +77,7 @@ def find_dataset(
 
     Args:
         data: A preset, a dataset, a YAML file, or a folder with a manifest.json; None: the default dataset.
-        data_dir: Value of its setting `root`.
+        data_dir: Value of the dataset's setting `root`. None: unchanged.
         overrides: Settings as "data.KEY=value" or "engine.KEY=value".
         progress: Called with the progress of the preparation.
         engine: Name of the engine that renders; None: the default engine.
@@ -104,7 +104,7 @@ def distinct_references(folds: Sequence[Fold]) -> list[ReferenceFrame]:
 
 
 def find_frame(dataset: Dataset, name: str) -> ReferenceFrame | QueryFrame:
-    """Return the query, the earlier view of a query, or the reference frame with an id.
+    """Return the frame with this id: a query, an earlier view of a query, or a reference frame.
 
     Raises:
         UnknownName: There is no such frame. The error suggests the closest id.
@@ -144,7 +144,7 @@ def open_frame(
     overrides: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> ReferenceFrame | QueryFrame:
-    """Return the frame with an id in a dataset; without a dataset, the frame of the image at a path.
+    """Return the frame with an id in a dataset. If no dataset is named, return the frame of the image at a path.
 
     Args:
         name: Id of the frame, or path of the image where `data` is None.

@@ -72,7 +72,7 @@ def labels_by_id(labels: Any, where: str) -> dict[int, str]:
 
 
 TEXT_PREFIX = "text: "
-"""Start of the annotated label of an object with a text, such as a sign: "text: 3.14" is a `text` with this string."""
+"""Start of the label of an annotated object that shows a text. The label "text: 3.14" is a sign with text "3.14"."""
 
 
 def split_text(label: str) -> tuple[str, str]:
@@ -87,10 +87,10 @@ class ObjectBoxes:
 
     Attributes:
         labels: N labels.
-        keys: N strings that identify an object when the panorama is rotated. They only key the random noise.
+        keys: N strings that identify the objects when the panorama is rotated. They only seed simulated errors.
         centroid_m: (N, 3) float64 centres; NaN where the range is unknown.
         size_m: (N, 3) float64 length, width and height.
-        yaw_rad: (N,) float64 azimuth of the length, modulo pi.
+        yaw_rad: (N,) float64 azimuth of the axis along which the length is measured, modulo pi.
         ranged: Whether detectors may use the ranges. If false, they use directions and solid angles only.
     """
 
@@ -132,8 +132,8 @@ class Annotations:
             on it, such as a sign, is "text: " and the text.
         objects: List of objects; None if there is an instance image.
         rendered: Whether labels and ranges come from a renderer and are free of errors.
-        error_id: Seeds the simulated errors of objects. Panoramas with one `error_id` have the same errors of the same
-            objects, as views of one stretch with a real detector. "": the id of the panorama.
+        error_id: Seeds the simulated errors of objects. Panoramas with the same `error_id` have the same errors of the
+            same objects, like consecutive views with a real detector. "": the id of the panorama.
 
     Raises:
         DataError: There are both an instance image and a list of objects, or neither; the image has no integers, or
@@ -179,9 +179,9 @@ class Panorama:
         valid: (H, 2H) bool, the visible part of the sphere; None: all of it. Integers are true where they are not 0.
         annotations: Annotated objects.
         range_by: Name of the range model that estimated the range; None if it comes from a sensor or a renderer.
-        range_encoding: Encoding of the file that the range was read from; None if there is no file, or no panorama.
+        range_encoding: Encoding of the panorama file that the range was read from; None if there is no such file.
         up: (3,) float64 direction of up in the panorama frame as an IMU measures it, of any length; None: not measured.
-        notes: What the reader changed in the picture, one line each: reduced, placed as a crop, levelled.
+        notes: Changes that the file reader made, one line each: a reduced size, the placement of a crop, levelling.
 
     Raises:
         DataError: An image has another shape or dtype, the images differ in size, `range_by` is set
@@ -248,12 +248,12 @@ class Panorama:
 
     @property
     def error_id(self) -> str:
-        """Id that seeds the simulated errors of objects: that of the annotations, or that of the panorama."""
+        """Id that seeds the simulated errors of objects: `error_id` of the annotations, or else the panorama's id."""
         return self.id if self.annotations is None else self.annotations.error_id or self.id
 
     @property
     def provides(self) -> frozenset[str]:
-        """Parts that the panorama has, of "rgb", "range" and "annotations"."""
+        """Parts that the panorama has, a subset of {"rgb", "range", "annotations"}."""
         parts = {"rgb": self.rgb, "range": self.range_m, "annotations": self.annotations}
         return frozenset(name for name, value in parts.items() if value is not None)
 

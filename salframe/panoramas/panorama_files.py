@@ -30,7 +30,8 @@ def load_panorama(
     """Read the image files of a panorama.
 
     If the Photo Sphere XMP of the picture declares a crop, the picture is placed on the full sphere, and `valid` is
-    false elsewhere. If it declares a tilt, the picture is turned upright. The other images are changed in the same way.
+    false elsewhere. If the XMP declares a tilt and `level` is true, the picture is turned upright. The other images are
+    changed in the same way.
 
     Args:
         id: Id of the panorama.
@@ -39,7 +40,7 @@ def load_panorama(
         instances: 16-bit file with the id of the object at each pixel, 0 where there is none.
         valid: File that is black where the panorama has no image.
         labels: Label of each instance id.
-        rendered: As in `Annotations`.
+        rendered: Whether labels and ranges come from a renderer, as in `Annotations`.
         encoding: Encoding of the values of the range image; None: millimetres along the ray.
         level: Whether to turn a tilted picture upright.
 
@@ -111,7 +112,7 @@ def _check_sizes(rgb: Path, parts: Mapping[str, np.ndarray | None], paths: Mappi
 
 
 def _place(parts: Mapping[str, np.ndarray | None], sphere: PhotoSphere) -> dict[str, np.ndarray | None]:
-    """Place the images of a crop on the sphere, and mark its part in `valid`."""
+    """Place the images of a crop on the full sphere, and mark the crop in `valid`."""
     placed = dict(parts)
     if sphere.is_crop:
         picture = parts["rgb"]

@@ -68,7 +68,7 @@ class ViewRig:
 
         Returns:
             (K, 2) float64 pixels, x then y, and (K,) bool, whether the view shows each bearing. The pixels of bearings
-            that it does not show are undefined.
+            outside the view are undefined.
         """
         local = bearings @ self.rotations[view]
         ahead = local[:, 2] > 1e-6
@@ -107,10 +107,10 @@ def _sampling(rig: ViewRig, height: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def turned_similarity(query: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Return the similarity of the views of a query to those of each reference frame, for each rotation by whole views.
+    """Return the similarity of a query to each reference frame, for each rotation of the camera by whole views.
 
     The similarity is the mean cosine between view i of the query and view i + turn of the reference frame. Both
-    panoramas are upright, so that all views share one rotation.
+    panoramas must be upright, so that all views share one rotation.
 
     Args:
         query: (V, G) features of the views, of unit length; zeros for a view that shows nothing.

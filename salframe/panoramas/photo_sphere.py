@@ -34,7 +34,7 @@ _MAX_PITCH_DEG, _MAX_ROLL_DEG = 90.0, 180.0
 MAX_ROWS = 4096
 """Maximum height of the panorama on which a cropped picture is placed."""
 _SIZE_TOLERANCE_PX = 2
-"""Rounding of sizes in the XMP of pictures that were scaled."""
+"""Maximum rounding error of sizes in the XMP of pictures that were resized."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ class PhotoSphere:
 
     @property
     def is_tilted(self) -> bool:
-        """Whether the tilt of the camera is over half a pixel."""
+        """Whether the tilt of the camera exceeds the angle of half a pixel."""
         return max(abs(self.pitch_deg), abs(self.roll_deg)) > 90 / self.height
 
     @property
@@ -92,11 +92,11 @@ class PhotoSphere:
         return placed
 
     def level(self, image: np.ndarray) -> np.ndarray:
-        """Return an image (H, 2H, ...) as a level camera would see it; colour is interpolated, the rest is not."""
+        """Return an image (H, 2H, ...) as a level camera would see it. Only images with channels are interpolated."""
         return turn_image(image, self.rotation) if self.is_tilted else image
 
     def note(self, *, levelled: bool) -> str | None:
-        """Return a note on the changes by the XMP; None without changes. levelled: whether `level` was applied."""
+        """Return a note on the changes that the XMP causes, or None. `levelled`: whether `level` was applied."""
         changes = []
         if self.is_crop:
             width, height = self.size
@@ -125,7 +125,7 @@ def read_photo_sphere(file: ImageFile, path: Path) -> PhotoSphere | None:
 
     Args:
         file: The picture.
-        path: Its path, for messages.
+        path: Path of the picture, for messages.
 
     Raises:
         DataError: The XMP is malformed, contradicts itself or the picture, or is not equirectangular.

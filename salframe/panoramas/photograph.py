@@ -13,7 +13,7 @@ from salframe.panoramas.panorama import Annotations, Panorama, clean_range
 from salframe.panoramas.range_encoding import RangeKind
 
 MIN_ROWS, MAX_ROWS = 256, 1024
-"""Limits of the height of the panorama of a photograph, which has the resolution of the centre of the photograph."""
+"""Limits of the height of a photograph's panorama. Between them, it has the resolution of the photograph's centre."""
 
 
 def lay_on_sphere(camera: Camera, image: np.ndarray, height: int, *, smooth: bool = True) -> np.ndarray:
@@ -66,7 +66,8 @@ def photograph_panorama(
         kind: Z: depth along the optical axis; RAY: range along the ray.
         instance_id: (h, w) integer image of the objects, 0 where there is none.
         labels: Label of each instance id.
-        height: Height of the panorama; None: the resolution of the centre of the photograph, MIN_ROWS to MAX_ROWS.
+        height: Height of the panorama. None: the height, from MIN_ROWS to MAX_ROWS, that is closest to the resolution
+            at the centre of the photograph.
 
     Raises:
         DataError: An image has another size.
@@ -97,7 +98,7 @@ def photograph_panorama(
 
 
 def _lay(image: np.ndarray, is_shown: np.ndarray, pixels: np.ndarray, *, smooth: bool = True) -> np.ndarray:
-    """Sample an image at the pixels (H, 2H, 2) of a panorama that are shown; 0 elsewhere."""
+    """Sample an image at `pixels` (H, 2H, 2) where `is_shown` (H, 2H) is true. The result is 0 elsewhere."""
     import cv2
 
     laid: np.ndarray

@@ -20,9 +20,9 @@ NUM_FRAMES = 3
 def storeys_note(frames: Sequence[ReferenceFrame]) -> str | None:
     """Return a one-line warning about places whose frames cannot be in one room; None if there are none.
 
-    The frames of a place lie in two rooms where their heights differ by more than MAX_STEP_M, the lower frames see a
-    ceiling below the upper cameras, and the upper frames see a floor above the lower cameras. Only frames around such
-    a step are loaded. Frames without range, floor or ceiling show nothing, so that no warning is given for them.
+    The frames of a place lie in two rooms if three conditions hold: a step in their sorted heights exceeds MAX_STEP_M,
+    the lower frames see a ceiling below the upper cameras, and the upper frames see a floor above the lower cameras.
+    Only frames around such a step are loaded. Frames without range, floor or ceiling cause no warning.
     """
     of_place: dict[str, list[ReferenceFrame]] = {}
     for frame in frames:
@@ -52,7 +52,7 @@ def _storey_step(frames: Sequence[ReferenceFrame]) -> tuple[ReferenceFrame, Refe
 
 
 def _surface_m(frames: Sequence[ReferenceFrame], *, above_camera: bool) -> float:
-    """Return the median height of the ceilings or floors that frames see, in the world; NaN where they see none."""
+    """Return the median height in the world of the ceilings or floors that frames see; NaN if they see none."""
     heights_m = []
     for frame in frames:
         try:

@@ -28,37 +28,44 @@ from salframe.panoramas.pose_conventions import NAMES, PoseConvention, convert_p
 NUM_FRAMES = 24
 """Maximum number of frames whose range images are compared."""
 MAX_TILT_DEG = 10.0
-"""Maximum angle between the up axis of a panorama and that of the world, without a warning."""
+"""Maximum angle between the up axes of a panorama and of the world that causes no warning."""
 REFUSED_TILT_DEG, REFUSED_SHARE = 45.0, 0.1
-"""Poses are refused where more than this share of the frames is tilted by more than this angle."""
+"""The poses are an error if more than this share of the frames is tilted by more than this angle."""
 MIN_RATIO = 0.88
-"""Minimum agreement of the frames. It is 0.99 to 1.00 in rendered buildings, and 0.95 where positions are 0.1 m off."""
+"""A lower `Agreement.ratio` of all frames causes a warning. The ratio is 0.99 to 1.00 in rendered buildings, and 0.95
+if positions have errors of 0.1 m."""
 MIN_EVIDENCE = 0.08
-"""Minimum share of the points that agree with or contradict the poses."""
+"""Minimum `Agreement.evidence` to trust the ratio."""
 MIN_ON_SURFACE = 0.25
-"""Minimum share of agreeing points under other poses, where frames of a place see nothing in common under their own."""
+"""Minimum share of agreeing points after a correction, for frames of one place that see no common surface before."""
 MIN_PAIR_RATIO, MIN_PAIR_EVIDENCE = 0.6, 0.2
-"""Minimum agreement of two frames, and the minimum evidence for judging them alone."""
+"""Minimum `Agreement.ratio` of a pair of frames without a warning, and minimum evidence for checking a pair."""
 CLOSE = Tolerance(relative=0.02, offset=0.02)
 """Tolerance for comparing scales near 1."""
 CLOSE_SCALES = (0.75, 0.8, 0.85, 0.9, 0.93, 1.07, 1.1, 1.15, 1.2, 1.25, 1.33)
 MIN_SCALE_GAIN = 0.06
-"""Minimum gain of agreement at another scale, at the close tolerance."""
+"""Minimum increase of `Agreement.ratio` at another scale, with the tolerance CLOSE."""
 UNIT_SCALES = (0.001, 0.01, 0.1, 0.3048, 1 / 0.3048, 10.0, 100.0, 1000.0)
 """Factors of the positions that correct a unit: millimetres, centimetres, decimetres, feet, and the reverse."""
 SCALES = (*np.geomspace(0.2, 5.0, 45).tolist(), *UNIT_SCALES)
-"""Factors of the positions that are tried."""
+"""Factors of the positions that are tried as corrections."""
 ALIKE_NET = 0.01
-"""Maximum difference of the agreement of changes that agree equally well."""
+"""Maximum difference of `Agreement.net` between corrections that count as equally good."""
 MIN_NAMED_GAIN = 0.25
-"""Minimum gain of agreement of a convention that is named, where its agreement stays below MIN_RATIO."""
+"""Minimum increase of `Agreement.ratio` to report a correction after which the ratio is still below MIN_RATIO."""
 MAX_FLOOR_ERROR_M = 0.35
-"""Maximum difference of the height of the visible floor and that of the floor masks."""
+"""Maximum difference between the height of the visible floor and the height of the floor masks."""
 
 
 class _Explanation(NamedTuple):
-    """A change of the poses or ranges under which the frames may agree better: a scale of the positions, or the change
-    in the text. If several changes agree equally well, the most common error is reported."""
+    """A correction of the poses or ranges after which the frames may agree better.
+
+    Attributes:
+        agreement: Agreement of the frames after the correction.
+        text: The correction in words; "" for a scale of the positions.
+        scale: Factor of the positions.
+        surprise: How unusual the error is. Of equally good corrections, the one with the lowest value is reported.
+    """
 
     agreement: Agreement
     text: str
@@ -105,7 +112,7 @@ def pose_notes(
         compares_ranges: Whether to compare the range images; False checks the up directions only.
 
     Raises:
-        DataError: Many panoramas are not upright by their poses.
+        DataError: According to their poses, many panoramas are not upright.
     """
     tilts = np.array([_tilt_deg(frame.T_world_pano) for frame in frames])
     is_tilted, is_hanging = tilts > MAX_TILT_DEG, tilts > 180 - MAX_TILT_DEG
@@ -134,8 +141,11 @@ def pose_notes(
 
 
 def _hang(frames: Sequence[ReferenceFrame], is_hanging: np.ndarray) -> bool:
-    """Return whether panoramas hang upside down, as their poses say: what lies above the camera in the image is the
-    floor, at z = 0. In a world with z down, the poses are the same and z is negative."""
+    """Return whether the range images confirm that the cameras hang upside down, as their poses say.
+
+    They confirm it if the floor, at z = 0, is in the upper half of the images. Poses in a world with z down have the
+    same rotations, but a negative z.
+    """
     sample = _load([frame for frame, hangs in zip(frames, is_hanging, strict=True) if hangs])
     heights_m = [camera_height(range_m[::-1]) for range_m in sample.ranges]
     is_confirmed = [
@@ -190,7 +200,7 @@ def _load(frames: Sequence[ReferenceFrame]) -> _Sample:
         if range_m is not None and np.isfinite((view := RangeView(range_m)).median):
             loaded.append((frames[index], range_m, view))
         elif not loaded and index != chosen[0]:
-            break  # the first two frames have no range: nor do the others, usually
+            break  # if the first two frames have no range, the others usually have none either
     return _Sample(*(tuple(column) for column in zip(*loaded, strict=True))) if loaded else _Sample((), (), ())
 
 
@@ -328,7 +338,7 @@ def _finer_scale(sample: _Sample, scale: float) -> float:
 
 
 def _scale_text(scale: float, sample: _Sample) -> str:
-    """Return the likely causes where positions times `scale` agree with the ranges."""
+    """Return the likely causes in words if positions times `scale` agree with the ranges."""
     times = f"{max(scale, 1 / scale):.4g} times too {'small' if scale > 1 else 'large'}"
     floor_m = _floor_distance_m(sample)
     height = "" if floor_m is None else f" (the floor lies {floor_m:.2f} m below the cameras)"

@@ -49,8 +49,8 @@ class _Axes:
     """Meaning of the 16 numbers of a pose.
 
     Attributes:
-        camera: (3, 3) from the panorama frame to the camera of the convention.
-        world: (3, 3) from the world of the convention to a right-handed world with z up.
+        camera: (3, 3) matrix from the panorama frame to the camera axes of the convention.
+        world: (3, 3) matrix from the world axes of the convention to a right-handed world with z up.
         inverted: Whether the pose maps the world to the camera.
         clockwise: Whether the rotation is a heading, clockwise from north (+y).
     """
@@ -84,7 +84,7 @@ def convert_pose(pose: np.ndarray, convention: PoseConvention = "ros", unit_m: f
     Args:
         pose: (4, 4) rigid motion in the axes of the convention.
         convention: One of NAMES.
-        unit_m: Unit of its translation in metres.
+        unit_m: Unit of the pose's translation in metres.
 
     Returns:
         (4, 4) float64, metres.

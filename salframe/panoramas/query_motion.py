@@ -39,8 +39,8 @@ class OdometryErrors(OdometryNoise):
 def measured_motion(T_last_view: np.ndarray, errors: OdometryErrors, seed: tuple[int, ...]) -> np.ndarray:
     """Return the motions between views as odometry measures them, (V, 4, 4) float64.
 
-    Each step has errors of its own: of the position along x and y, in proportion to the length of the step, and of the
-    heading. Later steps add to the errors of earlier views.
+    Each step between two views has independent errors of its heading, and of its position along x and y in proportion
+    to the length of the step. The errors of all steps from a view to the last view add up.
 
     Args:
         T_last_view: (V, 4, 4) true motions that map coordinates of views to those of the last view.
@@ -69,8 +69,8 @@ def measured_motion(T_last_view: np.ndarray, errors: OdometryErrors, seed: tuple
 def turned_query(query: QueryFrame, num_views: int, fov_deg: float, content: str) -> QueryFrame:
     """Return a query whose camera turned on the spot, to the left by TURN_SHARE of the field of view from view to view.
 
-    The last view is the query itself. The ids of earlier views end with their distance from the last view. Images turn
-    by whole columns.
+    The last view is the query itself. The id of an earlier view contains its number of steps before the last view.
+    Images turn by whole columns.
 
     Args:
         query: The query.
@@ -90,7 +90,7 @@ def turned_query(query: QueryFrame, num_views: int, fov_deg: float, content: str
 
 
 def odometry_seed(query: QueryFrame, seed: int) -> tuple[int, int]:
-    """Return the seed of the odometry of a query."""
+    """Return the seed of the odometry errors of a query."""
     return seed, zlib.crc32(query.id.encode())
 
 

@@ -151,11 +151,11 @@ def view_queries(folds: Sequence[Fold], config: ComponentConfig, stored_key: str
 
 
 def _with_motion(query: QueryFrame, config: Any, content: str) -> QueryFrame:
-    """Return a query with several views, whose motion is measured with errors, as the settings say.
+    """Return a query with the number of views, the motion and the odometry errors that the settings state.
 
     Raises:
-        DataError: The query has several views in the data already; or the data have no views near the query, which
-            driven queries need; or the camera turns, but each view is a whole panorama.
+        DataError: The motion is "turned", and the query already has several views in the data or is a whole panorama.
+            Or the motion is "driven", and the data have no other views near the query.
     """
     if config.query_views == 1:
         return query
@@ -198,7 +198,7 @@ def _crop(panorama: Panorama, fov_deg: float, focal: float | None) -> Panorama:
     """Return the part of a panorama inside a view.
 
     Outside the view, pixels are not valid, colour is black, range is NaN, and there are no objects. An object of a list
-    is outside where its centroid is.
+    is removed if its centroid is outside the view.
     """
     annotations = panorama.annotations
     instance_id = None if annotations is None else annotations.instance_id
@@ -224,7 +224,7 @@ def sees(rays: np.ndarray, fov_deg: float, focal: float | None) -> np.ndarray:
 
     Args:
         rays: (..., 3) directions of any length in the panorama frame.
-        fov_deg: Field of view around the heading.
+        fov_deg: Horizontal field of view in degrees, centred on +x.
         focal: Focal length of a rectilinear view, relative to half its width; None: all elevations.
     """
     forward, left, up = np.moveaxis(rays, -1, 0)

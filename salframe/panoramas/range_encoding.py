@@ -33,7 +33,7 @@ class RangeEncoding:
     """The encoding of a range image. A value of 0 always means an unknown range.
 
     Attributes:
-        unit_m: Metres per step.
+        unit_m: Metres per step of the stored integers.
         missing: Further values that mean an unknown range.
         kind: Quantity that the values measure.
 

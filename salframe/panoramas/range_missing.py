@@ -12,28 +12,29 @@ from salframe.panoramas.range_encoding import MILLIMETRE, RangeEncoding
 from salframe.panoramas.samples import Frame, load_samples
 
 MIN_SHARE = 0.003
-"""Minimum share of the known pixels with the value, by solid angle."""
+"""Minimum share of the known pixels, by solid angle, that have a value which may mean an unknown range."""
 MAX_PIXELS = 0.52
-"""Maximum share of all pixels with the value. A value that fills more is the background of a drawn image."""
+"""Maximum share of all pixels that have such a value. A value that fills more is the background of a drawn image."""
 MIN_RATIO = 8.0
-"""Minimum ratio of the share of the value to the share of each neighbouring value. The values of a surface have similar
-shares."""
+"""Minimum ratio of the share of pixels with the value to the share of each neighbouring value. Neighbouring values on a
+surface have similar shares."""
 NUM_NEIGHBOURS = 8
 NEAR = 0.25
-"""Maximum number of smaller, and of larger, values to compare with, and their maximum relative difference. Only values
-that occur in the image count."""
+"""A value is compared with up to NUM_NEIGHBOURS smaller and as many larger values that occur in the image. Their
+relative difference to the value is at most NEAR."""
 MIN_OUTSIDE = 2.0
-"""Minimum ratio of the value to the values of all surfaces, or the inverse, in images with surfaces of a single
-value."""
+"""Minimum factor by which the value is larger or smaller than the values of all surfaces. It applies to images in which
+whole surfaces have a single value."""
 MIN_VALUES = 50
 """Minimum number of values that occur. An image with fewer values is drawn, not measured."""
 MIN_GAP = 0.02
-"""Minimum relative difference between the largest value of an image and the next smaller value. It is smaller if a
-sensor limits its range."""
+"""Minimum relative difference between the largest value of an image and the next smaller value. If the difference is
+smaller, the largest value is the maximum range of the sensor."""
 MIN_JUMP = 0.1
-"""Minimum relative difference of range at the edge between a surface and pixels without a reading."""
+"""Minimum relative difference of two neighbouring pixels that counts as a jump of the range."""
 MIN_JUMP_SHARE = 0.9
-"""Minimum share of such edges around the value. A surface joins others at a part of its edge."""
+"""Minimum share of neighbouring pixels with a jump of the range (MIN_JUMP), along the border of the pixels with the
+value. Along the border of a real surface, the share is smaller, because the surface touches other surfaces."""
 NUM_FRAMES = 6
 """Number of panoramas to check."""
 
@@ -80,7 +81,7 @@ def _stands_out(values: np.ndarray, shares: np.ndarray, number: int) -> bool:
 
     Args:
         values: (V,) values that occur, in ascending order.
-        shares: (V,) their shares of the pixels.
+        shares: (V,) share of the pixels with each value.
         number: Index of the value.
     """
     value = values[number]
@@ -92,7 +93,7 @@ def _stands_out(values: np.ndarray, shares: np.ndarray, number: int) -> bool:
 
 
 def _jump_share(steps: np.ndarray, value: int) -> float:
-    """Return the share of pixel pairs at the edge of the pixels with a value where the range jumps."""
+    """Return the share of neighbouring pixels with a jump of the range, along the border of the pixels with a value."""
     pairs = [(steps[1:], steps[:-1]), (steps[:, 1:], steps[:, :-1])]
     first, second = (np.concatenate([pair[side].ravel() for pair in pairs]).astype(np.int64) for side in (0, 1))
     at_edge = ((first == value) != (second == value)) & (first > 0) & (second > 0)
@@ -130,7 +131,7 @@ def missing_line(shares: Mapping[int, float], source: str, encoding: RangeEncodi
     Args:
         shares: Share of the pixels with each value.
         source: The range images.
-        encoding: Encoding of their files; None if they come from no file, and the values are millimetres.
+        encoding: Encoding of the files of the range images. None if there are no files: values are then millimetres.
     """
     values = sorted(shares)
     fills = " and ".join(

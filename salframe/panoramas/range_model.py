@@ -29,7 +29,7 @@ class RangeModel(Role):
     turn_tolerance: ClassVar[float] = 1e-3
     """Maximum relative change of 95 % of the ranges when the panorama is rotated by whole columns.
 
-    `from_bright_side` makes any model meet it."""
+    A model with the decorator `from_bright_side` meets this limit."""
 
     @abstractmethod
     def estimate(self, panorama: Panorama) -> np.ndarray:

@@ -33,8 +33,8 @@ class Stranger:
     Attributes:
         frame: Id of the frame.
         place: Place of the frame.
-        region: Name of the region that it stands on; None for no region.
-        in_doorway: Whether the frame is of a doorway, and stands in the middle of a region.
+        region: Name of the region that the frame stands on; None for no region.
+        in_doorway: Whether the frame is a transition frame that is far from all edges of regions, unlike a doorway.
     """
 
     frame: str
@@ -87,8 +87,8 @@ def check_regions(frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks]
     """Return a one-line warning if frames stand outside the region of their place; None if all stand in it.
 
     Raises:
-        DataError: More than MAX_SHARE of the frames do, or two floors have the same height. The message names the
-            likely cause.
+        DataError: More than MAX_SHARE of the frames stand outside the region of their place, or two floors that touch
+            have the same height. The message names the likely cause.
     """
     check_heights(floors)
     comparison = compare_regions(frames, floors)
@@ -109,7 +109,7 @@ def check_regions(frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks]
 
 
 def _regions_near(floor: FloorMasks, frame: ReferenceFrame) -> tuple[str | None, set[str | None]]:
-    """Return the name of the region below a frame on the floor, and the names of those within MAX_OFFSET_M.
+    """Return the name of the region on which a frame stands, and the names of all regions within MAX_OFFSET_M.
 
     None stands for pixels in no region.
     """
@@ -124,8 +124,8 @@ def _regions_near(floor: FloorMasks, frame: ReferenceFrame) -> tuple[str | None,
 
 
 def _likely_cause(frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks], strangers: Sequence[Stranger]) -> str:
-    """Try changes of the masks, such as a flip. Return the first after which frames and regions agree: the likely
-    cause."""
+    """Return the likely cause of the contradiction: the first change of the masks, such as a flip, after which frames
+    and regions agree."""
     sample = frames[:: 1 + len(frames) // MAX_FRAMES]
     for cause, changed in _changes(frames, floors, strangers):
         comparison = compare_regions(sample, changed)
@@ -137,7 +137,7 @@ def _likely_cause(frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks]
 def _changes(
     frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks], strangers: Sequence[Stranger]
 ) -> Iterator[tuple[str, list[FloorMasks]]]:
-    """Yield likely causes of strangers, and the floors without this error."""
+    """Yield possible errors of the masks in words, each with the floors after a correction of this error."""
     heights_m = _heights(frames, floors)
     listed = ", ".join(f"{floor.z_m:g}" for floor in floors)
     yield (
@@ -169,7 +169,7 @@ def _changes(
 
 
 def _renaming(strangers: Sequence[Stranger]) -> dict[str, str]:
-    """Return the place to which most strangers on each region belong, by region."""
+    """Return for each region the place of most strangers that stand on this region."""
     places: dict[str, Counter[str]] = defaultdict(Counter)
     for stranger in strangers:
         if stranger.region is not None:

@@ -33,7 +33,7 @@ FrameRole = Literal["map", "transition", "query"]
 
 _OBJECTS, _CONTENTS, _SHARED, _ODOMETRY = "objects.parquet", "contents.json", "frames", "odometry.csv"
 _SEQUENCE_S = 1000
-"""Time from the first view of a sequence to that of the next sequence, in seconds."""
+"""Time from the first view of a sequence to the first view of the next sequence, in seconds."""
 
 
 @dataclass(frozen=True)
@@ -76,16 +76,16 @@ class RenderedDataset(FolderDataset, Generic[Frame]):
     """Base of datasets that render their panoramas once into a folder of the salframe cache and read them from there.
 
     A subclass lists its frames (FrameSpec or a subclass) and renders one frame at a time. It may list objects and
-    floors. It declares `provides`, because the folder does not exist before `prepare`. Its configuration and version
-    determine every pixel; otherwise it overrides `fingerprint`. If `depends_on` returns the settings that the pixels of
-    a frame depend on, datasets share the images and cache entries of their common frames. An engine that renders in
-    other processes creates one dataset per process from the configuration.
+    floors. It declares `provides`, because the folder does not exist before `prepare`. If more than its configuration
+    and version determines the pixels, it overrides `fingerprint`. If it overrides `depends_on`, datasets with different
+    settings share the images and cache entries of their common frames. An engine that renders in other processes
+    creates one dataset per process from the configuration.
     """
 
     @property
     @abstractmethod
     def provides(self) -> frozenset[str]:
-        """Parts that every panorama has, of "rgb", "range" and "annotations"."""
+        """Parts that every panorama has, a subset of {"rgb", "range", "annotations"}."""
 
     def stored_parts(self, frame: Frame) -> frozenset[str]:
         """Return the parts of a rendered frame to store: `provides`, unless overridden."""
@@ -98,7 +98,7 @@ class RenderedDataset(FolderDataset, Generic[Frame]):
     def depends_on(self, frame: Frame) -> str:
         """Return a digest of the settings that the pixels of a frame depend on, besides the frame and the version.
 
-        The default is `fingerprint`, which includes all settings. Override it where fewer settings matter.
+        The default is `fingerprint`, which includes all settings. Override this method if fewer settings matter.
         """
         return self.fingerprint
 
@@ -107,8 +107,10 @@ class RenderedDataset(FolderDataset, Generic[Frame]):
         """Render the panorama of a frame."""
 
     def list_sequences(self) -> Mapping[str, Sequence[str]]:
-        """Return the ids of the earlier views of queries with several views, by query; all of them are in
-        `list_frames`."""
+        """Return the ids of the earlier views of each query with several views, by the id of the query.
+
+        `list_frames` must contain all of these views.
+        """
         return {}
 
     def list_objects(self) -> Mapping[str, Sequence[Any]] | None:
@@ -120,7 +122,7 @@ class RenderedDataset(FolderDataset, Generic[Frame]):
         return {}
 
     def file_stem(self, number: int, frame: Frame) -> str:
-        """Return the file name of a frame without ending: its number, because ids may contain any character."""
+        """Return the file name of a frame without extension: its number, because ids may contain any character."""
         return f"{number:05d}"
 
     @cached_property
@@ -260,7 +262,7 @@ class _Job:
     shared: FrameEntry
 
     def share(self) -> bool:
-        """Link or copy the images from the folder that has all of them to the other; return whether one has them."""
+        """Link or copy all images from one of the two folders to the other. Return False if neither has all images."""
         from salframe.panoramas.folder_format import IMAGE_KEYS, is_written
 
         private, common = (self.root, self.entry), (self.pool, self.shared)
@@ -284,7 +286,7 @@ class _Job:
 class _Renderer:
     """Render frames of a dataset and write them.
 
-    In another process it reuses one dataset for all frames.
+    A worker process creates one dataset and reuses it for all frames.
     """
 
     def __init__(self, dataset: RenderedDataset[Any]) -> None:

@@ -13,8 +13,8 @@ from salframe.panoramas.geometry import invert_pose, pose_2d
 from salframe.panoramas.motion_file import COLUMNS
 
 MAX_GAP_S = 1.0
-"""Maximum time between two odometry rows that a pose is interpolated between, and from a view to the first or last row
-of the odometry."""
+"""Maximum time in seconds between two odometry rows for interpolating a pose between them, and maximum time between a
+view and the first or last row."""
 
 
 class Odometry:
@@ -48,14 +48,14 @@ class Odometry:
 
     @classmethod
     def of_rows(cls, rows: np.ndarray, where: str) -> Odometry:
-        """Return the odometry of rows (N, 5) in any order: t_s, x_m, y_m, z_m, yaw_deg, at least one.
+        """Return the odometry with the poses in some rows.
 
         Args:
-            rows: The rows.
-            where: Name of their source, for errors.
+            rows: (N, 5) t_s, x_m, y_m, z_m, yaw_deg, in any order, at least one row.
+            where: Name of the source of the rows, for errors.
 
         Raises:
-            DataError: Two different poses are at one time.
+            DataError: Two different poses have the same time.
         """
         values = np.unique(rows, axis=0)  # sorts by time
         repeated = np.flatnonzero(np.diff(values[:, 0]) == 0)
@@ -84,9 +84,9 @@ class Odometry:
         return pose_2d(position[0], position[1], yaw_rad, position[2])
 
     def motions(self, t_s: Sequence[float]) -> np.ndarray | None:
-        """Return the motions that map coordinates of views at times to those of the last view, (V, 4, 4) float64.
+        """Return the motions from the coordinates of views to the coordinates of the last view, (V, 4, 4) float64.
 
-        None if the pose at one of the times is unknown.
+        `t_s` are the times of the views. The result is None if the pose at one of these times is unknown.
         """
         poses = [pose for time in t_s if (pose := self.pose(time)) is not None]
         if len(poses) < len(t_s):

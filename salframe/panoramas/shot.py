@@ -27,7 +27,7 @@ class Shot:
 
     Attributes:
         rgb: (H, W, 3) uint8, the original image.
-        panorama: The panorama for components.
+        panorama: The image as a panorama, which components use.
         camera: The camera of a photograph; None for a panorama.
         depth_steps: (h, w) int32, values of the depth image of a photograph; None if there is none.
     """
@@ -81,9 +81,9 @@ def read_panorama(
 
 
 def open_panorama(image: Path, range_image: Path | None = None, encoding: RangeEncoding | None = None) -> Shot:
-    """Read a panorama.
+    """Read an equirectangular rgb image as a panorama.
 
-    Without a range image, an image of a dataset folder gets all parts of its frame.
+    If there is no `range_image` and the image belongs to a dataset folder, the panorama has all parts of its frame.
 
     Args:
         image: The rgb image.
@@ -150,7 +150,7 @@ def open_photograph(
     elevation_deg: float = 0.0,
     encoding: RangeEncoding | None = None,
 ) -> Shot:
-    """Read a photograph with its panorama. Arguments and errors are as in `read_photograph`, besides these:
+    """Read a photograph with its panorama. For the other arguments and the errors, see `read_photograph`.
 
     Args:
         elevation_deg: Elevation of the optical axis with `fov_deg`, in degrees, positive upwards.
@@ -230,7 +230,7 @@ def _check_files(**files: object) -> None:
 
 
 def _in_manifest(image: Path) -> Panorama | None:
-    """Return the panorama of the frame whose rgb image this is; None if no manifest.json names it."""
+    """Return the panorama of the frame whose rgb image is at a path; None if no manifest.json names the image."""
     named = find_frame_image(image)
     if named is None:
         return None

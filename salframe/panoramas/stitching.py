@@ -16,13 +16,13 @@ from salframe.panoramas.camera import Camera, DistortionModel
 from salframe.panoramas.geometry import equirectangular_rays, invert_pose, row_elevation
 
 _ROUNDS = 3
-"""Number of projections of a direction into a camera. Each uses the range of the previous one; the third moves no pixel
-by more than a tenth."""
+"""Number of times that a direction is projected into a camera. Each projection uses the range that the previous one
+found. The third projection moves the position by at most a tenth of a pixel."""
 _FEATHER = 2
 """Exponent of the weight with which a picture fades out towards its border. A higher value makes seams narrower and
 exposure steps sharper."""
 AGREEING = 0.06
-"""Maximum relative difference of two readings of one point."""
+"""Maximum relative difference of two readings (depth values of two cameras) of one point."""
 _AGREEMENT_ROWS = 64
 """Height of the panorama in which readings are compared."""
 _OVERSAMPLING = 1.5
@@ -34,8 +34,8 @@ class PosedCamera:
     """A camera in the world.
 
     Attributes:
-        camera: The intrinsics; its T_base_camera is not used.
-        T_world_camera: Pose (4, 4); camera axes are x right, y down, z forward.
+        camera: The intrinsics. T_base_camera is not used.
+        T_world_camera: Pose (4, 4). The camera axes are x right, y down, z forward.
     """
 
     camera: Camera

@@ -27,21 +27,22 @@ COARSE_DEG, FINE_DEG = 4.0, 1.5
 FIT_TOLERANCES_DEG = (2.0, 1.0, 1.0)
 """Maximum angle between a line and the vertical, in the order of the fits."""
 LEVEL_LINE_DEG = 5.0
-"""Minimum angle between the plane of a horizontal line and the horizon. The azimuth of others is unknown."""
+"""Minimum angle between the horizon and the plane through the camera and a horizontal line. The azimuth of other lines
+is unknown."""
 NUM_RIVALS, SEPARATE_DEG = 3, 7.0
 """Number of directions to refine, and the minimum angle between them."""
 MIN_LINES_SHARE, MIN_LINES_RATIO, MIN_SPREAD = 0.3, 1.05, 0.03
 """Three minima for an up direction. The share of the lines, by length, along the three axes of the room. The ratio of
-this share to that of the next best direction. The share of the vertical lines that are on walls at a right angle to the
-other vertical lines, because the lines of one wall do not suffice."""
+this share to the share of the next best direction. The share of vertical lines that are on walls at a right angle to
+the other vertical lines, because the lines of one wall do not suffice."""
 
 
 def up_from_range(range_m: np.ndarray) -> np.ndarray | None:
     """Return the up direction by the floor, the ceiling and the walls, in the panorama frame.
 
-    Horizontal and vertical surfaces are the majority indoors. The direction is the one to which they are most parallel
-    or perpendicular, fitted repeatedly with a smaller tolerance. The camera is assumed to be upright: a camera that
-    hangs upside down shows the same surfaces.
+    Horizontal and vertical surfaces are the majority indoors. The up direction is fitted so that their normals are
+    parallel or perpendicular to it. The fit is repeated with smaller tolerances. The camera is assumed to be upright,
+    because a camera that hangs upside down shows the same surfaces.
 
     Args:
         range_m: (H, 2H) range along the ray in metres, NaN where unknown.
@@ -96,8 +97,8 @@ def _surface_normals(range_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def up_from_lines(ends: np.ndarray) -> np.ndarray | None:
     """Return the up direction by the lines of a room, in the panorama frame.
 
-    Many lines indoors are vertical, or parallel to one of two horizontal axes. The direction is the one for which the
-    lines along these three axes are longest in total, fitted to the vanishing point of the vertical lines. The camera
+    Many lines indoors are vertical, or parallel to one of two horizontal axes. The search maximizes the total length of
+    the lines along these three axes. The result is then fitted to the vanishing point of the vertical lines. The camera
     is assumed to be upright.
 
     Args:
@@ -129,7 +130,7 @@ def up_from_lines(ends: np.ndarray) -> np.ndarray | None:
 
 
 def level_rotation(up: np.ndarray) -> np.ndarray:
-    """Return the smallest rotation that turns a direction (3,) to +z, (3, 3) float64; about x where it is -z."""
+    """Return the smallest rotation (3, 3) float64 that turns a direction (3,) to +z. It is about x for -z."""
     from scipy.spatial.transform import Rotation
 
     axis = np.array([up[1], -up[0], 0.0])
@@ -152,7 +153,7 @@ def _lines(ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _axis_support(normal: np.ndarray, length: np.ndarray, up: np.ndarray, tolerance_deg: float) -> np.ndarray:
     """Return the total length (C,) of the lines along the axes of a room, for each up direction (C, 3).
 
-    The two horizontal axes are the peak of the azimuths modulo 90 degrees, in bins of the tolerance.
+    The two horizontal axes are at the peak of a histogram of azimuths modulo 90 degrees, with bins of the tolerance.
     """
     first = np.cross([0.0, 1.0, 0.0], up)
     first /= np.linalg.norm(first, axis=1, keepdims=True)
@@ -170,7 +171,8 @@ def _axis_support(normal: np.ndarray, length: np.ndarray, up: np.ndarray, tolera
 
 
 def _fit_vertical(normal: np.ndarray, length: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the vanishing point (3,) of the vertical lines, and the share of them at a right angle to the others."""
+    """Return the vanishing point (3,) of the vertical lines, and the share of vertical lines on walls at a right angle
+    to the walls of the other vertical lines."""
     spread = 0.0
     for tolerance_deg in FIT_TOLERANCES_DEG:
         is_vertical = np.abs(normal @ up) < np.sin(np.radians(tolerance_deg))

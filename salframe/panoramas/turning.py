@@ -14,7 +14,7 @@ DEFAULT_WIDTH = 360
 
 
 def panorama_width(panorama: Panorama) -> int:
-    """Return the width of a panorama's images in pixels, DEFAULT_WIDTH where it has none."""
+    """Return the width of a panorama's images in pixels, or DEFAULT_WIDTH if it has no images."""
     annotations = panorama.annotations
     images = (panorama.rgb, panorama.range_m, panorama.valid, None if annotations is None else annotations.instance_id)
     return next((image.shape[1] for image in images if image is not None), DEFAULT_WIDTH)

@@ -45,9 +45,9 @@ class View:
         panorama: The panorama. A narrow camera shows a part of the sphere, `Panorama.valid`.
         T_last_view: (4, 4) rigid motion that maps coordinates of this view to those of the last view; the identity for
             the last view. None if the motion is unknown.
-        position_m: (3,) float64 position of the panorama's centre in the base frame of the robot, in metres. The
-            axes of both frames are equal. Motions and the pose of the answer are those of the base. The default is the
-            origin.
+        position_m: (3,) float64 position of the panorama's centre in the base frame of the robot, in metres. The axes
+            of the panorama are parallel to the base frame. T_last_view and the pose of the answer refer to the base
+            frame. The default is the origin.
 
     Raises:
         DataError: The panorama is no Panorama, the motion is not rigid, or the position is not finite.
@@ -74,7 +74,7 @@ class View:
 
 
 def motions(views: Sequence[View]) -> np.ndarray | None:
-    """Return the motions that map coordinates of panoramas to those of the last panorama, (V, 4, 4) float64.
+    """Return the motions from the coordinates of each panorama to those of the last panorama, (V, 4, 4) float64.
 
     The result is None if a motion is unknown. The motion of the last view may be None, because it is the identity.
 
@@ -104,8 +104,8 @@ def motions(views: Sequence[View]) -> np.ndarray | None:
 def motion_variance_m2(T_last_view: np.ndarray, noise: OdometryNoise, range_m: np.ndarray, view: int) -> np.ndarray:
     """Return the variance of positions that are moved from a view to the last view, along each axis, in m^2.
 
-    It is (drift_share x path)^2 + (heading drift x sqrt(steps) x range)^2. The path is the distance travelled from the
-    view to the last view, and steps is the number of views between them, with the last one.
+    It is (drift_share x path)^2 + (heading drift x sqrt(steps) x range)^2. `path` is the distance travelled from the
+    view to the last view. `steps` is the number of views after the view.
 
     Args:
         T_last_view: (V, 4, 4) motions of the views.

@@ -58,8 +58,8 @@ _RULES: dict[str, type[Rules[Any]]] = {
     "tracker": TrackerRules,
     "engine": EngineRules,
 }
-"""Rules of the roles of salframe itself. A plugin's role names its rules in `conformance`; these roles cannot, because
-they are in lower layers, which must not import this one."""
+"""Rules of the roles of salframe itself. A role of a plugin names its rules in `conformance`. The roles of salframe do
+not, because they are in lower layers, which must not import this package."""
 
 
 def check_component(component: type[Component], config: ComponentConfig | None = None) -> Conformance:

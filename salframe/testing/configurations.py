@@ -57,8 +57,8 @@ def differences(config: ComponentConfig, other: ComponentConfig) -> str:
 
 
 def on_rooms(config: ComponentConfig) -> ComponentConfig:
-    """Return the configuration read from its JSON, with `auto` slots resolved for the suite's rooms, which provide
-    every part."""
+    """Return the configuration rebuilt from its JSON. Its `auto` slots are filled for the rooms of the suite, which
+    have all parts."""
     choice = Choice("the suite's rooms", lambda: PARTS)
     rebuilt: ComponentConfig = validate(type(config), config.model_dump(mode="json"), config.kind, choice)
     return rebuilt
@@ -83,7 +83,7 @@ def alternatives(annotation: Any) -> list[Any]:
 
 
 def _drawn(model: Any, prefix: str, seed: tuple[int, ...], packages: set[str]) -> Any:
-    """Return the model with some settings drawn, also those of nested models and components."""
+    """Return the model with random values of some settings, also in nested models and components."""
     for name, field in type(model).model_fields.items():
         if name == "kind":
             continue

@@ -1,4 +1,4 @@
-"""Rules of the role `dataset`."""
+"""Conformance rules for components of the role `dataset`."""
 
 from __future__ import annotations
 

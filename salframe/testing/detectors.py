@@ -1,4 +1,4 @@
-"""Rules of the role `detector`."""
+"""Conformance rules for components of the role `detector`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rules of the role `engine`."""
+"""Conformance rules for components of the role `engine`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rules of the role `evidence`."""
+"""Conformance rules for components of the role `evidence`."""
 
 from __future__ import annotations
 
@@ -87,7 +87,8 @@ class EvidenceRules(Rules[EvidenceModel]):
                 raise ConformanceError(f"with this evidence alone, {result.rule}: {result.message}")
 
     def _panoramas(self) -> Sequence[tuple[str, Panorama]]:
-        """Return a query of the suite, whole and without each part that the evidence uses, and a blank panorama."""
+        """Return named panoramas: a query of the suite, a blank panorama, and the query without each part that the
+        evidence uses."""
         query = query_frames()[0].load()
         rest = [(f"a panorama without {part}", PARTS - {part}) for part in sorted(self.make().uses)]
         without = [(what, query_frames(parts)[0].load()) for what, parts in rest]

@@ -129,7 +129,7 @@ def _is_user_file(kind: Any) -> bool:
 def _put_at(
     configs: tuple[ComponentConfig, ...], number: int, put: Callable[[UserFile], Any], file: UserFile
 ) -> tuple[ComponentConfig, ...] | None:
-    """Return the configurations with the file set in one of them, None if that one rejects the file."""
+    """Return the configurations with the file set in configuration `number`. None if it rejects the file."""
     changed = put(file)
     return None if changed is None else (*configs[:number], changed, *configs[number + 1 :])
 

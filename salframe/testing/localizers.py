@@ -1,4 +1,4 @@
-"""Rules of the role `localizer`."""
+"""Conformance rules for components of the role `localizer`."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ from salframe.testing.rooms import HEIGHT_PX, PARTS, blind, halved, map_frames, 
 from salframe.testing.rules import Rules
 
 SEEDS = (0, 1, 2)
-"""Seeds of the random rooms. The settings of the localizer are those under test for seed 0, and random for others."""
+"""Seeds of the random rooms. With seed 0 the localizer has the settings under test, with other seeds random ones."""
 _MOVED = 1e-3
-"""Tolerance of numbers in a moved world, whose coordinates are rounded elsewhere."""
+"""Tolerance of numbers after the world frame has moved, because other coordinates have other rounding errors."""
 _ROUNDING = 1e-6
 """Tolerance of numbers. The order of sums in a network depends on the memory address of its input."""
 
@@ -146,7 +146,7 @@ class LocalizerRules(Rules[Localizer]):
                 random.check("a map that was saved and opened", opened)
 
     def small_maps_give_answers(self) -> None:
-        """Check maps that leave nothing to learn a vocabulary from, or to divide a score by."""
+        """Check maps that are too small or empty to learn a vocabulary or to normalize scores."""
         blank = ReferenceFrame("blank", "nowhere", np.eye(4), load=lambda: blind(PARTS))
         first = self._frames[0]
         for what, frames in (
@@ -168,9 +168,9 @@ class _RandomMap:
         config: Settings of the localizer.
         drawn: The settings that were drawn, "key=value" separated by commas.
         frames: Reference frames.
-        descriptions: Their descriptions.
+        descriptions: Descriptions of `frames`.
         built: The map.
-        queries: Panoramas, their descriptions and answers.
+        queries: The panorama, the description and the answer of each query.
     """
 
     seed: int
@@ -199,19 +199,19 @@ class _RandomMap:
         return [(panorama, answer) for panorama, _, answer in self.queries]
 
     def check(self, changed: str, other: LocalizationMap, world: np.ndarray | None = None) -> None:
-        """Check that another map gives the same answers; with `world`, that the poses move with the world."""
+        """Check that another map gives the same answers. With `world`, all poses must have moved by this transform."""
         for number in range(len(self.queries)):
             self.check_query(changed, other, number, world)
 
     def check_query(self, changed: str, other: LocalizationMap, number: int, world: np.ndarray | None = None) -> None:
-        """Check that the answer to one query did not change; with `world`, that its pose moved with the world."""
+        """Check that the answer to a query is the same. With `world`, its pose must have moved by this transform."""
         _, description, before = self.queries[number]
         checked = f"match of query {number} in {self}, with {changed}"
         _expect_same(checked, before, attempt(checked, other.answer, description), world)
 
 
 def _random_map(config: ComponentConfig, seed: int) -> _RandomMap:
-    """Return a map of the random rooms of a seed; the settings are random too unless the seed is 0."""
+    """Return a map of the random rooms of a seed. The settings are `config` for seed 0, and random for other seeds."""
     used_config = random_config(config, seed) if seed else config
     frames, query_frames = random_frames(seed)
     localizer, drawn = _make(used_config), differences(config, used_config)

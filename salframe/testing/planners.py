@@ -1,4 +1,4 @@
-"""Rules of the role `planner`."""
+"""Conformance rules for components of the role `planner`."""
 
 from __future__ import annotations
 

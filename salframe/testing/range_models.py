@@ -1,4 +1,4 @@
-"""Rules of the role `range-model`."""
+"""Conformance rules for components of the role `range-model`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from salframe.testing.rooms import PARTS, ROOMS, blind, halved, look, stand
 from salframe.testing.rules import Rules
 
 TURN_SHARE = 0.95
-"""Minimum share of a range image that must not change, within the tolerance, when the panorama rotates."""
+"""Minimum share of the ranges that stay the same, within the tolerance, when the panorama rotates."""
 
 
 class RangeModelRules(Rules[RangeModel]):

@@ -34,7 +34,7 @@ class Box:
 
 @dataclass(frozen=True)
 class FurnishedRoom:
-    """A room from (0, 0, 0) to size_m with its furniture, and the position of its corner in the world."""
+    """A room with furniture, from (0, 0, 0) to size_m. corner_m is the position of its corner (0, 0) in the world."""
 
     name: str
     size_m: tuple[float, float, float]

@@ -12,7 +12,7 @@ from salframe.testing.expectations import ConformanceError, DoesNotApply, attemp
 
 Made = TypeVar("Made")
 Rule = tuple[str, Callable[[], object]]
-"""Name of a rule, and the function that checks it. It raises ConformanceError if the rule is broken."""
+"""Name of a rule, and the function that checks it. The function raises ConformanceError if the rule is broken."""
 
 
 class RuleStatus(StrEnum):
@@ -29,9 +29,9 @@ class RuleResult:
 
     Attributes:
         rule: Name of the rule.
-        status: Whether it passed, failed or was skipped.
-        message: One line: what was checked, received and expected if it failed, the reason if it was skipped. Empty if
-            it passed.
+        status: Whether the rule passed, failed or was skipped.
+        message: One line. For a failed rule: what was checked, received and expected. For a skipped rule: the reason.
+            Empty for a rule that passed.
     """
 
     rule: str

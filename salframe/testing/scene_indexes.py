@@ -1,4 +1,4 @@
-"""Rules of the role `scene-index`."""
+"""Conformance rules for components of the role `scene-index`."""
 
 from __future__ import annotations
 

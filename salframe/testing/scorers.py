@@ -1,4 +1,4 @@
-"""Rules of the role `scorer`."""
+"""Conformance rules for components of the role `scorer`."""
 
 from __future__ import annotations
 

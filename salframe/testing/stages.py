@@ -30,7 +30,7 @@ QUERY_M = transform_points(invert_pose(T_REFERENCE_QUERY), REFERENCE_M)
 
 
 class SaliencyRules(Rules[SaliencyModel]):
-    """Every object has a share, with and without points, for many objects, one or none. Shares sum to 1."""
+    """Every object has a saliency, with and without points, for many objects, one or none. The saliencies sum to 1."""
 
     def objects_of_a_room_have_shares(self) -> None:
         self._check("the objects of a room", box_detections(ROOMS[0]))
@@ -59,7 +59,7 @@ class SaliencyRules(Rules[SaliencyModel]):
 
 
 class MatcherRules(Rules[GraphMatcher]):
-    """If the map contains the graph of the query, it ranks first. Pairs are one-to-one. A query that shares no
+    """If the map contains the graph of the query, this graph ranks first. Pairs are one-to-one. A query that shares no
     label with the map has no match. A query may have bearings only. A written index gives the same matches as the
     index in memory."""
 

@@ -1,4 +1,4 @@
-"""Rules of the role `tracker`."""
+"""Conformance rules for components of the role `tracker`."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from salframe.testing.rules import Rules
 NUM_STEPS = 10
 """Number of steps of the walk of the rules."""
 MAX_RECOVERY = 20
-"""Maximum number of correct answers until a tracker recovers."""
+"""Number of correct answers after which a tracker must have recovered."""
 TOLERANCE_M, TOLERANCE_DEG = 0.3, 15.0
-"""Maximum errors of a tracked pose where odometry and answers are exact."""
+"""Maximum errors of a tracked pose if odometry and answers are exact."""
 FAILED = Localization((), None, LocalizationStatus.NO_OBJECTS)
 """The answer to a query in which nothing is recognized."""
 
@@ -33,8 +33,8 @@ def _answer(pose: np.ndarray, place: str, probability: float = 0.9) -> Localizat
 
 
 class TrackerRules(Rules[Tracker]):
-    """The tracker knows the pose after correct answers, moves it by odometry, outvotes a wrong answer, and recovers
-    where the camera was moved without odometry."""
+    """The tracker knows the pose after correct answers, moves the pose by odometry, outvotes a wrong answer, and
+    recovers after the camera was moved without odometry."""
 
     def a_new_tracker_is_lost(self) -> None:
         belief = _believe(self.make(), "belief of a new tracker")
@@ -107,7 +107,7 @@ class TrackerRules(Rules[Tracker]):
 
 
 def _motion(step: int) -> np.ndarray:
-    """Return the motion before a step of the walk."""
+    """Return the motion (4, 4) from the previous step of the walk to this step."""
     return np.eye(4) if step == 0 else invert_pose(_walk(step - 1)) @ _walk(step)
 
 
@@ -119,7 +119,7 @@ def _step(tracker: Tracker, motion: np.ndarray | None, answer: Localization) -> 
 
 
 def _call(checked: str, function: object, argument: object) -> None:
-    """Call a method that returns nothing."""
+    """Call a method, and check that it returns None."""
     returned = attempt(checked, function, argument)  # type: ignore[arg-type]
     expect(returned is None, checked, f"the result {returned!r}", "None")
 

@@ -1,1 +1,1 @@
-"""Measures of derived floors against given floor masks."""
+"""Comparison of floors that are derived from panoramas with the floor masks of generated buildings."""

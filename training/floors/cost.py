@@ -1,4 +1,4 @@
-"""Time and memory of derived floors: `python -m training.floors.cost house-106 --repeats 4`.
+"""Time and memory to derive floors from panoramas: `python -m training.floors.cost house-106 --repeats 4`.
 
 The panoramas are rendered before the measurement, which takes memory. Run the command twice.
 """

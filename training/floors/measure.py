@@ -1,9 +1,10 @@
 """Compare derived floors with floor masks: `python -m training.floors.measure house-42 --seeds 200,201,202`.
 
-The data is a preset of the dataset `house`. For each seed the command derives floors from the reference frames, and
-prints the doorways that they have in common with the floor masks, the errors of the lengths of routes, and the
-adjusted Rand index of the regions of frames without places. `--localize` adds the accuracy of localization, and
-`--episodes N` the success rate of navigation with N episodes per seed. The how-to page floors.md reports them.
+The data is a preset of the dataset `house`. For each seed the command derives floors from the reference frames. It
+prints the number of doorways that derived floors and floor masks have in common, the errors of the lengths of routes,
+and the adjusted Rand index of regions that are derived without the places of frames. `--localize` adds the accuracy of
+localization, and `--episodes N` the success rate of navigation with N episodes per seed. The page
+docs/how-to/floors.md reports the results.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ from salframe.topology.derived_floors import FloorPlan, derive_floors
 from training.floors.measures import adjusted_rand_index, compare_topologies
 
 SCORES = "given", "derived", "regions"
-"""Maps with floor masks, with derived floors and given places, and with derived regions as places."""
+"""Maps to compare: with floor masks; with derived floors and the true places; with derived regions as places."""
 
 
 def on_grid(floor: FloorMasks, like: FloorMasks) -> FloorMasks:
@@ -90,9 +91,11 @@ def walk_all(
     seed: int,
     across: bool = False,
 ) -> dict[str, list[bool]]:
-    """Return the success of the same episodes in both worlds, by the distance to the goal along the floor masks.
+    """Return whether an agent succeeds in each of the same episodes, in a world with floor masks and in a world with
+    derived floors.
 
-    With `across`, each episode starts and ends on different storeys.
+    Success depends on the distance to the goal along the floor masks. With `across`, each episode starts and ends on
+    different storeys.
     """
     config = NavigationConfig()
     site, derived_site = (Site(world, Guide(world.chart, config.planner)) for world in (given, derived))
@@ -113,7 +116,7 @@ def _is_on_one_floor(world: FloorWorld, episode: Episode) -> bool:
 
 
 def _walk(site: Site, guide: Guide, sight: Sight, episode: Episode, config: NavigationConfig, seed: int) -> bool:
-    """Return whether an agent reaches the goal of an episode. It fails where its map does not have the goal."""
+    """Return whether an agent reaches the goal of an episode. False if its map does not have the goal."""
     try:
         row = walk(site, partial(sight.look, site.world), episode, config, seed)
         end_m = np.array(row["path"][-1][:3])

@@ -23,8 +23,8 @@ class TopologyComparison:
     Attributes:
         given: Number of doorways of the masks.
         derived: Number of doorways of the derived floors.
-        common: Number of doorways that both have: the same two regions, at most MAX_DOOR_M apart.
-        route_errors: Relative errors of the lengths of routes between scene nodes that both have.
+        common: Number of doorways that both have: between the same two regions, at most MAX_DOOR_M apart.
+        route_errors: Relative errors of the lengths of routes between scene nodes that both topologies have.
         lost_routes: Number of routes of the masks that the derived topology does not have.
         false_routes: Number of routes that only the derived topology has.
     """
@@ -72,7 +72,7 @@ def _doors(topology: TopologicalMap) -> dict[frozenset[str], np.ndarray]:
 
 
 def _lengths_m(topology: TopologicalMap, ids: list[str]) -> np.ndarray:
-    """Return the lengths of the shortest routes between nodes, (N, N), inf where there is none."""
+    """Return the lengths of the shortest routes between N nodes, (N, N) in metres, inf if there is no route."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import dijkstra
 

@@ -43,6 +43,9 @@ def losses(
             for each cell of the first, or -1; `offset_px` (B, L, 2) float32, from that cell to the true position.
         fine_matches: Maximum number of matches per pair for the fine loss.
         generator: Random generator.
+
+    Returns:
+        The losses "coarse", "backbone" and "fine", each a scalar.
     """
     count = len(batch["images"])
     with torch.autocast("cpu", torch.bfloat16):

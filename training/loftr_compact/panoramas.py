@@ -20,8 +20,8 @@ from training.loftr_compact.settings import Panoramas
 
 STYLES = ("home", "office", "hotel")
 SHOTS = ((0, "day"), (1, "day"), (0, "evening"), (2, "evening"), (3, "dim"))
-"""Index of the position, and lighting, of the panoramas of each room. Those that are not by day show the changed
-building."""
+"""Index of the position, and lighting, of each panorama of a room. Panoramas with another lighting than "day" show the
+building after objects were removed, moved or added."""
 
 NEAR_M, FAR_M = 0.3, 2.0
 """Minimum and maximum distance between the first position in a room and the others."""
@@ -96,7 +96,7 @@ def _render_building(config: Panoramas, seed: int) -> None:
 
 
 def _places(free_m: np.ndarray, rng: np.random.Generator) -> list[np.ndarray]:
-    """Return random (4, 4) poses: the first in the free space (N, 2) of a room, the others near it."""
+    """Return random (4, 4) poses in the free space (N, 2) of a room, near the first pose if there is space near it."""
     first = free_m[rng.integers(len(free_m))]
     away = np.linalg.norm(free_m - first, axis=1)
     near = free_m[(away >= NEAR_M) & (away <= FAR_M)]

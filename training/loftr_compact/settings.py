@@ -1,4 +1,4 @@
-"""Settings of a training run. The defaults are those of the weights that salframe ships."""
+"""Settings of a training run. The weights that salframe ships were trained with the defaults."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Panoramas(Settings):
 
 
 class Stage(Settings):
-    """Training steps at one view size."""
+    """A stage of the training: steps with views of one size."""
 
     width_px: int = Field(ge=16, multiple_of=8)
     height_px: int = Field(ge=16, multiple_of=8)

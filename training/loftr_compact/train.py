@@ -78,7 +78,7 @@ def train(config: Training, folder: Path, report: Callable[[dict[str, Any]], Non
 
 
 def _work(rank: int, config: Training, folder: Path, report: Callable[[dict[str, Any]], None], meeting: str) -> None:
-    """What each process does: its share of every batch, the first one also keeps the checkpoints and the log."""
+    """Train in one of several processes, on its share of every batch. The first process writes checkpoints and log."""
     torch.set_num_threads(1)
     torch.distributed.init_process_group("gloo", init_method=meeting, rank=rank, world_size=config.processes)
     torch.manual_seed(config.seed)
@@ -141,7 +141,7 @@ def _average(network: loftr.LoFTR) -> None:
 
 
 def learning_rate(step: int, steps: int, config: Training) -> float:
-    """Return the learning rate of a step: linear warm-up, the peak, and a half cosine down to FINAL_RATE of it."""
+    """Return the learning rate of a step: linear warm-up, peak, then a half cosine down to FINAL_RATE of the peak."""
     done = max(0.0, 1 - (steps - step) / config.decay_steps)
     fall = FINAL_RATE + (1 - FINAL_RATE) * (1 + math.cos(math.pi * done)) / 2
     return config.peak_learning_rate * min(1.0, (step + 1) / config.warmup_steps) * fall

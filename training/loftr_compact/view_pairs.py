@@ -31,7 +31,8 @@ HOMOGRAPHIES = 0.3
 
 @dataclass(frozen=True, eq=False)
 class PosedView:
-    """A view of a shot by a camera matrix (3, 3) and a rotation (3, 3). `size_px` is (width, height)."""
+    """A perspective view of a rendered panorama (`shot`), with a camera matrix (3, 3) and a rotation (3, 3) from camera
+    axes to the panorama frame. `size_px` is (width, height)."""
 
     shot: Shot
     camera: np.ndarray
@@ -125,8 +126,8 @@ def draw_pair(
 def _draw_views(
     room: Sequence[Shot], size_px: tuple[int, int], rng: np.random.Generator
 ) -> tuple[PosedView, PosedView]:
-    """Return random views of two panoramas, towards about the same point of the room or in the same world direction,
-    as at run time."""
+    """Return random views of two panoramas. As at run time, both look at about the same point of the room, or into the
+    same direction of the world."""
     a, b = (room[i] for i in rng.choice(len(room), 2, replace=False))
     azimuth, focal = rng.uniform(-np.pi, np.pi), FOCAL_PX * rng.uniform(0.8, 1.25)
     first = PosedView(a, _camera(size_px, focal), _rotation(azimuth, rng.normal(0, 0.09), rng.normal(0, 0.04)), size_px)

@@ -18,8 +18,8 @@ from salframe.framework.files.writing import atomic_path, write_json
 from training.panoseg.network import PanoSeg
 
 DOUBT = 4.0
-"""Minimum ratio of the probability of structure to that of any object for a structure pixel. Uncertain objects are
-reported with a low score."""
+"""A pixel is structure (no object) only if the probability of structure is at least this many times the probability of
+each object class. Uncertain objects are therefore reported, with a low score."""
 
 
 class Answer(nn.Module):

@@ -145,7 +145,7 @@ class PanoSeg(nn.Module):
         """Load the weights of EfficientNet-Lite0 trained on ImageNet. The weights of additional input channels are 0.
 
         Raises:
-            WeightsError: The state is not that of EfficientNet-Lite0.
+            WeightsError: The state is not a state of EfficientNet-Lite0.
         """
         current = self.state_dict()
         encoder = {name for name in current if name.startswith(("_conv_stem.", "_bn0.", "_blocks."))}

@@ -16,8 +16,8 @@ from training.panoseg.panoramas import LabelledPanorama, read_panorama
 MIRRORED, HOLED = 0.5, 0.5
 """Probability that a sample is mirrored, and that its range has holes."""
 WHOLE, BAND, FIRST_ROWS = 0.15, 160, (32, 64)
-"""Probability that a batch holds whole panoramas, height of the band of rows in other batches, and first rows of the
-band. Few objects are near the poles."""
+"""Probability that a batch has whole panoramas. Other batches have a band of BAND rows, which starts at one of
+FIRST_ROWS, because few objects are near the poles."""
 
 
 def target(panorama: LabelledPanorama, index: Mapping[str, int]) -> tuple[np.ndarray, np.ndarray]:

@@ -37,8 +37,8 @@ from training.panoseg.samples import Samples
 
 CHECKPOINT_STEPS = 100
 SHOWN_PIXELS, COMMON_SHARE = 50, 0.1
-"""Minimum number of pixels of a class in a panorama that shows it, and minimum share of panoramas of a common class.
-Rarer classes are sampled more often."""
+"""Minimum number of pixels of a class in a panorama that shows the class, and minimum share of the panoramas that show
+a common class. Panoramas of rarer classes are sampled more often."""
 LABELS = tuple(sorted(CLASSES))
 
 
@@ -120,7 +120,7 @@ def parameter_groups(network: PanoSeg, settings: Training) -> list[dict[str, Any
 
 
 def reuse_freed_memory() -> None:
-    """Make glibc reuse the memory of each step's tensors. Returning it to the system takes as long as the step."""
+    """Make glibc reuse the memory of each step's tensors. Returning memory to the system takes as long as a step."""
     if sys.platform == "linux" and hasattr(libc := ctypes.CDLL(None), "mallopt"):
         for parameter, value in ((-4, 0), (-1, -1)):  # M_MMAP_MAX, M_TRIM_THRESHOLD
             libc.mallopt(parameter, value)

@@ -39,7 +39,7 @@ def fit(p: np.ndarray, right: np.ndarray) -> tuple[float, float]:
 
 
 def apply(p: np.ndarray, slope: float, offset: float) -> np.ndarray:
-    """Return calibrated scores."""
+    """Return calibrated scores: a logistic function of the log-odds of the scores `p`."""
     return 1 / (1 + np.exp(-slope * logit(p) - offset))
 
 

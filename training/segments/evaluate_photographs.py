@@ -3,7 +3,7 @@
 FOLDER holds rgb/, depth/ and labels13/ of NYU Depth v2. Each view is converted to a partial panorama with its depth.
 The command prints pixel metrics, object metrics at three score thresholds, and the calibration with its curve, for
 `segments` with each network and for `panoseg`; and optionally the pixel metrics of one network with other views.
-docs/photographs.json is the output of `--json`. The metrics in docs/how-to/segments.md are from it.
+docs/photographs.json is the output of `--json`, and the source of the metrics in docs/how-to/segments.md.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ SCORES = (0.3, 0.5, 0.7)
 DIGITS = 5
 """Number of decimals in the JSON output."""
 TURNS_DEG = (0.0, 30.0)
-"""Rotations of the panorama for pixel metrics, which are summed over both. The photograph is in the middle of one of
-six views, and between two."""
+"""Rotations of the panorama for pixel metrics, which are summed over both rotations. With six views, the photograph is
+in the middle of a view at 0 degrees, and between two views at 30 degrees."""
 VIEWS = ((3, 120, 512), (4, 100, 512), (6, 90, 512), (6, 75, 512), (8, 75, 512), (6, 90, 1024))
 """Configurations of `--views`: views per panorama, field of view in degrees, and height of the panorama."""
 
@@ -112,7 +112,7 @@ def measure_views(model: Path, views: Sequence[View], settings: dict[str, Any]) 
 
 
 def measure(detector: Detector, views: Sequence[View], height: int) -> dict[str, Any]:
-    """Return all metrics of a detector."""
+    """Run a detector on photographs, and return its metrics by name."""
     results = [look(detector, view, view.panorama(height)) for view in views]
     pixels = np.sum([result.pixels for result in results], 0)
     named = [result.objects.named for result in results]
@@ -141,7 +141,7 @@ def measure(detector: Detector, views: Sequence[View], height: int) -> dict[str,
 
 
 def look(detector: Detector, view: View, panorama: Panorama) -> Seen:
-    """Run a detector on a view."""
+    """Run a detector on the panorama of a photograph, and compare the result with the labels."""
     detections = detector.detect(panorama)
     if isinstance(detector, SegmentsDetector):
         answers = [class_pixels(detector, panorama, turn_deg) for turn_deg in TURNS_DEG]
@@ -153,7 +153,7 @@ def look(detector: Detector, view: View, panorama: Panorama) -> Seen:
 
 
 def class_pixels(detector: SegmentsDetector, panorama: Panorama, turn_deg: float) -> np.ndarray:
-    """Return the (ROWS, 2 ROWS) int class of each pixel by the detector, which runs on the rotated panorama."""
+    """Run the detector on the rotated panorama. Return the (ROWS, 2 ROWS) int class of each pixel, rotated back."""
     columns = 2 * round(turn_deg * ROWS / 360)
     shift = columns * len(panorama.valid) // ROWS
     turned = replace(
@@ -165,7 +165,7 @@ def class_pixels(detector: SegmentsDetector, panorama: Panorama, turn_deg: float
 
 
 def class_image(detections: Detections) -> np.ndarray:
-    """Return the (ROWS, 2 ROWS) int class of the best object at each pixel, wall elsewhere."""
+    """Return the (ROWS, 2 ROWS) int class of the object with the highest score at each pixel, or wall without one."""
     answer = np.full((ROWS, 2 * ROWS), CLASSES.index("wall"))
     for i in np.argsort(detections.scores, kind="stable"):
         column, row = rays_to_pixels((detections.points_m or ())[i], ROWS)
@@ -191,7 +191,7 @@ def shares(counts: Sequence[Counts]) -> dict[str, Any]:
 
 
 def show(figures: dict[str, Any]) -> None:
-    """Print a few lines per detector."""
+    """Print the metrics in a few lines per detector."""
     for name, metrics in figures.pop("views", {}).items():
         print(f"{name}: accuracy {metrics['accuracy']:.3f}, mean IoU {metrics['mean_iou']:.3f}")
     for name, metrics in figures.items():

@@ -14,7 +14,7 @@ from training.segments.thirteen import CLASSES, STRUCTURE, class_of
 ROWS = 256
 """Height of the panorama on which objects are compared."""
 MIN_PIXELS = 13
-"""Minimum number of pixels of a labelled part that is an object: 2e-3 sr, the threshold of the detector."""
+"""Minimum number of pixels of a labelled part that counts as an object: 2e-3 sr, the threshold of the detector."""
 OVERLAP = 0.5
 """Minimum intersection over union of an object and the labelled part that it matches."""
 
@@ -25,7 +25,7 @@ class Counts:
 
     Attributes:
         detected: Detected objects in labelled areas.
-        named: Detected objects whose class is that of the majority of their labelled pixels.
+        named: Detected objects whose class is the class of the majority of their labelled pixels.
         found: Detected objects that match a part (OVERLAP).
         parts: Labelled parts.
         covered: Labelled parts whose pixels are mostly covered by detected objects of the same class.
@@ -47,7 +47,7 @@ class Objects:
 
     Attributes:
         score: (N,) scores.
-        named: (N,) bool, whether the class is that of the majority of the labelled pixels.
+        named: (N,) bool, whether the class is the class of the majority of the labelled pixels.
         label: (N,) class ids.
         masks: (N, P) bool, the pixels of each object among the P labelled pixels.
     """
@@ -114,7 +114,7 @@ def lay_objects(detections: Detections, labels: np.ndarray) -> Objects:
 
 
 def parts_of(labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the objects in labels (ROWS, 2 ROWS), the connected parts of one class except structure.
+    """Return the objects in labels (ROWS, 2 ROWS): connected pixels of one class that is not structure.
 
     Returns:
         Class ids (M,), and pixels (M, P) bool among the P labelled pixels.

@@ -16,8 +16,8 @@ from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.photograph import photograph_panorama
 
 FOCAL_PX, CENTRE_PX = 519.0, (324.5, 253.5)
-"""Focal length and principal point of the Kinect's colour camera; the centre of the first pixel is at 0. Depth and
-labels are aligned with it."""
+"""Focal length and principal point of the Kinect's colour camera. The centre of the first pixel is at 0. Depth and
+labels are aligned with the colour image."""
 STEPS_DEG = (45.0, 45.0, 45.0, 15.0, 15.0, 15.0, 15.0, 15.0)
 """Maximum deviation of a surface from horizontal or vertical in each step of the gravity estimate, coarse to fine."""
 
@@ -70,8 +70,8 @@ def normals(depth_m: np.ndarray, focal_px: float, centre_px: tuple[float, float]
 def upright(normal: np.ndarray) -> np.ndarray:
     """Estimate the (3, 3) rotation from camera axes to an upright frame in which the camera faces +x.
 
-    The vertical is the direction that most surface normals (n, 3) are parallel or perpendicular to (Gupta, Arbelaez,
-    Malik, Perceptual Organization and Recognition of Indoor Scenes from RGB-D Images, CVPR 2013). Labels are not used.
+    The estimated vertical is parallel or perpendicular to most surface normals (n, 3) (Gupta, Arbelaez, Malik,
+    Perceptual Organization and Recognition of Indoor Scenes from RGB-D Images, CVPR 2013). Labels are not used.
     """
     up = np.array([0.0, -1.0, 0.0])
     for step_deg in STEPS_DEG:

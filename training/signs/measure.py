@@ -2,7 +2,7 @@
 
 The data is a preset of the dataset `house`. The command localizes the same queries in buildings without signs, and with
 signs of which some are unreadable or wrong. It prints the accuracy in twin rooms and in all rooms, and the p-values of
-paired tests. The how-to page text.md reports them.
+paired tests. The page docs/how-to/text.md reports the results.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Condition:
 
     Attributes:
         signs: Whether the building has signs.
-        texts: Whether the evidence `text` compares their strings.
+        texts: Whether the evidence `text` compares the strings on the signs.
         unreadable: Share of unreadable signs of the queries.
         wrong: Share of signs of the queries that have the number of another room.
     """
@@ -66,8 +66,8 @@ def localize_all(data: str, settings: Sequence[str]) -> tuple[np.ndarray, list[s
     """Localize all queries of a generated building.
 
     Returns:
-        Whether the first place of each answer is the true place, (Q,) bool; the true room of each query, twin rooms by
-        the name that both have in common; and whether the room is a twin, (Q,) bool.
+        Whether the first place of each answer is the true place, (Q,) bool. The true room of each query; two twin rooms
+        have one common name. Whether the room is a twin, (Q,) bool.
     """
     _, dataset, localizer = prepare(data, "proposed", None, settings, None, None, print)
     built = LocalizationMap.build(

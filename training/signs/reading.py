@@ -1,7 +1,7 @@
 """Signs that the detector `text` reads, and its time: `python -m training.signs.reading --rooms 12 --seeds 200,201`.
 
 The command renders offices with signs, reads each query with the detector, and compares the strings with the signs that
-the rendered panorama shows. The how-to page text.md reports the results.
+the rendered panorama shows. The page docs/how-to/text.md reports the results.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from salframe.panoramas.panorama import Panorama, split_text
 LETTER_SHARE = 0.46
 """Height of the digits of a sign relative to the height of the sign."""
 LIMITS_PX = 0.0, 6.0, 9.0, 12.0, 16.0, 24.0, np.inf
-"""Limits of the letter heights that are counted together, in pixels of the panorama."""
+"""Limits of the groups of letter heights, in pixels of the panorama. Each group is counted separately."""
 MAX_ANGLE = float(np.radians(6))
 """Maximum angle between a sign and a string that was read on it."""
 
 
 def visible_signs(panorama: Panorama) -> list[tuple[str, np.ndarray, float]]:
-    """Return the signs of a rendered panorama: text, "" if unreadable, bearing (3,), and letter height in pixels."""
+    """Return the signs of a rendered panorama: text ("" if unreadable), bearing (3,), and letter height in pixels."""
     annotations = panorama.annotations
     assert annotations is not None
     assert annotations.instance_id is not None

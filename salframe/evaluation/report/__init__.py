@@ -1,1 +1,1 @@
-"""Reports of runs: one HTML file that needs nothing else."""
+"""Reports of runs: one HTML file that needs no other files."""

@@ -14,7 +14,7 @@ from salframe.evaluation.runs.method_row import MethodRow
 from salframe.framework.components.settings import flatten, spell_value
 
 SEED = "seed"
-"""Setting of the data over which runs are pooled."""
+"""Name of the setting of the data by which pooled runs may differ."""
 
 
 class Entry(NamedTuple):
@@ -31,10 +31,10 @@ class Arm:
     Attributes:
         name: Short name, unique in the report.
         label: Label in the runs.
-        base: The label without its varied settings, with other settings that differ from the preset of its name.
+        base: The label without its varied settings, followed by other settings that differ from the method's preset.
         varied: Values of the settings in which the arms differ, by dotted key.
         row: Row of the method over all seeds.
-        entries: The runs of the arm.
+        entries: The pooled runs, each with the index of the method in the run.
     """
 
     name: str
@@ -46,9 +46,10 @@ class Arm:
 
 
 def find_entries(views: Sequence[RunView[Any, Any]]) -> list[tuple[Entry, ...]]:
-    """Return the entries of each arm, in order: runs of a method with equal settings on data that differ in the seed.
+    """Return the entries of each arm, in order.
 
-    Of identical runs on the same data only the first counts.
+    The entries of an arm are runs of one method with equal settings, on data that differ only in the seed. If several
+    of these runs have the same seed, only the first one counts.
     """
     entries: dict[str, dict[str, Entry]] = {}
     for number, view in enumerate(views):
@@ -64,7 +65,7 @@ def find_entries(views: Sequence[RunView[Any, Any]]) -> list[tuple[Entry, ...]]:
 def name_arms(
     views: Sequence[RunView[Any, Any]], entries: Sequence[tuple[Entry, ...]], rows: Sequence[MethodRow]
 ) -> list[Arm]:
-    """Return the arms of runs, from the result of `find_entries` and the row of each arm."""
+    """Return the arms with their names, from the result of `find_entries` and the row of each arm."""
     labels = [views[arm_entries[0].run].records[arm_entries[0].method].label for arm_entries in entries]
     bases = [base_of(label) for label in labels]
     settings = [
@@ -84,14 +85,15 @@ def name_arms(
 def find_varied(settings: Sequence[Mapping[str, Any]], bases: Sequence[str]) -> list[str]:
     """Return the keys of the settings in which arms of the same name differ.
 
-    Below a slot that holds different components, only keys in which arms with the same component differ count.
+    If the arms have different components in a slot, a key below the slot is returned only if arms with the same
+    component differ in it.
     """
     keys = list(dict.fromkeys(key for arm_settings in settings for key in arm_settings))
     return [key for key in keys if any(_differ(key, group) for group in _same(settings, bases, key))]
 
 
 def _same(settings: Sequence[Mapping[str, Any]], bases: Sequence[str], key: str) -> Iterator[list[Mapping[str, Any]]]:
-    """Yield groups of arms with the same name and the same components above a key."""
+    """Yield groups of arms with the same base and the same components in the slots above a dotted key."""
     parts = key.split(".")
     above = [".".join([*parts[:depth], "kind"]) for depth in range(len(parts))]
     groups: dict[str, list[Mapping[str, Any]]] = {}
@@ -122,7 +124,8 @@ def short_key(key: str, keys: Sequence[str]) -> str:
 
 
 def _short_names(bases: Sequence[str], varied: Sequence[Mapping[str, str]]) -> list[str]:
-    """Return short unique names of arms: the name for the first arm of a name, the differing settings for others."""
+    """Return short unique names of arms. The first arm of each base has the base as its name. The names of other arms
+    show the settings in which they differ from it."""
     keys = list(dict.fromkeys(key for values in varied for key in values))
     several = len(set(bases)) > 1
     names: list[str] = []

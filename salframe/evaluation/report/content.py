@@ -25,7 +25,7 @@ def make_content(
         views: The runs, of one task.
         arms: The arms of the runs.
         about: A note on the columns of the tables.
-        columns: Names of the columns of the first table; by default the usual ones.
+        columns: Names of the columns of the first table. Empty for the default columns.
     """
     runs = [describe_run(view) for view in views]
     return {

@@ -34,7 +34,8 @@ def write_page(path: Path, content: Mapping[str, Any], islands: Iterable[tuple[s
     Args:
         path: The file.
         content: The content that is shown on load.
-        islands: Ids with JSON or data URLs that are read on demand. Each is written before the next is computed.
+        islands: Pairs of an id and a text: JSON, or a data URL, that the browser reads on demand. Each pair is written
+            before the next one is computed.
     """
     page = _environment().get_template("page.html.jinja")
     parts = page.generate(

@@ -22,8 +22,12 @@ PAGE = "report.html"
 
 @dataclass(frozen=True, eq=False)
 class Islands:
-    """Content of an HTML page that the browser reads on demand, as ids and texts, and notes on what could not be
-    drawn."""
+    """Content of an HTML page that the browser reads on demand.
+
+    Attributes:
+        parts: Pairs of an id and a text: JSON, or a data URL.
+        notes: Notes on content that could not be drawn.
+    """
 
     parts: Iterator[tuple[str, str]]
     notes: tuple[str, ...] = ()
@@ -38,13 +42,14 @@ class PagedTask(Task[Piece, Surveyed, PieceRowT, LineT]):
     def view(
         self, result: Result[LineT], records: Sequence[Record[PieceRowT]], survey: Surveyed
     ) -> RunView[PieceRowT, LineT]:
-        """Return the content of the HTML page for a run."""
+        """Return the data of a run from which its HTML page is made."""
 
     @classmethod
     def part(cls, views: Sequence[Any], arms: Sequence[Arm]) -> dict[str, Any]:
         """Return further content of the HTML page, specific to this task, as JSON; empty by default.
 
-        Keys: "figures" (as in `figures.Figure`: title, data, layout), and those that the scripts of the page read.
+        The key "figures" has a list of figures (`figures.Figure`: title, data, layout). The scripts of the page read
+        the other keys.
         """
         return {}
 
@@ -62,8 +67,7 @@ class PagedTask(Task[Piece, Surveyed, PieceRowT, LineT]):
     def content(
         cls, views: Sequence[RunView[PieceRowT, LineT]], arms: Sequence[Arm], columns: Sequence[str] = ()
     ) -> dict[str, Any]:
-        """Return the content of the HTML page of runs (`views`) as JSON; `columns` are the columns of the first
-        table."""
+        """Return the content of the HTML page of runs (`views`) as JSON. `columns` are those of the first table."""
         return {**make_content(views, arms, cls.about, columns), **cls.part(views, arms)}
 
     def write_page(self, result: Result[LineT], records: Sequence[Record[PieceRowT]], survey: Surveyed) -> Path:

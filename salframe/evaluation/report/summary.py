@@ -38,7 +38,7 @@ def describe_run(view: RunView[Any, Any]) -> dict[str, Any]:
 
 
 def describe_component(role: str, settings: Mapping[str, Any]) -> str:
-    """Return the name of a component and its changed settings; all settings where the component is unknown."""
+    """Return the name of a component and its changed settings. If the component is unknown, return all settings."""
     try:
         changed = dict(changed_settings(validate(registry().get(role, settings["kind"]).Config, settings, role)))
     except (SalframeError, KeyError):
@@ -48,7 +48,7 @@ def describe_component(role: str, settings: Mapping[str, Any]) -> str:
 
 
 def list_notes(views: Sequence[RunView[Any, Any]], arms: Sequence[Arm]) -> list[str]:
-    """Return the notes on runs, without repetition: notes, reasons of arms without numbers, and counts of failures."""
+    """Return the notes of runs, and the remark and numbers of failures of each arm. Duplicates are removed."""
     notes = [note for view in views for note in view.result.notes]
     for arm in arms:
         failures = ", ".join(f"{count} {status}" for status, count in arm.row.status.items() if status != "ok")

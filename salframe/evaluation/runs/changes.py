@@ -1,4 +1,4 @@
-"""The changed settings of a method: settings that differ from the preset with the name of its label."""
+"""The changed settings of a method: settings that differ from the preset that its label names."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ def find_changes(
 ) -> tuple[str, ...]:
     """Return the settings of a method that differ from the settings that its label implies, "key=value" each.
 
-    A label that begins with the name of a preset or component stands for its settings. The label of a YAML file of
-    another name stands for the defaults of its component; its `kind` is listed too. Settings of a variant are not
-    listed where the label shows them as "key=value", or where a user has chosen the label.
+    A label that begins with the name of a preset or component implies the settings of that preset or component. Any
+    other label of a YAML file implies the defaults of its component, and the result includes `kind`. Settings of a
+    variant are left out if the label shows them as "key=value", or if a user has chosen the label.
 
     Args:
         role: Role of the method.
@@ -62,6 +62,6 @@ def with_changes(label: str, changes: Sequence[str]) -> str:
 
 
 def hidden_in(changes: Sequence[str], shown: Mapping[str, Any]) -> list[str]:
-    """Return the changes whose setting is not among the shown ones, by dotted key with or without ".kind"."""
+    """Return the changes of settings that are not among the keys of `shown`, which may end in ".kind"."""
     keys = {key.removesuffix(".kind") for key in shown}
     return [change for change in changes if change.partition("=")[0] not in keys]

@@ -32,7 +32,7 @@ def input_parts(method: Component, dataset: Dataset) -> tuple[str, ...]:
     """Return the parts of a data set's panoramas that a method receives as input.
 
     These are the parts that it needs or uses, and the noise that a detector adds. If its range model estimates the
-    range, ESTIMATED_RANGE is among them. If it triangulates the objects of reference frames, TRIANGULATED is.
+    range, ESTIMATED_RANGE is added. If it triangulates the objects of reference frames, TRIANGULATED is added.
     """
     used = method.uses & dataset.provides if isinstance(method, Localizer) else frozenset[str]()
     parts = sorted(parts_needed(method, dataset) | used, key=ORDER.index)

@@ -1,8 +1,8 @@
 """Script that kills a process and its children if they exceed a limit. A busy process cannot watch itself.
 
 Arguments: id of the process, which started this one; maximum resident memory of the process and its children in
-megabytes (1e6 bytes), or `inf`; the file that holds the end of the current piece of work, in seconds since the epoch;
-the log file.
+megabytes (1e6 bytes), or `inf`; the file with the time at which the current piece of work must have ended, in seconds
+since the epoch; the log file.
 """
 
 import os
@@ -48,7 +48,7 @@ def reason(log: str, timeout_s: float | None, memory_mb: float | None) -> str:
 
 
 def watch(process: psutil.Process, max_mb: float, end: Path, log: Path) -> None:
-    """Poll the process until it ends; kill it and its children where they exceed a limit."""
+    """Poll the process until it ends. Kill it and its children if they exceed a limit."""
     while process.is_running() and process.status() != psutil.STATUS_ZOMBIE:
         used_mb = resident_mb(process)
         if used_mb > max_mb or is_late(end):

@@ -76,7 +76,7 @@ class Guard:
 
     @contextmanager
     def watch(self, key: Mapping[str, Any] | None = None) -> Iterator[None]:
-        """Apply the time limit to the `with` block, which works on the piece with this key (None: on no piece)."""
+        """Apply the time limit to the `with` block. `key` identifies the piece that it works on; None: no piece."""
         if key is not None:
             write_json(self._folder / AT_WORK, dict(key))
         if self._limits.timeout_s is not None:
@@ -106,7 +106,7 @@ class Death:
     Attributes:
         piece: Key fields of the piece that the process worked on; None if it worked on none.
         reason: Why the process died.
-        by_limit: Whether it exceeded a limit.
+        by_limit: Whether the process was killed because it exceeded a limit.
     """
 
     piece: dict[str, Any] | None
@@ -115,7 +115,7 @@ class Death:
 
     @classmethod
     def of(cls, folder: Path, limits: Limits, error: WorkerDied) -> Death:
-        """Return the death of a process as the engine reports it, with the record in the folder of the process."""
+        """Return the death of a process, from the error of the engine and the files in the folder of the process."""
         piece = read_json(folder / AT_WORK) if (folder / AT_WORK).exists() else None
         log = (folder / LOG).read_text(encoding="utf-8", errors="replace") if (folder / LOG).exists() else ""
         if log:

@@ -19,7 +19,7 @@ def memory_mb(field: Literal["VmRSS", "VmHWM"]) -> float | None:
 
 
 def peak_memory_mb() -> float | None:
-    """Return the peak memory of this process (1e6 bytes); None in a process shared with other work, and on Windows."""
+    """Return the peak memory of this process (1e6 bytes). None if it is not a worker process, and on Windows."""
     if not in_worker():
         return None
     if (peak_mb := memory_mb("VmHWM")) is not None:  # ru_maxrss of a started process begins at its parent's peak

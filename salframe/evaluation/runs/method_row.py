@@ -23,14 +23,14 @@ class MethodRow(ABC):
     Attributes:
         method: Label of the method.
         changes: Settings of the method that differ from the preset or component of its name, "key=value" each.
-        input: Parts of panoramas that the method received, with the noise added to them; ESTIMATED_RANGE is one of
-            them where the method estimated the range.
-        available: Whether the method can run here.
+        input: Parts of panoramas that the method received, with the noise added to them. Includes ESTIMATED_RANGE if
+            the method estimated the range.
+        available: Whether the method can run on this machine and on the data.
         ended: How the work of the method ended.
         reason: Why the method was not measured, or a warning.
         status: Number of occurrences of each status.
         errors: First message of each status that has a message.
-        by_part: First number of the row on each data set, where there are several data sets.
+        by_part: The first number of the row, measured on each data set alone. Empty for a single data set.
     """
 
     method: str
@@ -47,7 +47,7 @@ class MethodRow(ABC):
     def from_json(cls, content: Mapping[str, Any], where: object = "a row") -> Self:
         """Return the row from its JSON. Raises DataError.
 
-        Unknown keys are ignored and missing keys take their default, since files may be of other versions.
+        Unknown keys are ignored and missing keys take their default, since another version may have written the row.
         """
         values = {field.name: content[field.name] for field in fields(cls) if field.name in content}
         for name in estimates_of(cls):

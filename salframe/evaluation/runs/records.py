@@ -61,7 +61,7 @@ def by_method(parts: Sequence[Part[Any, PieceRowT]]) -> list[list[Record[PieceRo
 
 
 def in_common(records: Sequence[Record[Any]]) -> dict[str, Any]:
-    """Return the fields of MethodRow from the records of a method on one or several data sets."""
+    """Return the values of the fields of MethodRow, from the records of a method on one or several data sets."""
     worst = max((record.outcome for record in records), key=lambda outcome: list(MethodStatus).index(outcome.status))
     errors: dict[str, str] = {}
     statuses: list[str] = []

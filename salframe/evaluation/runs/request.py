@@ -94,7 +94,7 @@ class Resolved:
         name: Name of the data set.
         data: Configuration of the data set.
         engine: Configuration of the engine.
-        scopes: Settings of anything else, by scope.
+        scopes: Settings whose key starts with a scope ("data", "engine", or a scope of the task), by scope.
         notes: Notes on methods that replace a requested one, and on the components that `auto` selected.
         replacements: Notes on methods that replace a requested one; they are also in `notes`.
         requested_as: The requested label of each method, by its label in the run.
@@ -116,8 +116,8 @@ class Resolved:
 def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = ()) -> Resolved:
     """Return the configurations of a request.
 
-    A method that cannot run here is replaced by the preset that it names as its replacement, unless that preset is
-    requested too.
+    A method that cannot run on this machine is replaced by the preset that it names as its replacement. If that preset
+    is requested too, the method is left out.
 
     Args:
         request: The request.
@@ -182,10 +182,10 @@ def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = (
 def decide(
     role: str, name: str, content: Mapping[str, Any], overrides: Sequence[Mapping[str, Any]], choice: Choice
 ) -> ComponentConfig:
-    """Return the configuration of a method, with the components of its `auto` slots chosen by the data.
+    """Return the configuration of a method. The components of its `auto` slots are chosen for the data.
 
-    If no component can fill a slot, the slot stays undecided, and the row of the method reports this. Raises
-    InputMissing if such a slot has settings.
+    If no component can fill such a slot, the slot stays undecided, and the row of the method reports this. Raises
+    InputMissing if the undecided slot has settings.
     """
     try:
         return configure(role, name, content, overrides, choice)
@@ -199,11 +199,11 @@ def decide(
 def stand_in(
     role: str, method: str, config: ComponentConfig, overrides: Sequence[Mapping[str, Any]], choice: Choice
 ) -> tuple[str | None, ComponentConfig, str | None]:
-    """Return the method that runs in place of a method, if the method cannot run here.
+    """Return the replacement of a method that cannot run on this machine.
 
-    The replacement is the preset that the method's preset names under `otherwise`, provided that it can run. It takes
-    over the settings of the method unless it does not accept them. Where neither can run, the method stays and its row
-    reports the reason.
+    The replacement is the preset that the method's preset names under `otherwise`. It gets the requested settings of
+    the method if it accepts them. If the replacement cannot run either, the method stays, and its row reports the
+    reason.
 
     Returns:
         The name of the replacement or None, the configuration to run, and a note that explains the replacement or None.
@@ -237,9 +237,9 @@ def stand_in(
 
 
 def why_not(config: ComponentConfig) -> str | None:
-    """Return why a configured component cannot run here.
+    """Return why a configured component cannot run on this machine: a package or weights are missing.
 
-    None if it can run. Also None if its check raises another error, because its row reports this error.
+    None if it can run. Also None if its check raises any other error, because the row of the method reports this error.
     """
     try:
         config.component.check(config)

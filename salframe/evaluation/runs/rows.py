@@ -26,8 +26,8 @@ Amount = Annotated[float, Field(ge=0, le=MAX_NUMBER)]
 class PieceStatus(StrEnum):
     """The outcome of one piece of work, such as a query.
 
-    The work is done, the panorama lacks an input that the method needs, the panorama cannot be read, or the method
-    crashed.
+    OK: the work is done. INPUT_MISSING: the panorama lacks an input that the method needs. ERROR: the panorama cannot
+    be read. CRASHED: the method raised an exception, or its process died.
     """
 
     OK = "ok"
@@ -53,14 +53,14 @@ Content = TypeVar("Content", bound=Line | Row)
 
 
 class DescriptionLine(Line):
-    """Time to describe a frame."""
+    """Time to describe a frame (to compute the features of its panorama)."""
 
     frame: str
     ms: Amount
 
 
 class MapLine(Line):
-    """Size of the map of a fold."""
+    """Size of the map of a fold: number of reference frames, and bytes."""
 
     fold: str
     frames: Annotated[int, Field(gt=0)]
@@ -68,7 +68,7 @@ class MapLine(Line):
 
 
 def read_rows(path: Path, kind: type[Content]) -> Iterator[Content]:
-    """Yield the rows of a .jsonl file as `kind`; none where the file is missing.
+    """Yield the rows of a .jsonl file as `kind`. A missing file has no rows.
 
     Text after the last newline is the rest of an interrupted write and is left out. Raises DataError.
     """
@@ -79,7 +79,7 @@ def read_rows(path: Path, kind: type[Content]) -> Iterator[Content]:
 
 
 class RowWriter:
-    """Appends rows to a .jsonl file, each flushed at once; drops an unfinished last line first."""
+    """Appends rows to a .jsonl file and flushes each row. Opening the file removes an unfinished last line."""
 
     def __init__(self, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -114,7 +114,7 @@ class RowWriter:
 
 
 class LineCounter:
-    """Counts the lines of files; each call reads only what was appended since the last one."""
+    """Counts the lines of files. Each call of `count` reads only bytes that were appended since the previous call."""
 
     def __init__(self) -> None:
         self._counts: dict[Path, tuple[int, int]] = {}

@@ -40,7 +40,11 @@ MAX_NAME_BYTES = 200
 
 
 class MethodStatus(StrEnum):
-    """The outcome of a method's work."""
+    """The outcome of a method's work.
+
+    DONE: it has finished, but some pieces may have failed. UNAVAILABLE: the method lacks a package, weights or an
+    input. CRASHED: the method raised an exception, or its process died. UNFINISHED: some pieces have no row.
+    """
 
     DONE = "done"
     UNAVAILABLE = "unavailable"
@@ -69,7 +73,7 @@ class Outcome:
 
 
 def identity_of(config: ComponentConfig) -> dict[str, Any]:
-    """Return the identity of a configured method; its settings and the error where computing the identity fails."""
+    """Return the identity of a configured method. If it cannot be computed, return the error and the settings."""
     try:
         return identity(config)
     except Exception as error:
@@ -77,14 +81,15 @@ def identity_of(config: ComponentConfig) -> dict[str, Any]:
 
 
 class _Identity(Settings):
-    """Content of identity.json: the hash of all that answers depend on, and the run that they were copied from."""
+    """Content of identity.json: the hash of everything that answers depend on, and the run that the answers were copied
+    from (None: this run)."""
 
     sha256: str | None = None
     source: str | None = None
 
 
 class _Environment(BaseModel):
-    """Content of env.json that is read; a run that an older version made may lack parts of it."""
+    """Content of env.json. Runs of older versions may lack some keys."""
 
     model_config = ConfigDict(frozen=True, extra="allow")
     date: str = ""
@@ -162,7 +167,7 @@ class Run:
 
     @classmethod
     def load(cls, directory: Path) -> Run:
-        """Open an existing run folder. Raises ConfigError if it is none."""
+        """Open an existing run folder. Raises ConfigError if `directory` is not a run folder."""
         path = directory / REQUEST
         if not path.exists():
             raise ConfigError(f"{directory} is not a run folder: it has no {REQUEST}")
@@ -245,7 +250,7 @@ class Run:
         return folder
 
     def end(self, label: str, outcome: Outcome) -> None:
-        """Write the outcome of a method."""
+        """Write the outcome of a method to its folder."""
         write_json(self.folder(label) / OUTCOME, {**asdict(outcome), "input": list(outcome.input)})
 
     def bind(self, fingerprint: str) -> None:
@@ -282,11 +287,11 @@ class Run:
         return f"{label}: answers of {source}, with their times, are reused" if source else None
 
     def set_notes(self, notes: Sequence[str]) -> None:
-        """Write the notes on the current request."""
+        """Write the notes on the current request, which replace earlier notes."""
         write_json(self.directory / NOTES, list(notes))
 
     def reuse(self, label: str, fingerprint: str) -> None:
-        """Copy the answers of the same method to the same pieces of the same data from another run, if there is one.
+        """Copy the answers of a method from another run with the same method, pieces and data, if there is such a run.
 
         Args:
             label: Label of the method. A method that has begun in this run keeps its answers.
@@ -319,7 +324,7 @@ def _fingerprint(
 
 
 def _identity(folder: Path) -> _Identity:
-    """Return the identity of a method's folder; an empty one where it cannot be read."""
+    """Return the identity in a method's folder. If it cannot be read, return an empty identity."""
     try:
         return read_model(folder / IDENTITY, _Identity)
     except DataError:

@@ -119,10 +119,10 @@ class _Work:
     limits: Limits
 
     def do(self, label: str, config: ComponentConfig) -> Outcome:
-        """Run a method on its remaining pieces, by one worker or in shares by several.
+        """Run a method on its remaining pieces, by one worker or by several workers with a share of the pieces each.
 
-        Where a worker dies, the others continue. The piece that it worked on is tried once more, unless a limit ended
-        it, and is then skipped. A method with too many skipped pieces ends as crashed.
+        If a worker dies, the others continue. The piece that the worker worked on is tried once more. It is skipped if
+        a worker dies on it again, or if it exceeded a limit. A method with too many skipped pieces ends as crashed.
         """
         folder = self.run.begin(label)
         join_shares(folder)
@@ -160,7 +160,7 @@ class _Work:
         return [key for key in map(self.task.key, self.survey.pieces) if key not in done and key not in skipped]
 
     def _answers(self, label: str, shares: Sequence[Share]) -> Iterator[Outcome | WorkerDied]:
-        """Yield the outcome of each share."""
+        """Yield the outcome of each worker's share of the pieces, or WorkerDied if the worker died."""
         work = partial(work_share, self.task, self.run.directory.absolute(), label, self.limits)
         answers = iter(self.engine.map(work, shares))
         for _ in shares:
@@ -189,7 +189,7 @@ class _Work:
 def conclude(task: AnyTask, run: Run, survey: Survey[Any], reported: tuple[Reported, ...] = ()) -> Result[Any]:
     """Return the result of a run from its rows, and write its metrics and report. Runs no method.
 
-    Where the files cannot be written, the result has a note.
+    If the files cannot be written, the result has a note.
     """
     result, records = measure(task, run, survey, reported)
     try:

@@ -73,7 +73,7 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
 
     Attributes:
         name: Name in run folders.
-        version: Version of the rows. It changes when the same answers have different rows.
+        version: Version of the rows. It changes when the same answers lead to different rows.
         role: Role of the methods.
         prefix: Start of the default name of run folders.
         counts: Name of the pieces of work in the plural, such as queries.
@@ -103,7 +103,7 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
 
     @classmethod
     def vary(cls, options: TaskOptions) -> list[tuple[dict[str, Any], TaskOptions]]:
-        """Return the options of each row of a study, with the settings that name the row; one row by default."""
+        """Return (settings that name the row, options of the row) for each row of a study. One row by default."""
         return [({}, options)]
 
     @classmethod
@@ -119,8 +119,8 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
 
         Args:
             rows: A row for each method.
-            columns: Names of the columns; by default the usual ones, without per-seed ranges if there are none.
-            leading: Text of each row by heading, left of the columns; the method's label by default.
+            columns: Names of the columns. Empty for the default columns, without per-seed ranges if there are none.
+            leading: Text of each row by heading, left of the columns. None: the label of the method.
         """
         return [draw_table(cls.select_columns(rows, columns), rows, leading)]
 
@@ -133,7 +133,7 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
 
     @classmethod
     def select_columns(cls, rows: Sequence[LineT], names: Sequence[str] = ()) -> list[Column[Any]]:
-        """Return the columns of these names; by default the usual ones. Raises ConfigError on an unknown name."""
+        """Return the columns of these names, or the default columns if there are no names. Raises ConfigError."""
         cls.check_columns(names)
         selected = [cls.columns[name] for name in names or cls.usual]
         spread = bool(names) or any(row.by_part for row in rows)
@@ -150,21 +150,21 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
         return []
 
     def asks(self) -> dict[str, Any]:
-        """Return the parameters of the task as JSON, which `from_run` reads; empty by default."""
+        """Return the parameters of the task as JSON. They are stored in the run folder, and `from_run` reads them."""
         return {}
 
     def identity(self) -> dict[str, Any]:
-        """Return the parameters that answers depend on, with the identities of components; all of `asks` by default."""
+        """Return the parameters that answers depend on, with the identities of components. By default `asks`."""
         return self.asks()
 
     @classmethod
     def from_run(cls, run: Run) -> Self:
-        """Return the task of a run folder; tasks with parameters override it."""
+        """Return the task of a run folder. Tasks with parameters override this method."""
         return cls()
 
     @abstractmethod
     def survey(self, dataset: Dataset) -> Surveyed:
-        """Return the task on an opened data set. Raises DataError or InputMissing if the data is unsuitable."""
+        """Return the pieces of the task on an opened data set. Raises DataError or InputMissing on unsuitable data."""
 
     @abstractmethod
     def key(self, piece: Piece) -> tuple[Any, ...]:
@@ -175,9 +175,9 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
         return len(survey.pieces)
 
     def mode(self, label: str) -> str:
-        """Return the part of a method's label that changes how the method runs; it is part of the identity.
+        """Return the part of a method's label that changes how the method runs. It is part of the cache key of answers.
 
-        Empty by default.
+        The default is "".
         """
         return ""
 
@@ -211,7 +211,7 @@ AnyTask = Task[Any, Any, Any, Any]
 
 
 class Rows:
-    """Base of results: the rows of methods, and whether they were measured or crashed."""
+    """Base class of results with a row for each method: whether any method was measured or crashed."""
 
     rows: tuple[Any, ...]
 

@@ -40,7 +40,7 @@ RESULTS = Path("results")
 
 
 class TableStudy(Study):
-    """A study that is a table of an experiment."""
+    """A study whose results are one table of an experiment."""
 
     title: str = Field(description="title that is printed above the table")
     columns: tuple[str, ...] = Field(
@@ -93,7 +93,7 @@ class TableResult:
 
 @dataclass(frozen=True, eq=False)
 class ExperimentResult:
-    """An experiment and its tables, with the reported ones. `file` is the file of its results."""
+    """An experiment, its tables, and the tables reported in papers. `file` is the file with the stored results."""
 
     name: str
     experiment: Experiment
@@ -149,7 +149,7 @@ def run_experiment(
     results: str | Path = RESULTS,
     progress: Progress | None = None,
 ) -> ExperimentResult:
-    """Measure the tables of an experiment whose results are missing, or are of other settings or versions.
+    """Measure the tables of an experiment that have no stored result with the current settings and versions.
 
     Args:
         name: A shipped experiment or a YAML file.
@@ -179,7 +179,7 @@ def run_experiment(
 def _table(
     name: str, study: TableStudy, request: Request, file: Path, *, quick: bool, force: bool, progress: Progress | None
 ) -> TableResult:
-    """Return a table, measured unless a matching result is stored. Errors do not affect other tables."""
+    """Return a table. It is measured if no matching result is stored. Errors do not affect other tables."""
     results, part = read_results(file), "quick" if quick else "whole"
     stored, fresh = getattr(results, part).get(name), None
     try:
@@ -235,7 +235,7 @@ def _with_data(study: Study, request: Request) -> Request:
 
 
 def _cache_key(arms: Sequence[PooledRuns]) -> str:
-    """Return the hash of all that a table depends on, except for the content of data folders."""
+    """Return the hash of everything that a table depends on, except for the content of data folders."""
     runs = []
     for arm in arms:
         for task, request, resolved in arm.runs:

@@ -75,7 +75,7 @@ class Tuning:
 
         Args:
             changes: Settings that replace those of the localizer.
-            absent: Whether to include folds whose map contains the place of no query.
+            absent: Whether to include folds whose map contains none of the places of their queries.
 
         Yields:
             The localizer with the map of the fold, the description of the query, its true place, and whether the map
@@ -124,9 +124,9 @@ def fit_method(
 ) -> list[str]:
     """Fit a method to the queries of tuning data, and write the fitted settings with their provenance to a file.
 
-    The steps are: the matching settings in `tries`, each set to the value with the lowest loss; the `weights` of a
-    method that has evidence; and the `posterior`, which uses the queries and the same queries on maps without their
-    place.
+    There are three steps. Each matching setting in `tries` is set to the value with the lowest loss. The setting
+    `weights` is fitted, if the method has it. The `posterior`, which turns scores into probabilities, is fitted to the
+    queries in maps with their place and in maps without it.
 
     Args:
         method: The method.
@@ -140,7 +140,7 @@ def fit_method(
         tell: Receives messages.
 
     Returns:
-        A summary, one line each.
+        The lines of a summary.
 
     Raises:
         ConfigError: The method has neither weights nor a posterior, `tries` is used with `posterior_only`, a setting to
@@ -253,7 +253,7 @@ def _try(tunings: Sequence[Tuning], tries: Sequence[str], tell: Tell) -> dict[st
 
 
 def _fit(tunings: Sequence[Tuning], changes: Mapping[str, Any]) -> tuple[dict[str, float], float, float]:
-    """Fit the weights, as `fit_weights` does, to the queries whose place is in the map, with changed settings."""
+    """Fit the weights of a method with changed settings to the queries whose place is in the map. See `fit_weights`."""
     samples: list[tuple[Evidence, str]] = []
     for tuning in tunings:
         for localizer, description, place, here in tuning.ask(changes, absent=False):
@@ -263,7 +263,7 @@ def _fit(tunings: Sequence[Tuning], changes: Mapping[str, Any]) -> tuple[dict[st
 
 
 def _scored(tuning: Tuning, changes: Mapping[str, Any]) -> Iterator[ScoredAnswer]:
-    """Yield the scores of the answers that rank places, with the position of the true place."""
+    """Yield the scores and the true place of each answer that ranks places."""
     counts = [count for count in tuning.num_objects.values() if count]
     map_objects = float(np.mean(counts)) if counts else 0.0
     for localizer, description, place, here in tuning.ask(changes):

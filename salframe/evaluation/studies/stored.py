@@ -31,7 +31,7 @@ class StoredTable(Settings):
     """The stored result of a table.
 
     Attributes:
-        cache_key: Hash of its settings and of the versions of its components.
+        cache_key: Hash of the settings of the table and of the versions of its components.
         date: Date of the measurement.
         version: Version of salframe.
         machine: Number of cores and architecture.
@@ -116,7 +116,7 @@ def has_ended(study: Study, stored: StoredTable) -> bool:
 
 
 def stored_tables(study: Study, stored: StoredTable, columns: Sequence[str] = ()) -> list[Table]:
-    """Return the stored rows as tables. `columns` are the names of the columns, by default the usual ones."""
+    """Return the stored rows as tables. `columns` are the names of the columns; empty for the default columns."""
     rows = stored_rows(study, stored)
     return study.kind.tables(rows, columns, leading_columns(study.kind, rows, stored.settings))
 

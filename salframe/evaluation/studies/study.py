@@ -33,7 +33,7 @@ CONDITION = "condition"
 
 
 class StudiedMethod(Settings):
-    """A method with its settings."""
+    """A method to measure in a study, and its settings."""
 
     method: str = Field(description="name of a preset or component, or path of a YAML file")
     set: dict[str, Any] = Field({}, description="mapping from dotted keys to values: the settings of the method")
@@ -168,11 +168,11 @@ class StudyResult(Rows):
         kind: The task.
         runs: The run folders.
         rows: The rows.
-        settings: The varied settings of each row by key, with "data" where there are several data sets and "arm" where
-            there are arms.
+        settings: The varied settings of each row by key. If there are several data sets or arms (named settings of the
+            data), also "data" or "arm".
         notes: Notes of the runs.
         reported: Figures that papers report.
-        report: Path of the report where there is a single run.
+        report: Path of the report if there is a single run.
     """
 
     kind: type[AnyTask]
@@ -190,7 +190,7 @@ class StudyResult(Rows):
 
     @property
     def where(self) -> str:
-        """Path of the report of a single run, otherwise of the run folders."""
+        """Path of the report of a single run, or the paths of the run folders."""
         if self.report is not None:
             return f"report: {self.report}"
         return f"runs: {' '.join(map(str, self.runs))}"

@@ -31,12 +31,12 @@ class Column(Generic[RowT]):
     """A column of a table.
 
     Args:
-        heading: Text above it; a line break may be printed as a space.
-        cell: Returns the text of a row.
-        value: Returns the number by which rows are ranked; None: the column does not rank rows.
-        largest: Whether the largest number is the best; otherwise the smallest is.
-        cost: Whether it shows a time, a size or memory.
-        unmeasured: Whether rows of methods that were not measured have a text too.
+        heading: Text above the column. A line break may be printed as a space.
+        cell: Returns the text of a row in this column.
+        value: Returns the number by which rows are ranked. None: the column does not rank rows.
+        largest: Whether the largest number is the best. Otherwise the smallest number is the best.
+        cost: Whether the column shows a time, a size or memory.
+        unmeasured: Whether `cell` is also called for rows of methods that were not measured.
     """
 
     heading: str
@@ -52,7 +52,7 @@ INPUT: Column[TableRow] = Column(
 )
 """The input of a method."""
 SEED_RANGE: Column[TableRow] = Column("per-seed\nrange %", lambda row: _spread(row.by_part))
-"""The per-seed range of the first figure."""
+"""The per-seed range of the first number of a row: its minimum and maximum over the seeds."""
 
 
 def _spread(shares: Sequence[float]) -> str:

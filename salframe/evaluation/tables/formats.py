@@ -68,7 +68,7 @@ def to_csv(rows: Sequence[Mapping[str, Any]], leading: Sequence[Mapping[str, Any
 
     Args:
         rows: The rows as JSON.
-        leading: Further columns before them, for each row.
+        leading: For each row, the values of further columns on the left.
     """
     names = [name for name, value in (rows[0] if rows else {}).items() if not isinstance(value, dict)]
     out = io.StringIO()

@@ -44,7 +44,7 @@ def draw_table(
     Args:
         columns: The columns, from left to right.
         rows: The rows.
-        leading: Text of each row by heading, left of the columns; the method's title by default.
+        leading: Text of each row by heading, left of the columns. None: the title of the method.
         title: The table's title.
     """
     leading = leading_methods(rows) if leading is None else leading
@@ -89,7 +89,7 @@ def _alike(leading: Mapping[str, Sequence[str]], count: int) -> list[list[int]]:
 
 
 def _best(column: Column[RowT], rows: Sequence[RowT], alike: Sequence[int]) -> list[int]:
-    """Return the best of the rows `alike`; none where all numbers are equal."""
+    """Return the indices of the best rows among `alike`. Empty if all numbers are equal."""
     values = {
         i: value for i in alike if column.value and rows[i].measured and (value := column.value(rows[i])) is not None
     }

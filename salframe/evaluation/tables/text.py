@@ -23,7 +23,7 @@ def fixed(value: float | None, digits: int) -> str:
 
 
 def interval(share: Estimate | None) -> str:
-    """Return a share and its interval as percent; without bounds the share alone."""
+    """Return a share and its interval as percent. Without bounds, return the share alone."""
     if share is None or share.low is None or share.high is None:
         return percent(None if share is None else share.value)
     return f"{share.value * 100:.1f} ({share.low * 100:.0f}-{share.high * 100:.0f})"
@@ -44,5 +44,5 @@ def two_digits(value: float | None) -> str:
 
 
 def list_methods(labels: Collection[str], of: Collection[str]) -> str:
-    """Return labels of methods as text; "all N methods" where they are all of more than three."""
+    """Return labels of methods as text. If they are all labels in `of`, and more than three: "all N methods"."""
     return f"all {len(labels)} methods" if len(labels) == len(of) > 3 else ", ".join(labels)

@@ -1,4 +1,4 @@
-"""The value `auto` of a slot: the data, and the components that can run on this machine, determine the component."""
+"""Automatic choice: a slot with the value `auto` gets the first component that can run on this machine and the data."""
 
 from __future__ import annotations
 
@@ -20,25 +20,28 @@ class Choice:
 
         Args:
             data: The name of the data in messages.
-            provides: Returns the parts that the panoramas have. It is called only if a slot is `auto`.
+            provides: Returns the parts that the panoramas have, such as colour and range. It is called only if a slot
+                is `auto`.
         """
         self._data, self._provides = data, provides
         self._notes: dict[str, str] = {}
 
     @property
     def notes(self) -> list[str]:
-        """The component chosen for each role so far, one line per role."""
+        """One line of text per role, with the component that was chosen for the role."""
         return list(self._notes.values())
 
     def choose(self, role: str, added: frozenset[str] = frozenset()) -> type[Component]:
-        """Return the first component in the order of the role that can run on this machine and on the data.
+        """Return the first component of a role that can run on this machine and on the data.
+
+        The order of the components is in configs/defaults.yaml.
 
         Args:
             role: The role of the slot.
             added: Parts that other components add to the panoramas.
 
         Raises:
-            InputMissing: No component can run. The message has the reason for each.
+            InputMissing: No component can run. The message has a reason for each component.
         """
         component, remark = first_fit(role, self._provides() | added)
         if component is None:
@@ -48,9 +51,9 @@ class Choice:
 
 
 def first_fit(role: str, provides: frozenset[str] | None) -> tuple[type[Component] | None, str]:
-    """Return the first component in the order of a role that can run, and a remark on it.
+    """Return the first component of a role that can run, and the remark on it in configs/defaults.yaml.
 
-    Names that no plugin provides are skipped.
+    The order of the components is also in configs/defaults.yaml. Names that no plugin provides are skipped.
 
     Args:
         role: The role.
@@ -88,14 +91,14 @@ def why_unfit(component: type[Component], provides: frozenset[str] | None) -> st
 
 
 def needs_of(config: ComponentConfig) -> frozenset[str]:
-    """Return the parts of panoramas that a configured component needs: its `needs`, and the `needs` of its slots."""
+    """Return the parts of panoramas in the `needs` of a configured component and of the components in its slots."""
     needs = getattr(config.component, "needs", None)
     parts = needs if isinstance(needs, frozenset) else frozenset()
     return parts.union(*(needs_of(inner) for _, inner in components_in(config)))
 
 
 def parts_added(values: Iterable[Any]) -> frozenset[str]:
-    """Return the parts that the components among the values of settings add to panoramas: their `gives`."""
+    """Return the parts that components add to panoramas, from their `gives`. Values without a component are ignored."""
     components = (value.component for value in values if isinstance(value, ComponentConfig))
     return frozenset().union(*(getattr(component, "gives", ()) for component in components))
 
@@ -116,5 +119,5 @@ class Undecided(Component):
 
 @cache
 def undecided(role: str) -> type[Component]:
-    """Return the class `Undecided` for this role."""
+    """Return a subclass of `Undecided` for this role."""
     return type(Undecided.__name__, (Undecided,), {"role": role, "__doc__": Undecided.__doc__})

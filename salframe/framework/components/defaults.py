@@ -12,12 +12,12 @@ from salframe.framework.files.bounded import parse_yaml
 DEFAULTS = "defaults.yaml"
 """Name of the file of default names in the preset folder."""
 AUTO = "auto"
-"""Value of a slot whose component is chosen by the data."""
+"""Value of a slot whose component is chosen automatically for the data, see `Choice`."""
 
 
 @cache
 def defaults() -> dict[str, Any]:
-    """Return all default names by key."""
+    """Return the content of configs/defaults.yaml."""
     content: dict[str, Any] = parse_yaml((preset_folder() / DEFAULTS).read_bytes())
     return content
 

@@ -1,6 +1,6 @@
 """Identity of configured components: their settings, versions, and the content of the files that they read.
 
-The identity follows from the declaration of a component. It is the key of cached results.
+Results are cached under this identity. It is computed from class attributes and settings, without running a component.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ MAX_FOLDER_FILES, MAX_FOLDER_BYTES = 10_000, 1 << 32
 
 
 class UserFile(_Path):
-    """Type of a setting that names a file or folder of the user. Its content, not its name, is part of the identity."""
+    """Type of a setting that names a file or folder of the user. `identity` uses the content, not the name."""
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
@@ -55,19 +55,19 @@ class UserFile(_Path):
 
 
 class SingleFile(UserFile):
-    """Type of a setting that names a file of the user. A folder has no identity, so that none is hashed by mistake."""
+    """Type of a setting that names a file of the user. `identity` rejects a folder, which could be large to hash."""
 
 
 def identity(config: ComponentConfig, *, describing: bool = False) -> dict[str, Any]:
     """Return the identity of a configured component.
 
-    The identity has the role, name, version and settings, including those of components in slots. It has the sha256 of
-    every UserFile in the settings and of the weights in use.
+    The identity is JSON-serializable. It has the role, name, version and settings of the component, and the identities
+    of the components in its slots. It has the sha256 of every UserFile in the settings and of the weights in use.
 
     Args:
         config: The configuration.
         describing: Whether to leave out the settings that affect only matching. The result then identifies the
-            descriptions of panoramas.
+            descriptions (features) that the component computes from panoramas.
 
     Raises:
         ConfigError: A file cannot be read.
@@ -169,7 +169,7 @@ def _hash_files(folder: Path, files: Sequence[Path]) -> list[list[str]]:
 
 
 def _list_files(folder: Path) -> list[Path]:
-    """Return all files below a folder. Raises ConfigError, before any is read, if they are too many or too large."""
+    """Return all files below a folder, without reading them. Raises ConfigError if they are too many or too large."""
     files, size = [], 0
     for file in folder.rglob("*"):
         if file.is_file():

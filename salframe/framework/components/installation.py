@@ -96,8 +96,8 @@ class ComponentStatus:
         version: The version of the component.
         package: The package that provides it.
         summary: The first paragraph of the docstring, on one line.
-        missing: Why it cannot run with its settings on this machine. None if it can.
-        remedy: The command or setting that makes it run, None if none is known.
+        missing: The reason why the component cannot run with its settings on this machine. None if it can run.
+        remedy: The command or setting that makes the component run. None if it can run, or if no remedy is known.
     """
 
     role: str
@@ -165,7 +165,7 @@ class Diagnosis:
         failures: Plugins that failed to load.
         cache: The cache folder.
         cache_bytes: The size of the cache folder in bytes.
-        weights: For each name of weights why they are missing, None if they are installed.
+        weights: Name of the weights -> reason why they are missing or invalid. None if they are valid.
     """
 
     environment: dict[str, Any]

@@ -14,14 +14,14 @@ from salframe.framework.errors import ConfigError, UnknownName, unknown
 from salframe.framework.validation import validate
 
 SUFFIXES = (".yaml", ".yml")
-"""Suffixes of names that are files of settings."""
+"""Suffixes that distinguish a YAML file of settings from the name of a preset or component."""
 
 Pairs = Iterable[tuple[tuple[str, ...], Any]]
-"""Settings as pairs of a dotted key and a value, as returned by `parse_override`."""
+"""Settings as pairs (path, value). A path is a dotted key that `parse_override` has split at its dots."""
 
 
 def preset_names(role: str) -> dict[str, str]:
-    """Return name -> package of the presets of a role, sorted."""
+    """Return the presets of a role, sorted: name -> package that provides the preset."""
     folder = registry().roles[role].presets
     return {} if folder is None else registry().list_presets(folder)
 
@@ -37,10 +37,10 @@ def short_name(name: str) -> str:
 
 
 def settings(role: str, name: str) -> dict[str, Any]:
-    """Return the settings of a YAML file, of a preset, or of a component (only its `kind`).
+    """Return the settings in the YAML file or preset `name`. If `name` is a component, return only its `kind`.
 
     Raises:
-        UnknownName: There is no such name. The message has the closest one.
+        UnknownName: There is no such name. The message suggests the closest name.
         PluginFailed: A plugin that may provide the name failed to load.
         ConfigError: The file is invalid.
     """
@@ -56,7 +56,7 @@ def settings(role: str, name: str) -> dict[str, Any]:
 
 
 def otherwise(role: str, name: str) -> str | None:
-    """Return the preset to use if the preset `name` cannot run on this machine, or None if it names none."""
+    """Return the preset to use if the preset `name` cannot run on this machine. None: `name` declares none."""
     content = _preset(role, name)
     return None if content is None else content.get(OTHERWISE)
 
@@ -79,7 +79,7 @@ def configure(
     overrides: Iterable[Mapping[str, Any]] = (),
     choice: Choice | None = None,
 ) -> ComponentConfig:
-    """Return a validated configuration.
+    """Return the validated configuration of a component.
 
     Args:
         role: The role of the component.
@@ -108,7 +108,7 @@ def nest_for(pairs: Pairs, scopes: Sequence[str]) -> dict[str, list[dict[str, An
     """Return settings as nested mappings, grouped by the first part of their dotted key.
 
     Raises:
-        ConfigError: The first part of a key is not one of `scopes`, or is the only one.
+        ConfigError: The first part of a key is not one of `scopes`, or the key has only one part.
     """
     by_scope: dict[str, list[dict[str, Any]]] = {scope: [] for scope in scopes}
     for path, value in pairs:
@@ -142,7 +142,7 @@ class Overrides:
             scopes: The names of the scopes.
 
         Raises:
-            ConfigError: No method has a key.
+            ConfigError: A key does not start with a scope or method, and no method has a setting of this name.
         """
         self.scopes: dict[str, list[dict[str, Any]]] = {scope: [] for scope in scopes}
         self.methods: dict[str, list[dict[str, Any]]] = {name: [] for name in methods}

@@ -1,4 +1,4 @@
-"""Registry of roles, components and presets: guarded loading of plugins, and checks at registration."""
+"""Registry of roles, components and presets. It loads plugins, catches their errors, and checks what they register."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ KEBAB = r"[a-z0-9]+(-[a-z0-9]+)*"
 FOLDERS = ("methods", "data", "ablations")
 """Folders of presets that come first in listings."""
 OTHERWISE = "otherwise"
-"""Key of a preset that names the preset to use if it cannot run."""
+"""Key in a preset. Its value is the name of the preset to use if this preset cannot run."""
 
 
 @dataclass(frozen=True)
@@ -184,7 +184,7 @@ class Registry:
         return [self._presets[key] for key in keys]
 
     def list_presets(self, folder: str) -> dict[str, str]:
-        """Return name -> package of the presets in a folder such as methods/, sorted."""
+        """Return the presets in a folder such as methods/, sorted: name -> package that provides the preset."""
         return {path.stem: package for path, package in self.preset_files() if path.parent.name == folder}
 
     def __iter__(self) -> Iterator[tuple[type[Component], str]]:

@@ -23,9 +23,10 @@ BOUNDS = {"ge": "at least", "gt": "over", "le": "at most", "lt": "under"}
 class Setting:
     """One setting of a configuration.
 
-    The value and the default of a slot are names of components, and its type is their role ("ROLE | null" for an
-    optional slot). The settings of the component in the slot follow it. The settings of several components in one field
-    follow under `key[0]` and so on. Set these in the list, not by their key.
+    A slot is a setting that holds a component. Its value and default are names of components. Its type is the role, or
+    "ROLE | null" for an optional slot. Listings show the settings of the component after the slot. If a setting holds
+    several components, listings show their settings under `key[0]`, `key[1]` and so on. `--set` does not accept these
+    keys: replace the whole list instead.
 
     Attributes:
         key: The dotted key for `--set`.
@@ -43,7 +44,7 @@ class Setting:
 
 
 def list_settings(config: BaseModel, prefix: str = "") -> Iterator[Setting]:
-    """Yield the settings of a configuration and of the models and components in it. Values are as in YAML."""
+    """Yield the settings of a configuration, and of the models and components in it. `prefix` starts each key."""
     plain = config.model_dump(mode="json")
     defaults = type(config).model_construct().model_dump(mode="json", warnings=False)
     for name, field in type(config).model_fields.items():
@@ -94,12 +95,12 @@ def changed_settings(
 ) -> Iterator[tuple[str, Any]]:
     """Yield the settings that differ from those of a reference, by dotted key.
 
-    A slot is named by its key alone, with the name of its component as the value. Below a slot that holds another
-    component, the settings that differ from the defaults of that component follow.
+    If a slot holds another component than the reference, the name of the component is the value. The settings of this
+    component are compared with its defaults, because the reference has no values for them.
 
     Args:
         config: The configuration.
-        reference: The configuration to compare with; None: the defaults.
+        reference: The configuration to compare with. None for the defaults.
         prefix: Start of the keys.
     """
     values = config.model_dump(mode="json")
@@ -131,7 +132,7 @@ def _keys_of(config: BaseModel, name: str) -> Mapping[str, str]:
 
 
 def _kind(default: Any) -> Any:
-    """Return a default; for a slot, the name of its component."""
+    """Return the default of a setting. The default of a slot is returned as the name of its component."""
     return default["kind"] if isinstance(default, Mapping) and "kind" in default else default
 
 

@@ -27,10 +27,10 @@ def slot(
 
     Example: `detector: slot("detector", "annotations")`.
 
-    The field accepts the name of a component, a mapping with its settings, or its Config. A mapping without `kind` is
-    for the default component. The value is validated with the Config of the component. The name `auto` is allowed if
-    configs/defaults.yaml has an order for the role; the parts that components in earlier slots add to panoramas then
-    count as present.
+    The field accepts the name of a component, a mapping with its settings, or its Config. A mapping without `kind`
+    holds settings of the default component. The value is validated with the Config of the component. The name `auto`
+    is allowed if configs/defaults.yaml has an order for the role. The automatic choice assumes that panoramas also have
+    the parts that components in earlier slots add.
 
     Args:
         role: The role.
@@ -69,7 +69,7 @@ def slots(role: str, default: tuple[str, ...], description: str) -> Any:
 
     Example: `of: slots("detector", ("segments", "onnx"), "detectors to combine")`.
 
-    The field accepts a list. Each entry is a value that a `slot` accepts; a mapping must have a `kind`.
+    The field accepts a list. Each entry has a form that `slot` accepts. A mapping must have a `kind`.
     """
 
     def resolve(value: Any, info: ValidationInfo) -> tuple[ComponentConfig, ...]:

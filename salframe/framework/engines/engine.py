@@ -16,8 +16,8 @@ from salframe.framework.errors import WorkerDied
 class Engine(Role):
     """Runs independent jobs (work items) in this process, in worker processes, or on several machines.
 
-    Work items are frames to render, frames to describe, and parts of the queries of a method. The setting `workers`, if
-    an engine has it, is the number of worker processes.
+    A work item is a frame to render, a frame to describe (compute features of), or a group of queries of a method. The
+    setting `workers`, if an engine has it, is the number of worker processes.
 
     Attributes:
         isolates: Whether items run in other processes, where a crash affects only the current item.
@@ -28,7 +28,7 @@ class Engine(Role):
 
     @property
     def workers(self) -> int | None:
-        """Number of worker processes, 1 without the setting. None: chosen by the engine, one if times are measured."""
+        """Number of worker processes, 1 without this setting. None: the engine chooses, with 1 if it measures times."""
         return getattr(self.config, "workers", 1)
 
     @abstractmethod

@@ -19,7 +19,7 @@ GRACE_S = 1.0
 """Time in seconds that a stopped process has to clean up its current item."""
 
 LOKY_ENV = {"LOKY_MAX_MEMORY_LEAK_SIZE": "1e18"}
-"""Environment of workers. Workers cache data between items, which loky would take for a leak and restart them."""
+"""Environment variables of workers. They keep loky from restarting workers whose cached data looks like a leak."""
 
 
 class ProcessPool(ProcessPoolExecutor):
@@ -59,8 +59,9 @@ class ProcessPool(ProcessPoolExecutor):
 def _begin_work(parent: Connection) -> None:
     """Initialize a worker process.
 
-    The parent handles an interrupt from the terminal and ends its workers. A worker must not continue to write files
-    after its parent was killed. The parent, not loky, reports a crash in a native library, in one line.
+    A worker ignores an interrupt from the terminal, because the parent handles it and ends its workers. A worker exits
+    when its parent is killed, so that it does not continue to write files. The traceback of a crash in a native library
+    is discarded, because the parent reports the crash in one line.
     """
     become_worker()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -70,7 +71,7 @@ def _begin_work(parent: Connection) -> None:
 
 
 def _die_with(parent: Connection) -> None:
-    """Exit when the parent ends."""
+    """Wait for the end of the parent process, then exit this process."""
     with suppress(EOFError, OSError):
         parent.recv()  # nothing is sent; this returns when the parent closes its end
     os._exit(1)

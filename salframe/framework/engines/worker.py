@@ -18,7 +18,7 @@ ONE_THREAD = dict.fromkeys(
     ),
     "1",
 )
-"""Environment of a worker that shares the processors. Native libraries read their number of threads from it."""
+"""Environment variables of a worker that shares the processors. They limit native libraries to one thread."""
 _is_worker, _at_work = False, False
 
 
@@ -40,7 +40,7 @@ def in_worker() -> bool:
 
 
 def work(function: Callable[[Any], Any], item: Any) -> Any:
-    """Return function(item). On a signal to end, exit after the function has cleaned up."""
+    """Return function(item). If a signal interrupts the function, exit the process after its cleanup."""
     global _at_work
     _at_work = True
     try:

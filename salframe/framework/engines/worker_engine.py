@@ -16,17 +16,17 @@ from salframe.framework.engines.engine import Engine
 from salframe.framework.errors import SalframeError, WorkerDied
 
 POLL_S = 0.5
-"""Interval in seconds at which a wait checks for interrupts. An interrupt just before a wait does not end the wait."""
+"""Interval in seconds at which `map` checks for interrupts. An interrupt just before a wait does not end the wait."""
 
 
 class WorkerProcess(ABC):
-    """A worker process."""
+    """A worker process, which calls functions for an engine."""
 
     @abstractmethod
     def answer(self, function: Callable[[Any], Any], item: Any) -> Any:
         """Return function(item), or the exception that it raised in the worker.
 
-        The result is WorkerDied if the process ended. The worker is not used again.
+        The result is WorkerDied if the process ended. The engine then does not use this worker again.
         """
 
     @abstractmethod
@@ -58,7 +58,7 @@ class WorkerEngine(Engine):
 
     @abstractmethod
     def start(self, alone: bool) -> WorkerProcess:
-        """Start a worker. Its native libraries have one thread each, or all processors if it is `alone`."""
+        """Start a worker. If it is the only one (`alone`), its native libraries use all processors, else one thread."""
 
     def map(self, function: Callable[[Any], Any], items: Sequence[Any]) -> Iterator[Any]:
         if not items:

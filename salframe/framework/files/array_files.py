@@ -16,9 +16,9 @@ from salframe.framework.files.bounded import check_regular, read_bytes
 MAX_BYTES = 1 << 29
 """Maximum size of the arrays in a .npz file, in bytes."""
 MAX_READ_BYTES = 1 << 26
-"""Size in bytes from which the array of a .npy file is memory-mapped; a smaller one is read."""
+"""Minimum size in bytes of a .npy file to be memory-mapped. Smaller files are read into memory."""
 MAX_AXIS = 1 << 24
-"""Maximum axis length of an array without elements, which the size of the file cannot confirm."""
+"""Maximum axis length of an array without elements. The size of the file cannot confirm its shape."""
 
 
 _KIND_WORDS = {"b": "booleans", "i": "integers", "u": "unsigned integers", "f": "floats", "U": "text"}
@@ -98,9 +98,9 @@ def pack_arrays(arrays: Mapping[str, np.ndarray]) -> bytes:
 def map_array(path: Path) -> np.ndarray:
     """Return the array of a .npy file: in memory if the file is smaller than MAX_READ_BYTES, else as a memory map.
 
-    Another program that changes the file later does not change an array that was read. A memory map does change, and
-    the process ends if the file is truncated: code that uses a memory map compares the file with a `FileStamp` before
-    each use.
+    If another program changes the file later, an array in memory stays the same. A memory map changes with the file. If
+    the file is truncated, access to the memory map crashes the process. Code that uses a memory map must therefore
+    check the `FileStamp` of the file before each use.
 
     Returns:
         The array, read-only.
@@ -149,7 +149,7 @@ def _parse(content: bytes) -> np.ndarray:
 
 
 def _header(file: BinaryIO, size: int) -> tuple[np.dtype[Any], tuple[int, ...], Literal["C", "F"]]:
-    """Read the header of a .npy file, and leave the file at the first value.
+    """Read the header of a .npy file. Afterwards the file position is at the first value.
 
     Args:
         file: The file, at its beginning.
@@ -159,7 +159,7 @@ def _header(file: BinaryIO, size: int) -> tuple[np.dtype[Any], tuple[int, ...], 
         The dtype, shape and memory order of the array.
 
     Raises:
-        ValueError: The header is invalid, its size differs from that of the file, or the values are Python objects.
+        ValueError: The header is invalid, the size of the file contradicts it, or values are Python objects.
     """
     try:
         version = np.lib.format.read_magic(file)

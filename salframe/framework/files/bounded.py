@@ -66,7 +66,7 @@ def read_bytes(path: Path, max_bytes: int = MAX_BYTES) -> bytes:
 
 
 def read_start(path: Path, max_bytes: int) -> bytes:
-    """Return the first bytes of a regular file of any size. Raises OSError, or ValueError if it is not regular."""
+    """Return the first `max_bytes` bytes of a regular file. Raises OSError, or ValueError if it is not regular."""
     check_regular(path, sys.maxsize)
     with path.open("rb") as file:
         return file.read(max_bytes)
@@ -84,7 +84,7 @@ def parse_json(content: bytes) -> Any:
 
 
 def parse_yaml(content: bytes | str) -> Any:
-    """Parse a YAML document with the types of JSON, and integer keys. Raises ValueError if it is invalid."""
+    """Parse a YAML document. It may have the types of JSON, and integer keys. Raises ValueError if it is invalid."""
     try:
         _check_events(content)
         value = yaml.load(content, Loader=_SAFE)

@@ -1,4 +1,4 @@
-"""Cache of computed arrays, addressed by the content of their key."""
+"""Cache of computed arrays on disk. The name of each file is the hash of the key of its arrays."""
 
 from __future__ import annotations
 
@@ -45,10 +45,10 @@ class CacheState:
 
 
 class Cache:
-    """Cache of named arrays, addressed by the content of their key, with the time that their computation took.
+    """Cache of named arrays on disk. A key is any JSON-serializable value.
 
-    Each entry holds its key and a checksum. An entry with a wrong checksum or another key counts as missing. If the
-    entries exceed the maximum size, the least recently used are removed.
+    Each entry holds the arrays, the time to compute them, the key and a checksum. An entry with a wrong checksum or key
+    counts as missing. If the cache exceeds its maximum size, the least recently used entries are removed.
 
     Args:
         directory: The folder. None for the folder of panorama descriptions in the cache of salframe.
@@ -66,7 +66,7 @@ class Cache:
         return self.directory / name[:2] / f"{name}.npz"
 
     def get(self, key: Any) -> tuple[dict[str, np.ndarray], float] | None:
-        """Return the arrays of a JSON-serializable key and their computation time in seconds, or None if missing."""
+        """Return the arrays of a key and their computation time in seconds, or None if there is no entry."""
         path = self._path(key)
         try:
             content = read_bytes(path, MAX_BYTES)
@@ -107,7 +107,7 @@ class Cache:
         return CacheState(self.directory, len(sizes), sum(sizes), self.limit_bytes)
 
     def clear(self) -> CacheState:
-        """Remove all entries, except those of other users. Return the number and the size of the entries before."""
+        """Remove all entries, except those of other users. Return the state before the removal."""
         before = self.state()
         for path, _, _ in self._entries():
             with suppress(PermissionError):  # an entry of another user, who shares the cache

@@ -27,7 +27,7 @@ Row = Mapping[str, np.ndarray]
 
 
 _KINDS = {"i": "iuf", "u": "iuf"}
-"""Kinds of a column by the kind of an array, where they may differ: integers become floats beside floats."""
+"""`dtype.kind` of an array -> allowed kinds of its column. A column of integers and floats is stored as floats."""
 
 
 class _Declared(Settings):
@@ -35,9 +35,9 @@ class _Declared(Settings):
 
     Attributes:
         name: The name of the column.
-        shape: The shape of its arrays. None for an axis along which rows differ; shapes.npy has their lengths.
-        words: The words to which the values of a column of strings are indices. None for a column of numbers.
-        absent: The rows without an array of this name.
+        shape: The shape of the arrays. None for an axis whose length differs between rows: shapes.npy has the lengths.
+        words: The distinct strings of a column of strings. Its values are indices into them. None for numbers.
+        absent: The indices of the rows without an array of this name.
     """
 
     name: str
@@ -65,12 +65,12 @@ class _Table(Settings):
 
 
 class PackedColumn:
-    """The arrays of one name in R rows. Their values are concatenated and memory-mapped.
+    """The arrays of one name in R rows, with concatenated values.
 
     Attributes:
-        values: (V,) read-only values. For strings, indices of `words`.
-        words: The words of a column of strings. None for a column of numbers.
-        absent: The rows without an array of this name.
+        values: (V,) read-only values, memory-mapped if the file is large. For strings, indices into `words`.
+        words: The distinct strings of a column of strings. None for a column of numbers.
+        absent: The indices of the rows without an array of this name.
     """
 
     def __init__(self, values: np.ndarray, words: tuple[str, ...] | None, absent: Iterable[int], shapes: np.ndarray):
@@ -116,9 +116,9 @@ class Columns(Sequence[dict[str, np.ndarray]]):
 def write_columns(folder: Path, rows: Iterable[Row]) -> None:
     """Write a stream of rows of named arrays to a new folder.
 
-    The folder has columns.json, the concatenated values of each name in NAME.npy, and in shapes.npy the lengths along
-    the axes where rows differ, (rows, axes). Each distinct string is stored once, and the
-    values are its index. Only the distinct strings and the shapes of all rows are in memory.
+    The file columns.json lists the columns. NAME.npy has the concatenated values of one column. shapes.npy (rows, axes)
+    has the lengths of the axes whose length differs between rows. Each distinct string is stored once, and the values
+    of its column are indices. Memory holds only the distinct strings, the shapes, and a few rows at a time.
 
     Raises:
         DataError: Arrays of one name have different numbers of dimensions, mix strings and numbers, or hold Python
@@ -199,8 +199,8 @@ class _Spool:
         """Write the .npy file and remove the buffer file.
 
         Returns:
-            The shapes (R, axes) int64 of the arrays, empty shapes for rows without one, and the sorted words of a
-            column of strings (None for numbers).
+            The shapes (R, axes) int64 of the arrays, and the sorted words of a column of strings (None for numbers).
+            A row without an array has the shape of an empty array.
         """
         dtype, words = np.result_type(*(part for part, _ in self._parts or [(self._empty.dtype, 0)])), None
         if self._contents == {"strings"} or dtype.kind == "U":
@@ -227,7 +227,7 @@ def _content(array: np.ndarray) -> str:
 
 
 def read_columns(folder: Path, expected: Mapping[str, ArrayKind] | None = None) -> Columns:
-    """Open a folder written by `write_columns` as memory maps.
+    """Open a folder written by `write_columns`. Large files are memory-mapped, small files are read.
 
     Args:
         folder: The folder.
@@ -265,7 +265,7 @@ def read_columns(folder: Path, expected: Mapping[str, ArrayKind] | None = None) 
 
 
 def _read_lengths(path: Path, shape: tuple[int, int]) -> np.ndarray:
-    """Return the lengths (axes, rows) along the axes where rows differ."""
+    """Return the lengths (axes, rows) of the axes whose length differs between rows."""
     with reading(path, "a numpy array"):
         lengths = np.asarray(map_array(path))
     if lengths.shape != shape or lengths.dtype.kind != "u" or lengths.max(initial=0) > MAX_AXIS:
@@ -277,7 +277,7 @@ def _read_lengths(path: Path, shape: tuple[int, int]) -> np.ndarray:
 
 
 def check_kinds(columns: Columns, row: Row) -> None:
-    """Check that the columns hold values of the same kind as another row, which the same code computed.
+    """Check that each column has the `dtype.kind` of the array of its name in `row`, which the same code computed.
 
     Raises:
         DataError: A column holds, for example, booleans where the array of its name in `row` holds floats.

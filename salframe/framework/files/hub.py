@@ -77,7 +77,7 @@ class HubReference:
 
     @property
     def commit(self) -> str | None:
-        """The commit to which a download pinned the revision; None if it was not downloaded."""
+        """The revision if it is a commit, else the commit to which a download pinned it. None if not downloaded."""
         if re.fullmatch(_COMMIT, self.revision):
             return self.revision
         return _read_revisions(self.folder).get(self.revision)
@@ -120,7 +120,7 @@ def hub_home() -> Path:
 
 
 def is_hub_name(name: str) -> bool:
-    """Return whether a name of weights is that of a model of the hub."""
+    """Return whether a name of weights has the prefix `hf:` of models of the hub."""
     return name.startswith(PREFIX)
 
 
@@ -128,10 +128,10 @@ def find_hub_model(name: str) -> HubWeights:
     """Return a downloaded model of the hub, without verifying its files.
 
     Args:
-        name: hf:ORG/MODEL, the commit that was downloaded first, or hf:ORG/MODEL@REVISION.
+        name: hf:ORG/MODEL or hf:ORG/MODEL@REVISION. The default revision is `main`.
 
     Raises:
-        WeightsError: The model was not downloaded. The message has the command.
+        WeightsError: The model was not downloaded. The message has the command that downloads it.
     """
     reference = HubReference.parse(name)
     commit = reference.commit
@@ -150,15 +150,15 @@ def list_hub_models() -> Iterator[HubWeights]:
 def fetch_hub_model(name: str, progress: ByteProgress = lambda done, total: None) -> HubWeights:
     """Download a model of the hub to the cache of salframe and verify it, unless it was downloaded before.
 
-    The weights must be safetensors; no other format and no code is downloaded. The commit of the revision is pinned:
-    the same name stands for the same files until the folder is removed.
+    The weights must be safetensors. No other format and no code is downloaded. The first download pins the revision to
+    its commit: the same name stands for the same files until the folder is removed.
 
     Args:
         name: hf:ORG/MODEL[@REVISION].
         progress: Called with the number of received bytes and the total.
 
     Returns:
-        The model. Its name has the commit.
+        The model. Its name contains the commit.
 
     Raises:
         RequirementMissing: huggingface_hub is not installed.
@@ -241,7 +241,11 @@ def _select(reference: HubReference, files: Sequence[Any]) -> list[Any]:
 def _download(
     api: Any, reference: HubReference, commit: str, files: Sequence[Any], folder: Path, progress: ByteProgress
 ) -> list[str]:
-    """Download files to a folder and return the sha256 (hex) of each. Raises WeightsError if the hub states another."""
+    """Download files to a folder and return the sha256 (hex) of each file.
+
+    Raises:
+        WeightsError: The download failed, or the hash of a file differs from the hash that the hub states.
+    """
     total, before, hashes = sum(file.size for file in files), 0, []
     for file in files:
         progress(before, total)

@@ -22,11 +22,11 @@ MAX_DECODED_PIXELS = 1 << 26
 MAX_PIXELS = 4 * MAX_DECODED_PIXELS
 """Maximum number of pixels of a file: 23,170 x 11,585 for a panorama."""
 _HARMLESS = "Invalid SOS parameters"
-"""Warning of libjpeg on complete files that some cameras write. Only the first warning of a file is known."""
+"""Warning of libjpeg on complete files that some cameras write. simplejpeg reports only the first warning of a file."""
 _XMP, _EXTENDED_XMP = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"
 _PNG_XMP = "XML:com.adobe.xmp"
 _MAX_XMP_BYTES = 1 << 24
-"""Maximum size of the XMP of an image. Extended XMP may hold whole images, which are of no interest here."""
+"""Maximum size of the extended XMP of an image, in bytes. Extended XMP may hold whole images, which are not needed."""
 _GUID_BYTES, _OFFSET_BYTES = 32, 4
 
 
@@ -48,7 +48,7 @@ class ImageFile:
 
     @property
     def note(self) -> str | None:
-        """A note if the image was reduced."""
+        """A note that the image was reduced, with both sizes. None if it was not reduced."""
         height, width = self.pixels.shape[:2]
         if height == self.height_px:
             return None
@@ -61,6 +61,9 @@ def read_image(path: Path, mode: int) -> np.ndarray:
     Args:
         path: The file.
         mode: Reading mode of OpenCV. cv2.IMREAD_COLOR gives BGR.
+
+    Returns:
+        (H, W) or (H, W, C) array. `decode_image` reduces the size of large images.
 
     Raises:
         DataError: The file is missing, damaged, truncated or too large.
@@ -78,8 +81,8 @@ def read_image_file(path: Path, mode: int) -> ImageFile:
 def decode_image(content: bytes, mode: int, name: str) -> ImageFile:
     """Decode the content of a JPEG or PNG.
 
-    An image with more than MAX_DECODED_PIXELS pixels is reduced to half its width and height: colour and grey values
-    are averaged; with the mode cv2.IMREAD_UNCHANGED, which is for ranges and ids, every second pixel is taken.
+    An image with more than MAX_DECODED_PIXELS pixels is reduced to half its width and height. Colour and grey values
+    are averaged. The mode cv2.IMREAD_UNCHANGED is for ranges and ids: every second pixel is taken.
 
     Args:
         content: The bytes of the file.
@@ -167,10 +170,11 @@ def _jpeg_xmp(segments: list[bytes]) -> tuple[bytes, ...]:
 
 
 def _extended_header(segment: bytes) -> tuple[bytes, int, int]:
-    """Return GUID, offset and the index of the first content byte of a segment of extended XMP; an empty GUID if none.
+    """Return the GUID, the offset, and the index of the first content byte of an APP1 segment of extended XMP.
 
-    The segment has the GUID, which the main packet names, the size of the packet, and the offset of this part (Adobe
-    XMP specification, part 3, 1.1.3.1).
+    The GUID is empty if the segment is no extended XMP. The header of a segment has the GUID, which the main packet
+    also has, the size of the extended packet, and the offset of this segment in it (Adobe XMP specification, part 3,
+    1.1.3.1).
     """
     if not segment.startswith(_EXTENDED_XMP):
         return b"", 0, 0
@@ -180,7 +184,7 @@ def _extended_header(segment: bytes) -> tuple[bytes, int, int]:
 
 
 def image_notes(path: Path) -> dict[str, Any]:
-    """Return the text metadata of a PNG, empty if the file is not a PNG."""
+    """Return the text metadata of a PNG by key, or an empty dictionary if the file is not a PNG."""
     from PIL import Image
 
     try:

@@ -1,4 +1,4 @@
-"""The files that an ONNX file points to: tensors may be stored outside, at locations relative to its folder.
+"""The files that an ONNX file points to. It may store tensors in other files, at locations relative to its folder.
 
 Only the fields of onnx.proto3 that lead to tensors are followed. All others are skipped.
 """
@@ -35,7 +35,7 @@ _VARINT, _FIXED_64, _BYTES, _FIXED_32 = 0, 1, 2, 5
 def external_files(path: Path) -> tuple[Path, ...]:
     """Return the files with tensors that an ONNX file points to, each once, in the order of their names.
 
-    A file that is not valid protobuf points to no file: its runtime reports it.
+    The result is empty if the file is not valid protobuf. onnxruntime reports this error when it loads the file.
 
     Raises:
         WeightsError: The file cannot be read, a file is missing, or a location leaves the folder of the ONNX file.

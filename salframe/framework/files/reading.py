@@ -43,7 +43,7 @@ def reading(path: Path, expected: str) -> Iterator[None]:
 
 
 def read_text(path: Path, expected: str = "a text file") -> str:
-    """Read text in UTF-8. Raises DataError if the file cannot be read. `expected` names its content in messages."""
+    """Read text in UTF-8. Raises DataError if the file cannot be read. Its message names the `expected` content."""
     with reading(path, expected):
         return read_bytes(path).decode("utf-8-sig")
 
@@ -117,8 +117,7 @@ def whole_lines_bytes(path: Path) -> int:
 
 
 def copy_log(path: Path, target: Path) -> None:
-    """Copy a .jsonl or JSON file. Raises DataError if it is too large or not a regular file. A device, for example, may
-    have no end."""
+    """Copy a .jsonl or JSON file. Raises DataError if it is too large or not a regular file."""
     with reading(path, "a file of JSON"):
         check_regular(path, _MAX_LOG)
         shutil.copyfile(path, target)

@@ -43,7 +43,7 @@ class WeightsFile:
 
 
 class Source(Protocol):
-    """A source of files. Its string is shown in listings."""
+    """A source of files. Listings show the `str` of a source."""
 
     def installed(self, file: WeightsFile) -> Path | None:
         """Return the path of the file in an installed package, or None."""
@@ -195,7 +195,7 @@ def receive(address: str, path: Path, max_bytes: int, progress: Callable[[int], 
 
 @dataclass(frozen=True)
 class Link(Download):
-    """One file with full URLs, which need not end in its name. Further URLs are tried if the first fails."""
+    """One file with complete URLs, which may end in another name. Further URLs are tried if the first fails."""
 
     def address(self, url: str, file: WeightsFile) -> str:
         """Return the URL itself."""
@@ -263,7 +263,7 @@ class NetworkWeights:
 
     @property
     def state(self) -> Literal["ready", "absent", "another file"]:
-        """Whether the files are installed, and have the right hashes."""
+        """ "ready"; "absent" if a file is missing; "another file" if the hash of a file is wrong."""
         try:
             self.find()
         except WeightsError:
@@ -281,8 +281,8 @@ class NetworkWeights:
             override: A local file, or a folder with all files, selected by the user. Its hashes are not verified.
 
         Raises:
-            WeightsError: A file is missing. The message has its path, its sha256 and the command to download it. Or a
-                hash is wrong. The message has both hashes.
+            WeightsError: A file is missing or its hash is wrong. The message has the expected sha256 and the command to
+                download the file.
         """
         paths = self.find(override)
         if override is None:
@@ -291,7 +291,7 @@ class NetworkWeights:
         return paths
 
     def find(self, override: Path | None = None) -> tuple[Path, ...]:
-        """Return `paths` without verifying the hashes, which is fast. Raises WeightsError if a file is missing."""
+        """Return the same paths as `paths`, but do not verify hashes. Raises WeightsError if a file is missing."""
         if override is not None:
             names = ", ".join(file.name for file in self.files)
             if len(self.files) > 1 and override.is_file():

@@ -24,9 +24,10 @@ PNG = b"\x89PNG\r\n\x1a\n"
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Add `path` to an OSError of the `with` block without a file name, such as the error of a full disk.
+    """Add `path` to an OSError of the `with` block that has no file name, such as the error of a full disk.
 
-    numpy raises an error without a number if it can write only a part. Such an error becomes a full-disk error.
+    numpy raises an OSError without an errno if it can write only a part of an array. It is replaced by ENOSPC (disk
+    full).
     """
     try:
         yield

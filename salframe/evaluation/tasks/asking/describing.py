@@ -18,8 +18,8 @@ def describe_in_words(
 ) -> str | None:
     """Return a description of random objects, such as "2 plant left of a bed, a sofa".
 
-    Each label is named once, with its number where there are several. The objects are named in pairs, with their order
-    by the azimuths of their nearest instances.
+    Each label is named once, with the number of its objects if there are several. Labels are named in pairs, such as
+    "a bed left of a sofa". The order in a pair follows the azimuths of the nearest objects of both labels.
 
     Args:
         objects: The objects around the speaker.
@@ -29,7 +29,7 @@ def describe_in_words(
         rng: Generator of the choices.
 
     Returns:
-        The description; None if there are fewer different labels.
+        The description; None if there are fewer than `count` different labels.
     """
     azimuths: dict[str, list[float]] = {}
     for row in np.argsort(np.linalg.norm(objects.centroid_m, axis=1)):
@@ -52,7 +52,7 @@ def _phrase(number: int, label: str) -> str:
 
 
 def _order(left_rad: float) -> str:
-    """Return the order of two objects, from the azimuth of the first minus that of the second."""
+    """Return the order of two objects in words, from the azimuth of the first minus the azimuth of the second."""
     wrapped_rad = float(wrap_angle(left_rad))
     if abs(wrapped_rad) >= OPPOSITE_RAD:
         return " opposite "

@@ -15,8 +15,8 @@ class DescriptionRow(PieceRow):
         place: True place.
         text: The description; None if the query shows too few different objects.
         rank: Rank of the true place by the whole description, from 1.
-        rank_counts: The same by labels and numbers, without order.
-        rank_labels: The same by labels alone.
+        rank_counts: Rank of the true place by labels and numbers of objects, without their order.
+        rank_labels: Rank of the true place by labels alone.
         places: Number of places of the map.
         probability: Probability of the first place by the whole description.
     """

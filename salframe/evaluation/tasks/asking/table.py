@@ -14,19 +14,21 @@ TOP = 5
 
 @dataclass(frozen=True, kw_only=True)
 class AskingRow(MethodRow):
-    """The row of a method. Shares are of all descriptions, with their 95 % intervals, clustered by the true place; a
-    crashed description counts as wrong.
+    """The row of a method.
+
+    Shares are relative to all descriptions, with their 95 % intervals, clustered by the true place. A description on
+    which the method failed counts as wrong.
 
     Attributes:
         descriptions: Number of descriptions.
-        top1: Share whose first place is the true one, by the whole description.
-        top5: Share whose true place is among the first TOP.
-        top1_counts: As `top1`, by labels and numbers, without order.
-        top5_counts: As `top5`, by labels and numbers, without order.
-        top1_labels: As `top1`, by labels alone.
-        top5_labels: As `top5`, by labels alone.
-        chance1: Mean share of random answers.
-        chance5: Mean share of TOP random places that contain the true one.
+        top1: Share of descriptions for which the true place ranks first, if the search uses the whole description.
+        top5: Share of descriptions for which the true place is among the first TOP.
+        top1_counts: As `top1`, if the search uses labels and numbers of objects, without their order.
+        top5_counts: As `top5`, if the search uses labels and numbers of objects, without their order.
+        top1_labels: As `top1`, if the search uses only labels.
+        top5_labels: As `top5`, if the search uses only labels.
+        chance1: Expected `top1` of random answers.
+        chance5: Expected `top5` of random answers.
         probability: Mean probability of the first place. It equals `top1` if the probabilities are calibrated.
     """
 

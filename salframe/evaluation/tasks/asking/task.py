@@ -126,7 +126,7 @@ class AskingTask(Task[DescribedRoom, Survey[DescribedRoom], DescriptionRow, Aski
 
 
 class _Asking(Worker[DescribedRoom]):
-    """Describes rooms in words, and asks the map."""
+    """Describes rooms in words, and searches the map for each description."""
 
     def __init__(self, method: ComponentConfig, dataset: Dataset, num_labels: int, wrong_share: float) -> None:
         self._method, self._dataset = method, dataset
@@ -186,7 +186,7 @@ def _summarize(records: Sequence[Record[DescriptionRow]]) -> AskingRow:
 
 
 def _checked(options: TaskOptions) -> AskingOptions:
-    """Return the options. Raises TypeError where they are those of another task."""
+    """Return the options. Raises TypeError if they are options of another task."""
     if not isinstance(options, AskingOptions):
         raise TypeError(f"options is {type(options).__name__}, expected AskingOptions")
     return options

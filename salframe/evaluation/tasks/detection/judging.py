@@ -30,7 +30,7 @@ def count_right(detections: Detections, truth: Detections) -> Counter[str]:
         detected, annotated = (
             [i for i, name in enumerate(side.labels) if name == label] for side in (detections, truth)
         )
-        # An unknown centroid is near nothing.
+        # An unknown centroid (NaN) matches no object.
         near = cdist(detections.centroid_m[detected], truth.centroid_m[annotated]) <= NEAR_M
         right[label] = int(near[linear_sum_assignment(near, maximize=True)].sum())
     return right

@@ -101,7 +101,7 @@ class DetectionTask(Task[QueryFrame, Survey[QueryFrame], PanoramaRow, DetectionR
 
 
 def place_of(dataset: Dataset, frame: ReferenceFrame | QueryFrame) -> str:
-    """Return the place of a panorama, or its id where the place is unknown."""
+    """Return the place of a panorama, or the id of the frame if the place is unknown."""
     if isinstance(frame, ReferenceFrame):
         return frame.place
     try:

@@ -10,7 +10,19 @@ from salframe.evaluation.runs.rows import Amount, Count, PieceRow, PieceStatus
 
 
 class ProgramRow(PieceRow):
-    """Time and memory of a query to a saved map, and of the map."""
+    """Time and memory of a query to a saved map, and of the map.
+
+    Attributes:
+        query: Id of the query.
+        first: Whether the query is the first one in its process.
+        describe_ms: Time to describe the query in milliseconds.
+        query_ms: Time to answer the described query in milliseconds.
+        scenes: Number of scenes of the map.
+        bytes: Size of the saved map with its index.
+        open_s: Time to open the map in seconds.
+        opened_mb: Memory (1e6 bytes) that opening the map takes; None if it is unknown.
+        queried_mb: Memory (1e6 bytes) that opening the map and the first query take; None for later queries.
+    """
 
     query: str
     first: bool | None = None

@@ -15,11 +15,11 @@ class LatencyRow(MethodRow):
     Attributes:
         queries: Number of queries.
         scenes: Number of scenes of the map.
-        bytes_per_scene: Size of the saved map with its index, per scene.
-        open_s: Time to open the map in a process that has only imported salframe.
+        bytes_per_scene: Size of the saved map with its index, divided by `scenes`.
+        open_s: Time in seconds to open the map in a process that has only imported salframe.
         opened_mb: Memory (1e6 bytes) that opening the map takes; None on systems other than Linux.
         queried_mb: Memory (1e6 bytes) that opening the map and the first query take; None on systems other than Linux.
-        first_ms: Time to describe and answer the first query.
+        first_ms: Time to describe and answer the first query. All times that end in _ms are in milliseconds.
         describe_ms: Median time to describe a later query.
         query_median_ms: Median time to answer a later query.
         query_p95_ms: 95th percentile of the time to answer a later query.

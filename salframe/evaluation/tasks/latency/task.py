@@ -40,7 +40,7 @@ QUERIES = 100
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LatencySurvey(Survey[QueryFrame]):
-    """Queries of the first fold of a data set that has any."""
+    """The queries of one fold: the first fold of the data set with queries. `fold` is this fold."""
 
     fold: Fold
 
@@ -111,7 +111,7 @@ class _SavedMapWorker(Worker[QueryFrame]):
 
 
 def _result(future: Future[Any]) -> Any:
-    """Return the result of a process. Raises the exception of its work, and MethodFailed where it died."""
+    """Return the result of work in a process. Raises its exception, or MethodFailed if the process died."""
     try:
         return future.result()
     except BrokenProcessPool:
@@ -119,7 +119,7 @@ def _result(future: Future[Any]) -> Any:
 
 
 def save_first_map(method: str, data: str, output: str) -> None:
-    """Save the map of the first fold of a data set that has queries.
+    """Save the map of one fold: the first fold of a data set with queries.
 
     Args:
         method: Configuration of the localizer as JSON.
@@ -152,7 +152,7 @@ _programs: list[_Program] = []
 
 
 def _open_program(data: str, saved: str) -> Row:
-    """Open a saved map, and return its cost."""
+    """Open a saved map in this process. Return the time and the memory that this takes."""
     queries = {query.id: query for query in LatencyTask().survey(open_dataset(read_config("dataset", data))).pieces}
     before_mb, start = memory_mb("VmRSS"), time.perf_counter()
     opened = open_map(saved)
@@ -162,7 +162,7 @@ def _open_program(data: str, saved: str) -> Row:
 
 
 def _query_program(query: str) -> Row:
-    """Query the map, and return its cost. The memory includes the panorama of the query."""
+    """Query the map. Return the times and, for the first query, the memory, which includes the query's panorama."""
     (program,) = _programs
     panorama = program.queries[query].load()
     view = describe_view(program.opened.localizer, QueryFrame(query, lambda: panorama))

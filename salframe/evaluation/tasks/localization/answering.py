@@ -96,9 +96,10 @@ class Answering(Worker[Query]):
         return {**answer_row(answer, query.seconds * 1e3, query_ms), "status": answer.status, "error": None}
 
     def _index(self, fold: Fold) -> LocalizationMap:
-        """Index the reference frames of a fold; `warning` reports frames that cannot be used and are left out.
+        """Index the reference frames of a fold.
 
-        Raises InputMissing or DataError if these are too many.
+        Frames that cannot be used are left out, and `warning` reports them. Raises InputMissing or DataError if there
+        are too many of them.
         """
         descriptions, frames = [], []
         left_out: dict[str, DataError | InputMissing] = {}
@@ -148,7 +149,7 @@ class _Descriptions:
     def __init__(
         self, localizer: Localizer, dataset: str, frames: Sequence[ReferenceFrame | QueryFrame], path: Path
     ) -> None:
-        """Prepare to describe `frames`, each as often as it is listed."""
+        """Prepare to describe `frames`. A frame that is listed n times can be taken n times."""
         self._localizer, self._dataset, self._cache = localizer, dataset, Cache()
         self._uses = Counter(map(self._key, frames))
         self._recorded = {row.frame for row in read_rows(path, DescriptionLine)}
@@ -178,7 +179,7 @@ class _Descriptions:
         return describe_view(self._localizer, frame, self._cache, self._dataset, self.take(frame))
 
     def _key(self, frame: ReferenceFrame | QueryFrame) -> str:
-        """Return the id of a frame, with its levelling: a frame may be a reference and, without its pose, a query."""
+        """Return the id of a frame and the key of its levelling, which differs between reference frames and queries."""
         return f"{frame.id} {level_key(self._localizer, frame)}"
 
     def _describe(self, frame: ReferenceFrame | QueryFrame) -> tuple[Description, float]:

@@ -42,7 +42,7 @@ Json = dict[str, Any]
 
 @dataclass(frozen=True, eq=False)
 class QuerySet:
-    """A data set and its queries: the fold and the frame of each, in the order of LocalizationView."""
+    """A data set and its queries: the fold and the frame of each query, in the order of LocalizationView."""
 
     dataset: Dataset
     queries: Sequence[tuple[Fold, QueryFrame]]
@@ -53,7 +53,8 @@ class Details:
     """Details of the queries of one data set.
 
     Attributes:
-        queries: For each query the objects by describer, and details of the answer of each arm.
+        queries: For each query, the objects that methods detected in it, and details of the answer of each arm. The
+            objects are stored by describer, a hash that identifies how a method describes panoramas.
         frames: Reference frames that details refer to, by id, with their objects by describer.
         map_frames: The reference frames of `frames`, by id.
         notes: Notes on details that are missing.
@@ -127,7 +128,7 @@ class _Method:
         self._frames: dict[str, ReferenceFrame] = {}
 
     def take(self, fold: Fold) -> None:
-        """Describe the reference frames of a fold, and index them where the localizer has evidence to show."""
+        """Describe the reference frames of a fold. If the localizer has evidence to show, index the frames."""
         usable = {}
         for frame in fold.references:
             try:
@@ -172,8 +173,8 @@ class _Method:
         }
 
     def _describe_query(self, frame: QueryFrame, row: AnswerRow | None) -> Description:
-        """Return the description that gave the answer: that of the turned panorama if the answered camera hangs upside
-        down."""
+        """Return the description that gave the answer. If the camera hangs upside down in the answer, this is the
+        description of the turned panorama."""
         view = describe_view(self._localizer, frame, self._cache, self._dataset.content_key)
         pose = None if row is None else row.pose_matrix
         is_turned = pose is not None and pose[2, 2] < 0 and self._localizer.level != "off"
@@ -187,10 +188,10 @@ class _Method:
         return self._descriptions[frame.id]
 
     def _references(self, row: AnswerRow | None, truth: Truth, correct: bool) -> Iterator[tuple[str, ReferenceFrame]]:
-        """Yield the frame that the answer ranks first and, where the answer is wrong, a frame of the true place.
+        """Yield the frame that the answer ranks first and, if the answer is wrong, a frame of the true place.
 
-        The latter is the frame of the true place that the answer ranks best. If it ranks none, it is the frame nearest
-        to the true pose.
+        The frame of the true place is the one that the answer ranks best. If the answer ranks none of them, the frame
+        nearest to the true pose is used.
         """
         places = row.places if row is not None else ()
         if places and places[0].frame in self._frames:
@@ -214,9 +215,9 @@ class _Method:
             shown["objects"][self._describer] = objects
 
     def _weigh(self, evidence: Evidence, row: AnswerRow, truth: Truth, correct: bool) -> Json | None:
-        """Return the evidence for the answered place and for the true place, by the best hypothesis of each.
+        """Return the evidence for the answered place and for the true place, each by its best hypothesis.
 
-        Where the answer is correct, the second place of the answer replaces the true place.
+        If the answer is correct, the second place of the answer replaces the true place.
         """
         scores = evidence.place_scores(self._weights)
         answer = row.places[0].place if row.places else None
@@ -237,7 +238,7 @@ def describe_objects(description: Mapping[str, np.ndarray]) -> Json | None:
     """Return the objects of a described saliency graph for JSON; None if the description holds no graph.
 
     The keys are "labels", "saliency", "edges" and "box": x, y, z, length, width, height in metres and yaw in radians.
-    Where only bearings are known, "bearing" replaces "box".
+    If only bearings are known, "bearing" replaces "box".
     """
     if not description.keys() >= GRAPH_ARRAYS:
         return None
@@ -249,7 +250,8 @@ def describe_objects(description: Mapping[str, np.ndarray]) -> Json | None:
 
 
 def _points(centroid_m: np.ndarray, description: Mapping[str, np.ndarray]) -> Json:
-    """Return objects with known positions only for JSON, named where the description has a label for each."""
+    """Return objects for JSON of which only the positions are known. They have labels if the description has a label
+    for each object."""
     names = [str(name) for name in description.get("labels", ())]
     if len(names) != len(centroid_m):
         names = [""] * len(centroid_m)

@@ -23,7 +23,7 @@ ERRORS = (
     ("translation_m", "translation error (m)", (0.01, 20.0)),
     ("rotation_deg", "rotation error (degrees)", (0.1, 180.0)),
 )
-"""Fields of Judged, their titles, and the range of the axis."""
+"""Field of Judged, title, and range of the axis, for each error."""
 HISTOGRAM_BINS = 24
 PERCENT = {"range": [0, 1.02], "tickformat": ".0%"}
 
@@ -65,7 +65,7 @@ def gather(arms: Sequence[Arm], views: Sequence[LocalizationView]) -> list[ArmAn
 
 
 def draw_figures(arms: Sequence[Arm], views: Sequence[LocalizationView]) -> list[Figure]:
-    """Return the figures of comparisons."""
+    """Return the figures of a report that compares methods."""
     arm_answers = gather(arms, views)
     figures = [
         *_bars(arm_answers),
@@ -166,7 +166,7 @@ def _recalls(arm_answers: Sequence[ArmAnswers]) -> Iterator[Figure]:
 
 
 def rank_of(row: AnswerRow | None, place: str) -> float:
-    """Return the rank of a place in an answer, from 1; infinite where the answer does not contain it."""
+    """Return the rank of a place in an answer, from 1. Infinite if the answer does not contain the place."""
     if row is None or row.status not in PLACED:
         return np.inf
     ranked = list(dict.fromkeys(ranked.place for ranked in row.places))
@@ -174,7 +174,8 @@ def rank_of(row: AnswerRow | None, place: str) -> float:
 
 
 def _error_curves(arm_answers: Sequence[ArmAnswers]) -> Iterator[Figure]:
-    """Yield the share of all queries whose pose error is below a bound. The error of a failure is infinite."""
+    """Yield the share of queries whose pose error is below a bound, as a curve over the bound. The error of a failure
+    is infinite."""
     for name, title, bounds in ERRORS:
         traces = []
         for one in arm_answers:

@@ -25,19 +25,19 @@ class Judged:
 
     Attributes:
         present: (Q,) bool: whether the map contains the place of the query.
-        best_place: (Q,) bool: whether the first place is the true one, for any status.
-        evidence: (Q,) float64: evidence that the place is in the map: its probability where the method has one,
-            otherwise the best score; -inf for an answer without places.
+        best_place: (Q,) bool: whether the first place is the true one, even if the answer has the status of a failure.
+        evidence: (Q,) float64: evidence that the map contains the place of the query: the probability of this if the
+            method computes it, otherwise the best score; -inf for an answer without places.
         confidence: (Q,) float64: probability of the answer, a place or the rejection of the query; NaN without one.
         in_map: (Q,) float64: probability that the query is in the map; NaN without one.
-        accepted: (Q,) float64: 1 where the answer is accepted (`Localization.accepted`), otherwise 0; NaN where the
-            method has no probabilities.
+        accepted: (Q,) float64: 1 if the answer is accepted (`Localization.accepted`), otherwise 0; NaN if the method
+            has no probabilities.
         correct: (Q,) bool: whether the first place is the true one, or an out-of-map query is rejected.
         correct_scene: (Q,) bool: as `correct`, after transition frames are removed from the places.
         in_top_2: (Q,) bool: whether the true place is among the first 2, or an out-of-map query is rejected.
         in_top_5: (Q,) bool: whether the true place is among the first 5, or an out-of-map query is rejected.
-        translation_m: (Q,) float64: translation error; infinite where the method failed or has no pose, NaN where the
-            true pose is unknown or the map lacks the place.
+        translation_m: (Q,) float64: translation error; infinite if the method failed or has no pose, NaN if the true
+            pose is unknown or the map lacks the place.
         rotation_deg: (Q,) float64: rotation error; infinite and NaN as in `translation_m`.
         heading_deg: (Q,) float64: error of the heading; infinite and NaN as in `translation_m`. An answer may have a
             heading without a pose.
@@ -70,7 +70,7 @@ class Judged:
     def join(cls, parts: Sequence[Judged]) -> Judged:
         """Return the queries of several data sets as one.
 
-        Where there are several, the names of places start with the number of their data set.
+        If there are several data sets, the names of places start with the number of their data set.
         """
         if len(parts) == 1:
             return parts[0]
@@ -97,7 +97,7 @@ def judge(
     Args:
         answers: The answer to each query; None if there is none.
         truths: The ground truth of each query.
-        present: Whether the map contains the place of each query; None: all of them.
+        present: Whether the map contains the place of each query. None: the map contains all of them.
         doorways: Places of the map that are doorways.
         room_types: Room types of places, if they are known.
     """

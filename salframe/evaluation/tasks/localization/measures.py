@@ -83,7 +83,10 @@ def _accuracy_measures(judged: Judged) -> dict[str, Any]:
 
 
 def _rate(right: np.ndarray, judged: Judged, of: np.ndarray | None = None) -> Estimate | None:
-    """Return the share of correct answers among the queries `of` (Q,) bool, by default all; None without queries."""
+    """Return the share of correct answers among the queries where `of` (Q,) is true, or among all queries.
+
+    The result is None without queries.
+    """
     chosen = np.arange(len(right)) if of is None else np.flatnonzero(of)
     if not len(chosen):
         return None
@@ -146,5 +149,5 @@ def _costs(records: Sequence[Record[AnswerRow]]) -> dict[str, Any]:
 
 
 def _last(record: Record[AnswerRow], file: str, kind: type[Cost], key: str) -> Collection[Cost]:
-    """Return the rows of a file in a method's folder; of rows with the same key only the last."""
+    """Return the rows of a file in a method's folder. If several rows have the same `key`, return only the last one."""
     return {getattr(row, key): row for row in read_rows(record.folder / file, kind)}.values()

@@ -30,7 +30,7 @@ def make_part(views: Sequence[LocalizationView], arms: Sequence[Arm]) -> dict[st
 def make_islands_of_views(
     views: Sequence[LocalizationView], arms: Sequence[Arm], full: bool, progress: Progress | None
 ) -> Islands:
-    """Return every query with its panoramas, objects and matches. Frames that are not in the cache are described."""
+    """Return every query with its panoramas, objects and matches. Descriptions that are not cached are computed."""
     sets = []
     for group in group_views(views):
         survey = views[group[0]].survey

@@ -17,16 +17,16 @@ from salframe.panoramas.panorama import Panorama
 THUMBNAIL_PX, THUMBNAIL_QUALITY, WHOLE_QUALITY = 512, 55, 80
 """Width of a thumbnail, and the quality (0 to 100) of thumbnails and of full panoramas."""
 FARTHEST_M = 8.0
-"""Range that is drawn black in the picture of a panorama without colour."""
+"""Range from which pixels are drawn in the darkest grey, in the picture of a panorama without colour."""
 
 
 def make_islands(
     sets: Sequence[tuple[QuerySet, Details]], full: bool, progress: Progress | None = None
 ) -> Iterator[tuple[str, str]]:
-    """Yield the ids and texts of islands.
+    """Yield the ids and texts of the content that the browser reads on demand.
 
-    In set s, q{s}-{i} is query i and f{s}-{j} is reference frame j. Their panoramas are pq{s}-{i} and pf{s}-{j}; a
-    frame that cannot be read has none.
+    In data set s, q{s}-{i} is query i and f{s}-{j} is reference frame j. Their panoramas are pq{s}-{i} and pf{s}-{j}.
+    A frame that cannot be read has no panorama.
     """
     total, done = sum(len(query_set.queries) + len(details.frames) for query_set, details in sets), 0
     for s, (query_set, details) in enumerate(sets):

@@ -84,7 +84,7 @@ def _columns(rows: Sequence[AnswerRow | None], judged: Judged, index: dict[str, 
 
 
 def _status(row: AnswerRow | None, status: str) -> str:
-    """Return the status of a query, and whether its place is not accepted."""
+    """Return the status of an answer in words. An answer whose place is not accepted is marked."""
     if row is None or row.status not in PLACED:
         return status
     return f"{status}, not accepted" if row.accepted is False else status

@@ -11,11 +11,28 @@ from salframe.evaluation.runs.rows import Amount, PieceRow
 from salframe.localization.answers import LocalizationStatus, RankedPlace
 
 PLACED = tuple(status for status in LocalizationStatus if status.names_a_place)
+"""Statuses of answers that name a place."""
 DENIALS = tuple(status for status in LocalizationStatus if status.denies_the_map)
+"""Statuses of answers which mean that the query is out of the map."""
 
 
 class AnswerRow(PieceRow):
-    """An answer to a query."""
+    """An answer to a query.
+
+    Attributes:
+        fold: Id of the fold with the map.
+        query: Id of the query.
+        places: The best places, best first.
+        pose: 16 numbers of T_world_query row by row; None without a pose.
+        heading: Heading of the query in radians; None if it is unknown.
+        probabilities: Probability of each of `places`; None if the method has none.
+        out_of_map_probability: Probability that the query is out of the map; None if the method has none.
+        accepted: Whether the answer is accepted; None if the method has no probabilities.
+        covariance: Covariance of the pose, 3 x 3 or 6 x 6; None if it is unknown.
+        query_ms: Time to answer the query in milliseconds.
+        describe_ms: Time to describe the query in milliseconds.
+        peak_memory_mb: Peak memory of the process so far (1e6 bytes); None if it is unknown.
+    """
 
     fold: str
     query: str

@@ -12,7 +12,7 @@ from salframe.panoramas.frames import Fold, FrameKind, QueryFrame, Truth
 
 @dataclass(frozen=True, eq=False)
 class Query:
-    """A query and the fold with its map."""
+    """A query, and the fold whose map it is localized in."""
 
     fold: Fold
     frame: QueryFrame

@@ -26,9 +26,9 @@ from salframe.evaluation.tables.text import NONE, list_methods
 class LocalizationRow(MethodRow):
     """The row of a method. Shares are over all queries, and a failure counts as wrong.
 
-    An Estimate has a 95 % confidence interval, in which queries are clustered by place. The fields from
-    `absent_queries` to `absent_accepted` are measured where the map of some queries does not contain their place
-    (out-of-map queries).
+    An Estimate has a 95 % confidence interval, in which queries are clustered by place. An out-of-map query is a query
+    whose place is not in the map. The fields from `absent_queries` to `absent_accepted`, except `calibration_error`,
+    are measured only if there are out-of-map queries.
 
     Attributes:
         queries: Number of queries.
@@ -42,9 +42,10 @@ class LocalizationRow(MethodRow):
             of being in the map, or by the best score.
         false_accept_rate: Share of out-of-map queries that are accepted at the threshold that accepts 90 %
             of the correct answers.
-        calibration_error: Expected calibration error, where the method has probabilities.
-        log_loss: Mean negative logarithm of the probability of the true case, in the map or out of it, in nats.
-        brier_score: Mean squared difference between the probability that the query is in the map and the true case.
+        calibration_error: Expected calibration error; None if the method has no probabilities.
+        log_loss: Mean negative logarithm of the probability of the true case (in the map or out of it), in nats.
+        brier_score: Mean squared difference between the probability that the query is in the map and 1 or 0, the true
+            value.
         right_not_accepted: Share of the answers with the true place that are not accepted.
         absent_accepted: Share of the out-of-map queries whose answer is accepted.
         accuracy: Share of correct answers.
@@ -192,8 +193,8 @@ def out_of_map_tables(
 
 
 def describe_times_note(rows: Sequence[LocalizationRow]) -> list[str]:
-    """Return a note that names the methods whose time to describe a panorama excludes the detector. Without such
-    methods there is no note."""
+    """Return a note that names the methods whose time to describe a panorama excludes the detector, because they use
+    annotations. The list is empty without such methods."""
     methods = [row.title for row in rows if row.measured and any(part.startswith("annotations") for part in row.input)]
     listed = list_methods(methods, [row.title for row in rows])
     return [f"describe ms: no detector time for {listed}, which use annotations"] if methods else []

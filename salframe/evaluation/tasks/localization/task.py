@@ -52,7 +52,7 @@ def compare(request: Request, *, reported: bool = False, progress: Progress | No
         progress: Reports the progress.
 
     Raises:
-        SalframeError: A name or a setting is wrong. Nothing has run.
+        SalframeError: A name or a setting is wrong. No method has run.
     """
     papers = read_reported() if reported else ()
     return run_task(LocalizationTask(), request, resolve(request), progress=progress, reported=papers)

@@ -13,11 +13,11 @@ from salframe.panoramas.panorama import Panorama
 
 THRESHOLDS_PX = (1, 3, 5)
 PIXEL_RAD = 2 * np.pi / 1024
-"""Size of a pixel: errors of points are great-circle angles in pixels of a panorama that is 1024 pixels wide."""
+"""Unit of the errors of points in radians: the width of a pixel of a panorama that is 1024 pixels wide."""
 RANGE_TOLERANCE = 0.05
 """Relative difference of ranges above which a point is occluded in the reference."""
 NODE_RADIUS_M = 0.5
-"""Maximum distance between a node and the centroid of its object."""
+"""Maximum distance between a node (object of a graph) and the centroid of the annotated object that it represents."""
 
 
 def check_matches(
@@ -28,7 +28,7 @@ def check_matches(
     Keys: "kind" ("points" or "nodes") and "matches" (number of matches). For points also "judged" (number of matches
     that can be judged) and "within_px" (number of these within each of THRESHOLDS_PX). For nodes also "correct" (number
     of matches of the same object) and "true" (number of objects that are nodes of both graphs). Raises InputMissing
-    where a panorama lacks range or annotations.
+    if a panorama lacks range or annotations.
     """
     if isinstance(matches, PointMatches):
         errors_px = point_errors_px(matches, query, reference, T_reference_query)
@@ -76,11 +76,11 @@ def point_errors_px(
 
 
 def objects_of_nodes(centroid_m: np.ndarray, panorama: Panorama) -> np.ndarray:
-    """Return the instance ids (N,) int64 of the annotated objects that belong to nodes (N, 3); 0 for none.
+    """Return the instance ids (N,) int64 of the annotated objects that belong to nodes at positions (N, 3); 0 for none.
 
-    The position of an object is the centroid of its visible points. The assignment is one to one, maximizes the total
-    closeness, and pairs nothing beyond NODE_RADIUS_M. Raises InputMissing if the panorama has no instance image or
-    no range.
+    The position of an object is the centroid of its visible points. The assignment is one to one and maximizes the
+    total closeness. Nodes and objects that are more than NODE_RADIUS_M apart are not paired. Raises InputMissing if the
+    panorama has no instance image or no range.
     """
     from scipy.optimize import linear_sum_assignment
     from scipy.spatial.distance import cdist

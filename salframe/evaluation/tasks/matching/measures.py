@@ -17,7 +17,7 @@ from salframe.evaluation.tasks.matching.table import MatchingRow
 
 
 def summarize_pairs(records: Sequence[Record[PairRow]], places: Sequence[str], seed: int) -> MatchingRow:
-    """Return the row of a method in the table. `places` (P,) are those of the pairs.
+    """Return the row of a method in the table. `places` (P,) are the places of the P pairs.
 
     A failed pair counts as a pair without correct matches.
     """
@@ -75,7 +75,7 @@ def _nodes(rows: Sequence[PairRow], done: np.ndarray) -> tuple[dict[str, Share],
 
 
 def _mean(share: np.ndarray, counts: np.ndarray, places: Sequence[str], seed: int) -> Estimate | None:
-    """Return the mean of the known shares; None without a known share."""
+    """Return the mean of the shares for which `counts` (P,) is true. None if there are none."""
     if not counts.any():
         return None
     chosen = np.flatnonzero(counts).tolist()

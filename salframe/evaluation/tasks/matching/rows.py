@@ -10,7 +10,18 @@ from salframe.evaluation.runs.rows import Count, PieceRow, PieceStatus
 
 
 class PairRow(PieceRow):
-    """Numbers of matches of a pair of frames."""
+    """Numbers of matches of a pair of frames.
+
+    Attributes:
+        fold: Id of the fold.
+        query: Id of the query.
+        kind: "points" or "nodes" (objects of graphs): what the method matches.
+        matches: Number of matches.
+        judged: For points, number of matches that can be judged.
+        within_px: For points, number of judged matches with an error within each of THRESHOLDS_PX.
+        correct: For nodes, number of matches of the same object.
+        true: For nodes, number of objects that are in both graphs.
+    """
 
     fold: str
     query: str

@@ -15,9 +15,21 @@ from salframe.evaluation.tables.table import Table, draw_table, select_leading
 class MatchingRow(MethodRow):
     """The row of a method.
 
-    `kind` is "points" (mma_1, mma_3, mma_5: mean matching accuracy; pairs_without_match) or "nodes" (precision, recall,
-    true_per_pair). All numbers are means over the pairs of panoramas. An Estimate has a 95 % confidence interval, in
-    which pairs are clustered by place.
+    An Estimate is a mean over the pairs of panoramas with its 95 % confidence interval, in which pairs are clustered by
+    place. A field that does not belong to the `kind` of the matches is None.
+
+    Attributes:
+        pairs: Number of pairs of panoramas.
+        kind: "points" or "nodes" (objects of graphs): what the method matches.
+        matches_per_pair: Mean number of matches.
+        mma_1: For points, mean matching accuracy: share of the judged matches with an error of at most 1 pixel. A match
+            is judged if its point has a range and is not occluded in the reference frame.
+        mma_3: The same within 3 pixels.
+        mma_5: The same within 5 pixels.
+        pairs_without_match: For points, number of pairs without a judged match.
+        precision: For nodes, share of the matches that are correct.
+        recall: For nodes, share of the objects in both graphs that are matched.
+        true_per_pair: For nodes, mean number of objects in both graphs.
     """
 
     pairs: int

@@ -21,17 +21,17 @@ RATES: Mapping[str, Callable[[EpisodeRow], float]] = {
     "success_rate_1m": lambda row: row.success_1m,
     "success_rate_3m": lambda row: row.success_3m,
 }
-"""Fields that are means over all episodes with an interval, and the function of an episode that each averages."""
+"""Field of NavigationRow -> function of an episode. The field is the mean of the function over all episodes."""
 MEANS: Mapping[str, Callable[[EpisodeRow], float | None]] = {
     "path_m": lambda row: row.travelled_m,
     "panoramas": lambda row: row.panoramas,
     "collisions": lambda row: row.collisions,
 }
-"""Fields that are means over the episodes that ended."""
+"""Field of NavigationRow -> function of an episode. The field is the mean over the episodes that did not crash."""
 
 
 Scores = Callable[[Sequence[Part[NavigationSurvey, EpisodeRow]], Sequence[Record[EpisodeRow]]], Mapping[str, float]]
-"""Function that returns the metrics of a benchmark's scorer for the records of one method."""
+"""Function that returns the metrics of a benchmark by name, for the records of one method."""
 
 
 def summarize_agents(

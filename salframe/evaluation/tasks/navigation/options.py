@@ -10,7 +10,7 @@ from salframe.evaluation.runs.task import TaskOptions
 from salframe.navigation.episodes import NumEpisodes
 
 WITHOUT = " without positioning"
-"""Suffix of the label of a method that runs without its poses."""
+"""Suffix of the label of a method whose poses the agent ignores."""
 TRUE_PLACE = "true place"
 """Label of the control: an agent that knows its true place and uses no method."""
 
@@ -33,7 +33,7 @@ ARMS = {
     Positioning.BOTH: ("", WITHOUT),
     Positioning.ALL: ("", WITHOUT),
 }
-"""Suffixes of the labels of methods, by arm."""
+"""Suffixes of the labels of the agents that run for each method."""
 
 
 class NavigationOptions(TaskOptions):

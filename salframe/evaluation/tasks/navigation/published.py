@@ -1,4 +1,4 @@
-"""Episodes of benchmarks for an agent that knows the goals, and its answers in the format of the task."""
+"""Episodes of benchmarks for an agent that knows the goals, and its answers in the format of the benchmark."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Published:
 
     @property
     def note(self) -> str:
-        """Note on the figures."""
+        """Note that the results are upper bounds, and where the answers are stored."""
         return (
             f"{self}: the agent knows the goal of each episode, so the results are upper bounds; "
             f"the answers of a method are in methods/METHOD/{SUBMISSION} in the folder of the run"

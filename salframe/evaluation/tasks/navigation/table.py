@@ -24,10 +24,22 @@ from salframe.evaluation.tables.text import fixed
 class NavigationRow(MethodRow):
     """The row of a method.
 
-    Rates are over all episodes with their 95 % intervals; a crashed episode counts as a failure. Other means are over
-    the episodes that ended. `p_value` is that of the exact paired test of success, clustered by goal, against the first
-    measured method, and `p_adjusted` its adjustment by Holm's method. `scores` are the metrics of the scorer of a
-    benchmark by name, averaged over data sets.
+    Rates are over all episodes, with 95 % intervals. A crashed episode counts as a failure. Other means are over the
+    episodes that did not crash.
+
+    Attributes:
+        episodes: Number of episodes.
+        success_rate: Share of the episodes in which the agent stopped near the goal.
+        oracle_success_rate: Share of the episodes in which the agent was near the goal at any time.
+        spl: Mean success weighted by path length.
+        success_rate_1m: Share of the episodes in which the agent stopped within 1 m of the goal.
+        success_rate_3m: Share of the episodes in which the agent stopped within 3 m of the goal.
+        path_m: Mean length of the path in metres.
+        panoramas: Mean number of panoramas of an episode.
+        collisions: Mean number of collisions of an episode.
+        p_value: p-value of the exact paired test of success against the first measured method, clustered by goal.
+        p_adjusted: This p-value after Holm's adjustment.
+        scores: Metrics of a benchmark by name, averaged over data sets.
     """
 
     episodes: int

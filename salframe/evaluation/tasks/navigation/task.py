@@ -201,17 +201,17 @@ def navigate(
 ) -> Result[NavigationRow]:
     """Navigate an agent through the buildings of a data set with each method as its localizer.
 
-    An interrupted run is resumed. Without positioning the poses of a method are ignored: the agent takes the node of
-    the method's first place as its position and its heading from odometry. The arm TRUE_PLACE does the same with the
-    node that is truly nearest, and has no method.
+    An interrupted run is resumed. An agent without positioning ignores the poses of the method. Its position is the
+    node of the method's first place, and its heading comes from odometry. The agent TRUE_PLACE uses no method. Its
+    position is the node that is truly nearest.
 
     Args:
         request: The request. Settings "navigation.KEY" are those of NavigationConfig. The seed is used for episodes,
             noise and intervals.
         episodes: The number of random episodes, a JSON file of episodes, or "BENCHMARK:SPLIT": a split of a benchmark
-            whose files are in the `root` of the data set. In a benchmark the agent knows the goals, and the
-            answers of each method are written in the format of the task.
-        positioning: The arms to run.
+            whose files are in the `root` of the data set. In a benchmark the agent knows the goals, and the answers of
+            each method are written in the format of the benchmark.
+        positioning: The agents to run for each method: with positioning, without, or both.
         progress: Reports the progress.
 
     Raises:
@@ -225,7 +225,7 @@ def navigate(
 def plan_navigation(
     request: Request, episodes: int | str | Path, positioning: Positioning
 ) -> tuple[NavigationTask, Resolved]:
-    """Return the task of a request and its methods, one for each arm. Raises SalframeError as `navigate`."""
+    """Return the task of a request, and its methods with a label for each agent. Raises SalframeError as `navigate`."""
     if isinstance(episodes, int) and not 1 <= episodes <= MAX_EPISODES:
         raise ConfigError(f"received {shorten(str(episodes), 40)} episodes, expected from 1 to {MAX_EPISODES}")
     resolved: Resolved = resolve(request, scopes=("navigation",))

@@ -15,9 +15,11 @@ FOLDER = "trajectories"
 
 
 def write_trajectories(record: Record[EpisodeRow]) -> None:
-    """Write two trajectories for each episode of a method: EPISODE-true.tum, and EPISODE-estimated.tum with the poses
-    that the agent believed. The timestamp is the number of the panorama. Panoramas without an estimated pose are left
-    out, and a comment states their number."""
+    """Write two trajectories for each episode of a method: EPISODE-true.tum and EPISODE-estimated.tum.
+
+    The timestamp is the number of the panorama. The estimated trajectory has the poses that the agent estimated.
+    Panoramas without an estimated pose are left out, and a comment in the file states their number.
+    """
     folder = record.folder / FOLDER
     for row in record.rows:
         if row is None or row.path is None or row.believed is None:

@@ -13,7 +13,7 @@ from salframe.navigation.walk import NavigationConfig, walk
 
 
 class Walking(Worker[Episode]):
-    """Runs an agent that uses a localizer, or knows its true place where `sight` is None."""
+    """Runs an agent that uses a localizer. If `sight` is None, the agent knows its true place instead."""
 
     def __init__(self, sight: Sight | None, sites: Mapping[str, Site], config: NavigationConfig, seed: int) -> None:
         self._sight, self._sites, self._config, self._seed = sight, sites, config, seed

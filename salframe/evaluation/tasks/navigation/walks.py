@@ -34,7 +34,7 @@ SHOWN = {
 
 
 def list_walks(arms: Sequence[Arm], views: Sequence[NavigationView]) -> list[dict[str, Any]]:
-    """Return the maps of the worlds of each run and the episodes of each arm that ended, for JSON.
+    """Return, for JSON, the maps of the worlds of each run, and the finished episodes of each arm.
 
     The floors of a world are drawn beside each other, the lowest one on the left.
     """

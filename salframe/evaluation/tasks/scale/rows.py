@@ -6,7 +6,18 @@ from salframe.evaluation.runs.rows import Count, PieceRow
 
 
 class SceneRow(PieceRow):
-    """Whether a scene was retrieved, and the costs of the map."""
+    """Whether the best match of a query is its scene, and the costs of the map.
+
+    Attributes:
+        query: Index of the scene that the query shows.
+        right: Whether the best match is this scene.
+        right_exhaustive: The same for matching with all scenes; None if the query was not matched with all scenes.
+        query_ms: Time of the query in milliseconds, including the pose in the best match.
+        build_s: Time to save the map in seconds.
+        build_memory_mb: Peak memory of the process that saved the map (1e6 bytes); None if it is unknown.
+        bytes: Size of the saved map.
+        open_s: Time to open the map in seconds.
+    """
 
     query: Count
     right: bool | None = None

@@ -15,15 +15,15 @@ class ScaleRow(MethodRow):
 
     Attributes:
         scenes: Number of scenes of the map.
-        build_s: Time to save the map.
+        build_s: Time to save the map in seconds.
         build_memory_mb: Peak memory while saving (1e6 bytes); None if the process is shared.
-        bytes_per_scene: Size of the saved map per scene.
-        open_s: Time to open the map.
-        query_median_ms: Median time of a query, including the pose in the best match.
-        query_p95_ms: 95th percentile of the time of a query.
+        bytes_per_scene: Size of the saved map divided by the number of scenes.
+        open_s: Time to open the map in seconds.
+        query_median_ms: Median time of a query in milliseconds, including the pose in the best match.
+        query_p95_ms: 95th percentile of the time of a query in milliseconds.
         recall_at_1: Share of queries whose scene is the best match, with Wilson's 95 % interval.
-        recall_at_1_both: The same share, of the queries that were also matched with all scenes.
-        recall_at_1_exhaustive: Share of the queries of `recall_at_1_both` whose scene is the best match of all scenes.
+        recall_at_1_both: `recall_at_1` among the queries that were also matched with all scenes.
+        recall_at_1_exhaustive: Share of these queries whose scene is the best match if all scenes are matched.
     """
 
     scenes: int

@@ -47,7 +47,7 @@ from salframe.panoramas.geometry import pose_2d
 QUERIES, EXHAUSTIVE = 200, 50
 """Number of queries, and number of queries that are also matched with all scenes."""
 SEED = 3
-"""Seed of the city."""
+"""Seed of the generated scenes (`City`)."""
 MIN_OBJECTS = 3
 """Minimum number of objects of a room that is used for scenes."""
 WINDOW = 2000
@@ -66,10 +66,9 @@ class ScaleOptions(TaskOptions):
 
 @dataclass(frozen=True)
 class ScaleTask(Task[int, Survey[int], SceneRow, ScaleRow]):
-    """The task `scale`: which of many scenes does a query show? The scenes are generated from the rooms of a data set
-    (`City`).
+    """The task `scale`: which of many scenes does a query show?
 
-    A piece is the index of a scene.
+    The scenes are generated from the rooms of a data set (`City`). A piece of work is the index of a scene.
     """
 
     scenes: int
@@ -195,7 +194,7 @@ class _ScaleWorker(Worker[int]):
         self._index = self._matcher.open_index(MappedGraphs(packed), parts.folder / INDEX)
 
     def _open_window(self, parts: MapParts) -> Any:
-        """Return the index of a map of these parts that matches all scenes of the window."""
+        """Return an index of the map of these parts. It matches a query with all scenes of the current window."""
         graphs = MappedGraphs(parts.read_table(SCENES), self._window)
         return self._matcher.open_index(graphs, parts.folder / INDEX)
 
@@ -229,9 +228,9 @@ class _Window:
 
 
 def rooms_of(method: Localizer, dataset: Dataset) -> tuple[SaliencyGraph, ...]:
-    """Return the graphs of the scene frames of a data set that have at least MIN_OBJECTS, described by a localizer.
+    """Return the graphs that a localizer computes from the scene frames of a data set.
 
-    Raises DataError if there is none.
+    Graphs with fewer than MIN_OBJECTS objects are left out. Raises DataError if no graph remains.
     """
     cache = Cache()
     frames = {frame.id: frame for fold in dataset.folds() for frame in fold.references if frame.kind is FrameKind.SCENE}

@@ -15,7 +15,7 @@ from salframe.graphs.sensor import SensorModel
 APPARENT_DEG, RANGES_M, HIDDEN = (2, 4, 8, 16, 32), (2, 4, 6, 10), (0.1, 0.3, 0.6)
 """Limits of the groups: angular diameter, range and hidden share of an object."""
 COMMONEST = 10
-"""Number of labels that have a line."""
+"""Number of the most frequent labels that have a line."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class DetectionLine:
 
 
 def by_sight(observations: Observations, sensor: SensorModel) -> Iterator[DetectionLine]:
-    """Yield the line of all objects, and of groups by size, range and hidden share."""
+    """Yield a line for all objects, and a line for each group by angular size, range or hidden share."""
     shown, is_detected, is_right = observations.shown, observations.is_detected, observations.right
     probability = _modelled(observations, sensor)
     apparent_deg = np.degrees(2 * np.sqrt(shown.solid_angle_sr / np.pi))

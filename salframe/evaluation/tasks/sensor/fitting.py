@@ -15,18 +15,19 @@ from salframe.graphs.sightings import ObjectVisibility
 from salframe.graphs.vocabulary import common_label
 
 REACH_SHARE, OTHER_REACH_SHARE = 0.5, 0.25
-"""Maximum distance between a detection and its object, relative to the longest side of the object, if that is above
-NEAR_M: the first for detections of the same label, the second for other detections."""
+"""Maximum distance between a detection and its object, relative to the longest side of the object: for detections with
+the label of the object, and for other detections. The maximum distance is at least NEAR_M."""
 ROUNDS, TOLERANCE = 200, 1e-6
 WEAK_PRECISION = 1e-3
-"""Precision of the prior of the shared coefficients. It keeps slopes finite where all objects were found, or none."""
+"""Precision (inverse variance) of the prior of the coefficients that all groups share. It keeps slopes finite if all
+objects were detected, or none."""
 FLOOR_VARIANCE = 1e-4
-"""Minimum variance of the offsets between groups."""
+"""Minimum variance of the prior of the offsets of groups."""
 
 
 @dataclass(frozen=True, eq=False)
 class SensorSample:
-    """One panorama: the annotated objects, how visible each is, and the detections."""
+    """One panorama: the annotated objects (`truth`), the visibility of each object (`shown`), and the detections."""
 
     truth: Detections
     shown: ObjectVisibility
@@ -81,11 +82,11 @@ class Observations:
 
 
 def match_objects(detections: Detections, truth: Detections) -> np.ndarray:
-    """Return the index of the detection of each annotated object, (T,) int; -1 where it was not detected.
+    """Return the index of the detection of each annotated object, (T,) int; -1 if it was not detected.
 
     The assignment is one to one, with a maximal number of matches and then a minimal total distance. Detections of the
-    same label in the shared vocabulary are assigned first. The range of a detection of unknown range is taken to be
-    that of the object.
+    same label in the shared vocabulary are assigned first. If the range of a detection is unknown, only its distance
+    from the object perpendicular to the bearing counts.
     """
     matches = np.full(len(truth), -1)
     if not len(detections) or not len(truth):
@@ -113,7 +114,7 @@ def _assign(near: np.ndarray, distance_m: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def _distances(detections: Detections, truth: Detections) -> np.ndarray:
-    """Return the distances (F, T) of centroids in metres. Where the range is unknown, they are the distances
+    """Return the distances (F, T) of centroids in metres. If the range of a detection is unknown, its distances are
     perpendicular to the bearing."""
     apart = np.linalg.norm(detections.centroid_m[:, None] - truth.centroid_m, axis=2)
     across = np.arccos(np.clip(detections.bearing @ truth.bearing.T, -1, 1)) * np.linalg.norm(truth.centroid_m, axis=1)
@@ -157,7 +158,7 @@ def observe(looks: Iterable[SensorSample]) -> Observations:
 
 
 def _errors(detections: Detections, truth: Detections) -> np.ndarray:
-    """Return errors (M, 5): bearing to the left and up in rad, logarithms of range and size, and height in m."""
+    """Return errors (M, 5): bearing to the left and up in radians, logarithms of range and size, height in metres."""
     left = np.stack([-truth.bearing[:, 1], truth.bearing[:, 0], np.zeros(len(truth))], 1)
     left /= np.maximum(np.linalg.norm(left, axis=1, keepdims=True), 1e-9)
     up = np.cross(truth.bearing, left)
@@ -178,7 +179,7 @@ def _size(detections: Detections) -> np.ndarray:
 
 
 def fit_sensor(observations: Observations, provenance: Mapping[str, object]) -> SensorModel:
-    """Return the sensor model of observations. `provenance` holds the fields of Provenance except for the counts."""
+    """Fit a sensor model to observations. `provenance` has the fields of Provenance except for the counts."""
     confusion: dict[str, Counter[str]] = {}
     for label, detected in zip(observations.shown.labels, observations.said, strict=True):
         if detected is not None:
@@ -263,7 +264,7 @@ def _maximize(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the maximum a posteriori coefficients under a normal prior of these precisions, and their covariance.
 
-    Newton steps are halved where they overshoot.
+    A Newton step that increases the loss is halved.
     """
 
     def loss(weights: np.ndarray) -> float:

@@ -24,7 +24,7 @@ PARTS: dict[str, tuple[int, ...]] = {
     "bearing": (3,),
     "solid_angle_sr": (),
 }
-"""Arrays of Detections that a row holds, with the shape of the values of one object."""
+"""Name of each array of Detections that a row holds -> shape of the array for one object."""
 
 
 def annotated(panorama: Panorama) -> tuple[Detections, ObjectVisibility]:

@@ -33,7 +33,16 @@ class ObjectsLine(Line):
 
 
 class LookRow(PieceRow):
-    """The annotated objects of a panorama, the visibility of each, and the detections."""
+    """The annotated objects of a panorama, the visibility of each, and the detections.
+
+    Attributes:
+        frame: Id of the panorama.
+        truth: The annotated objects.
+        detections: The detections.
+        range_m: Range of each annotated object in metres; None if it is unknown.
+        hidden_share: Share of the outline of each annotated object that borders something nearer; None if it is
+            unknown.
+    """
 
     frame: str
     truth: ObjectsLine | None = None

@@ -29,7 +29,7 @@ class SensorRow(MethodRow):
         range_share: Robust standard deviation of the relative error of the range.
         size_log: Robust standard deviation of the error of the logarithm of the size.
         height_m: Robust standard deviation of the error of the height.
-        lines: The shares of groups of objects by size, range and hidden share, by name of the group.
+        lines: Detection rates of groups of objects of similar size, range or hidden share, by name of the group.
     """
 
     panoramas: int | None = None
@@ -70,7 +70,7 @@ def _scaled(value: float | None, factor: float) -> float | None:
 def alike_tables(rows: Sequence[SensorRow], leading: Mapping[str, Sequence[str]] | None = None) -> list[Table]:
     """Return a table of the detection rates of groups of similar objects, beside the rates of the fitted model.
 
-    There is no table where no detector was measured.
+    The list is empty if no detector was measured.
     """
     if not any(row.lines for row in rows):
         return []

@@ -1,4 +1,4 @@
-"""Compute the table rows of each method from its walks, one row for each belief."""
+"""Compute the table rows of each method from its walks, one row for each belief (estimate of the camera's pose)."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def _right(walks: Sequence[WalkRow], belief: str, count: int) -> np.ndarray:
 
 
 def _finite_median(errors_m: np.ndarray) -> float | None:
-    """Return the median of errors (N,), where inf is a missing pose; None where half of the poses are missing."""
+    """Return the median of errors (N,), in which inf is a missing pose. None if half of the poses are missing."""
     middle = np.sort(errors_m)[[(len(errors_m) - 1) // 2, len(errors_m) // 2]]
     return float(middle.mean()) if np.isfinite(middle).all() else None
 
@@ -90,5 +90,5 @@ def _is_near(line: BeliefLine) -> bool:
 
 
 def _recovers(belief: BeliefRow) -> bool:
-    """Return whether the place is correct after at least one of the views that follow a kidnapping."""
+    """Return whether the place is correct after at least one view that follows a move without odometry."""
     return any(line.right for line in belief.kidnapped)

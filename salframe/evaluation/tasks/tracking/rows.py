@@ -12,8 +12,8 @@ class BeliefLine(Line):
     """A belief after a view, compared with the truth.
 
     Attributes:
-        tracking: Whether its status is `tracking`.
-        support: Evidence for the pose.
+        tracking: Whether the status of the belief is `tracking`.
+        support: Evidence for the pose; larger is more certain.
         right: Whether the place is correct.
         position_m: Error of the position along x and y in metres; None without a pose.
         heading_deg: Error of the heading in degrees; None without a pose.
@@ -32,9 +32,9 @@ class BeliefRow(Line):
     """A belief during a walk.
 
     Attributes:
-        walk: The belief after each view.
-        kidnapped: After each of the views that follow a move to another place without odometry.
-        elsewhere: After each view of the walk, localized in the map of another building; empty where there is none.
+        walk: The belief after each view of the walk.
+        kidnapped: The belief after each view that follows a move of the camera that odometry did not measure.
+        elsewhere: The belief after each view of the walk in the map of another building; empty without such a map.
     """
 
     walk: tuple[BeliefLine, ...] = Field(min_length=NUM_VIEWS, max_length=NUM_VIEWS)

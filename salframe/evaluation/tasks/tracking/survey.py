@@ -17,8 +17,8 @@ class TrackingSurvey(Survey[Walk]):
 
     Attributes:
         worlds: The buildings, by id.
-        other: A data set of another building, whose map does not contain the places of the walks; None where there is
-            none.
+        other: A data set of another building, whose map does not contain the places of the walks; None if there is no
+            such data set.
     """
 
     worlds: Mapping[str, World]

@@ -18,24 +18,26 @@ NEAR_M = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class TrackingRow(MethodRow):
-    """The row of a belief of a method. Shares are of all walks, with their 95 % intervals, clustered by the place in
-    which a walk starts; a crashed walk counts as wrong.
+    """The row of a belief of a method.
+
+    Shares are relative to all walks, with 95 % intervals, clustered by the place in which a walk starts. A crashed walk
+    counts as wrong.
 
     Attributes:
         belief: Name of the belief.
         walks: Number of walks.
-        right: Share of the walks whose place is correct after each number of views of AFTER.
-        right_12: The last of them with its interval.
+        right: For each number of views in AFTER, the share of the walks whose place is correct after these views.
+        right_12: The share after 12 views, with its interval.
         near: Share of the walks whose position error is at most NEAR_M after the last view.
         position_m: Median position error after the last view, with its bootstrap interval.
         heading_deg: Median heading error after the last view.
         recovered: Share of the walks in which the place is correct after at least one of the views that follow a move
-            without odometry.
-        right_later: Share of the walks in which the place is correct after the last of these views.
+            of the camera without odometry.
+        right_later: Share of the walks in which the place is correct after the last view that follows this move.
         roc_area: Area under the ROC curve of the support after the last view, of walks in this building against walks
             in the map of another building.
         tracking: Share of the walks whose status is `tracking` after the last view.
-        tracking_elsewhere: The same in the map of another building.
+        tracking_elsewhere: Share of the walks whose status is `tracking` in the map of another building.
         nees: Mean normalized squared error of (x, y, heading) after the last view, of the walks whose position error is
             at most NEAR_M. It is 3 if the covariance is correct.
     """

@@ -46,7 +46,7 @@ class _SavedTracking(Settings):
 
 @dataclass(frozen=True)
 class TrackingTask(Task[Walk, TrackingSurvey, WalkRow, TrackingRow]):
-    """The task `tracking`.
+    """The task `tracking`: does a tracker know where a moving camera is?
 
     Attributes:
         options: The options, with one number of views and one kind of odometry.
@@ -151,7 +151,7 @@ class TrackingTask(Task[Walk, TrackingSurvey, WalkRow, TrackingRow]):
 
 
 def _checked(options: TaskOptions) -> TrackingOptions:
-    """Return the options. Raises TypeError where they are those of another task."""
+    """Return the options. Raises TypeError if they are options of another task."""
     if not isinstance(options, TrackingOptions):
         raise TypeError(f"options is {type(options).__name__}, expected TrackingOptions")
     return options

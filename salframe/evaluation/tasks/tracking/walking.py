@@ -28,7 +28,7 @@ from salframe.panoramas.opening import reference_frames
 from salframe.panoramas.query_motion import OdometryErrors, measured_motion
 
 NUM_KIDNAPPED = 8
-"""Number of views after the camera was moved without odometry."""
+"""Number of views that are taken after the camera was moved without odometry."""
 
 
 class _Step(NamedTuple):
@@ -62,7 +62,7 @@ class Tracking(Worker[Walk]):
             dataset: The data set.
             other: A data set of another building.
             worlds: The worlds by id.
-            kidnapped: The walk that continues each walk by id, whose camera was moved without odometry.
+            kidnapped: Id of a walk -> another walk, to whose start the camera is moved at the end, without odometry.
             beliefs: The beliefs by name.
             odometry: Errors of the measured motion.
             num_views: Number of the latest views that are localized together.
@@ -113,7 +113,7 @@ class Tracking(Worker[Walk]):
 def _steps(
     window: ViewWindow, walk: Walk, views: Sequence[DescribedView], motions: Sequence[np.ndarray]
 ) -> Iterator[_Step]:
-    """Yield the steps of the first views of a walk, localized in a window."""
+    """Yield the steps of the first views of a walk. `window` localizes the latest views together."""
     for number, (view, motion) in enumerate(zip(views, motions, strict=True)):
         window.move(motion)
         yield _Step(walk.poses[number], walk.places[number], motion, window.localize(view))
@@ -134,8 +134,8 @@ def _follow(map: LocalizationMap, belief: Belief, steps: Sequence[_Step]) -> Ite
 
 
 def _compare_answer(step: _Step) -> Row:
-    """Return an answer compared with the truth, the fields of BeliefLine. Its support is the probability of the first
-    place, or its score, if that is positive."""
+    """Return the fields of BeliefLine for an answer without a tracker. The support is the probability of the first
+    place. Without probabilities, it is the score of the first place, or 0 if the score is negative."""
     answer = step.answer
     if not answer.places:
         return {"tracking": False, "support": 0.0, "right": False}
@@ -149,7 +149,7 @@ def _compare_answer(step: _Step) -> Row:
 
 
 def _compare(believed: TrackedPose, step: _Step) -> Row:
-    """Return a belief compared with the truth, the fields of BeliefLine."""
+    """Return the fields of BeliefLine for the belief of a tracker."""
     return {
         "tracking": believed.status is TrackStatus.TRACKING,
         "support": believed.support,
@@ -159,7 +159,7 @@ def _compare(believed: TrackedPose, step: _Step) -> Row:
 
 
 def _pose_errors(pose: np.ndarray | None, covariance: np.ndarray | None, T_world_pano: np.ndarray) -> Row:
-    """Return the errors of a pose, the fields of BeliefLine; none without a pose."""
+    """Return the fields of BeliefLine that are errors of a pose. Empty without a pose."""
     if pose is None:
         return {}
     x, y = pose[:2, 3] - T_world_pano[:2, 3]

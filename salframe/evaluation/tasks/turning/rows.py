@@ -8,7 +8,7 @@ from salframe.evaluation.runs.rows import Line, PieceRow
 
 
 class TurnLine(Line):
-    """An answer: whether it is accepted, and whether its first place is correct; the turn before it in degrees."""
+    """An answer: whether it is accepted, whether its first place is correct, and the turn before the second view."""
 
     accepted: bool
     right: bool
@@ -16,13 +16,13 @@ class TurnLine(Line):
 
 
 class TurnRow(PieceRow):
-    """A query.
+    """The answers to one query.
 
     Attributes:
         query: Id of the query.
         place: True place.
         first: The answer to the query alone.
-        suggested: The answer after the suggested turn; None if the first answer is accepted, or suggests none.
+        suggested: The answer after the suggested turn; None if the first answer is accepted, or suggests no turn.
         random: The answer after a random turn; None if the first answer is accepted.
     """
 

@@ -11,8 +11,10 @@ from salframe.evaluation.tables.columns import INPUT, Column, count_column, rate
 
 @dataclass(frozen=True, kw_only=True)
 class TurnsRow(MethodRow):
-    """The row of a method. Shares have 95 % intervals, clustered by the true place; a crashed query counts as not
-    accepted and wrong. Shares after a turn are of the queries whose first answer is not accepted. An answer resolves a
+    """The row of a method.
+
+    Shares have 95 % intervals, clustered by the true place. A crashed query counts as not accepted and wrong. All
+    shares except `resolved_first` are relative to the queries whose first answer is not accepted. An answer resolves a
     query if it is accepted and its place is correct.
 
     Attributes:

@@ -33,7 +33,7 @@ from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.query_motion import OdometryErrors
 
 TURNS_DEG = (30.0, -30.0, 60.0, -60.0, 90.0, -90.0, 120.0, -120.0, 150.0, -150.0, 180.0)
-"""Turns of the control, one of which is drawn at random, in degrees, positive to the left."""
+"""Turns in degrees, positive to the left. The random turn, a control for the suggested turn, is one of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +47,11 @@ class NarrowQuery:
 
 @dataclass(frozen=True)
 class TurningTask(Task[NarrowQuery, Survey[NarrowQuery], TurnRow, TurnsRow]):
-    """The task `turning`: a query whose answer is not accepted is localized together with a second view, after a turn
-    on the spot that the answer suggests, and after a random turn."""
+    """The task `turning`: does a second view after a turn on the spot help?
+
+    A query whose answer is not accepted is localized again, together with a second view. The second view is taken after
+    the turn that the answer suggests and, for comparison, after a random turn.
+    """
 
     name = "turning"
     prefix = "turning-"
@@ -123,8 +126,11 @@ class _Turning(Worker[NarrowQuery]):
     def _turn(
         self, map: LocalizationMap, piece: NarrowQuery, view: DescribedView, turn_deg: float, error: float
     ) -> Row:
-        """Return the answer to a view and the view after a turn, whose heading is measured with an error, in standard
-        deviations. Objects have the same simulated errors in both views."""
+        """Return the answer to two views: `view`, and a second view after a turn.
+
+        The measured turn has an error of `error` standard deviations. Objects have the same simulated errors in both
+        views.
+        """
         T_world_pano = piece.T_world_pano @ pose_2d(0, 0, np.radians(turn_deg))
 
         def load() -> Panorama:
@@ -142,6 +148,6 @@ class _Turning(Worker[NarrowQuery]):
 
 
 def _line(answer: Localization, place: str, turn_deg: float) -> Row:
-    """Return an answer compared with the true place, the fields of TurnLine."""
+    """Return the fields of TurnLine for an answer."""
     is_right = bool(answer.places) and answer.places[0].place == place
     return {"accepted": answer.accepted is True, "right": is_right, "turn_deg": turn_deg}
