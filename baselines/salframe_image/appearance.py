@@ -59,9 +59,9 @@ class AppearanceEvidence(EvidenceModel):
     column_step: ClassVar[int | None] = None  # views of a rotated panorama show other parts of it
 
     class Config(ComponentConfig):
-        network: slot(
+        network: slot(  # type: ignore[valid-type]
             "image-network", "efficientnet-lite0", description="image network, which computes the descriptors of views"
-        )  # type: ignore[valid-type]
+        )
         views: int = Field(
             12,
             ge=3,

@@ -45,9 +45,9 @@ class ImageFeatures(Localizer):
     column_step: ClassVar[int | None] = None  # views of a rotated panorama show other parts of it
 
     class Config(LevelledConfig):
-        network: slot(
+        network: slot(  # type: ignore[valid-type]
             "image-network", "efficientnet-lite0", description="image network, which computes the features of views"
-        )  # type: ignore[valid-type]
+        )
         views: int = Field(
             12,
             ge=3,

@@ -40,9 +40,9 @@ class Keypoints(Localizer):
     column_step: ClassVar[int | None] = None  # views of a rotated panorama are sampled at other pixels
 
     class Config(LevelledConfig):
-        features: slot(
+        features: slot(  # type: ignore[valid-type]
             "feature-matcher", "xfeat", description="feature matcher, which extracts and matches the features of views"
-        )  # type: ignore[valid-type]
+        )
         range: range_slot()  # type: ignore[valid-type]
         views: int = Field(
             6,

@@ -27,9 +27,9 @@ class SalientObjects(DetectingLocalizer):
     class Config(LevelledConfig):
         range: range_slot()  # type: ignore[valid-type]
         detector: slot("detector", "auto")  # type: ignore[valid-type]
-        saliency: slot(
+        saliency: slot(  # type: ignore[valid-type]
             "saliency", "volumetric", description="saliency model, which computes how much each object stands out"
-        )  # type: ignore[valid-type]
+        )
         saliency_power: float = Field(
             1 / 3,
             ge=0,

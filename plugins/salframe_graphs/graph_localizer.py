@@ -28,9 +28,9 @@ class GraphLocalizerConfig(LevelledConfig):
 
     range: range_slot()  # type: ignore[valid-type]
     detector: slot("detector", "auto")  # type: ignore[valid-type]
-    saliency: slot(
+    saliency: slot(  # type: ignore[valid-type]
         "saliency", "volumetric", description="saliency model, which computes how much each object stands out"
-    )  # type: ignore[valid-type]
+    )
     graph: GraphConfig = GraphConfig.model_validate({})
     odometry: OdometryNoise = added(
         OdometryNoise(),

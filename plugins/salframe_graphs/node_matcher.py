@@ -65,11 +65,11 @@ class NodeMatcherConfig(ComponentConfig):
         description="maximum number of candidate graphs, which are compared with a query node by node; the scene "
         "index selects them; null: all graphs (as in the paper)",
     )
-    scene_index: slot(
+    scene_index: slot(  # type: ignore[valid-type]
         "scene-index",
         "by-size",
         description="index that selects the candidate graphs of a map with more than `max_candidates` graphs",
-    )  # type: ignore[valid-type]
+    )
     height_scale_m: float | None = Field(
         0.2,
         gt=0,

@@ -41,9 +41,9 @@ class EpisodeStatus(StrEnum):
 class NavigationConfig(Settings):
     """Settings of navigation, the same for every method of a run. All errors are normally distributed."""
 
-    planner: slot(
+    planner: slot(  # type: ignore[valid-type]
         "planner", default_of("navigation_planner"), description="planner that computes the routes of the agent"
-    )  # type: ignore[valid-type]
+    )
     tracker: slot("tracker", description="tracker that estimates the pose of the agent")  # type: ignore[valid-type]
     budget: int = Field(
         60,
