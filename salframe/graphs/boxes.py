@@ -10,9 +10,9 @@ import numpy as np
 from salframe.graphs.detections import Detections
 
 MIN_SIDE_M = 0.05
-"""Minimum side of a box, in metres: a flat set of points, such as a picture viewed head on, gets a box this thick."""
+"""Minimum side of a box, in metres. A flat set of points, such as a picture on a wall, gets a box of this thickness."""
 MIN_POINTS = 5
-"""Minimum number of points that give an object a position."""
+"""Minimum number of points of an object from which its position is computed."""
 
 
 def upright_box(points_m: np.ndarray) -> tuple[np.ndarray, float]:
@@ -22,7 +22,8 @@ def upright_box(points_m: np.ndarray) -> tuple[np.ndarray, float]:
         points_m: (N, 3), N >= 1, in metres.
 
     Returns:
-        size_m (3,): length >= width, and height; and yaw_rad in [0, pi), the azimuth of the length.
+        size_m: (3,), length, width and height in metres, length >= width.
+        yaw_rad: Azimuth of the longer horizontal side, in [0, pi).
     """
     import cv2
 
@@ -76,7 +77,7 @@ def detections_where_known(
     solid_angle_sr: np.ndarray | None = None,
     rays: Sequence[np.ndarray] | None = None,
 ) -> Detections:
-    """Return detections of objects. Some may have no position.
+    """Return detections of objects, some of which may have an unknown position.
 
     Args:
         labels: N labels.
@@ -105,8 +106,8 @@ def detections_where_known(
 def box_solid_angle(size_m: np.ndarray, range_m: float) -> float:
     """Return the mean solid angle, in steradians, of a box (3,) viewed from a random side at a range.
 
-    By Cauchy's formula the mean projected area of a convex body is a quarter of its surface; it is divided by the
-    squared range.
+    By Cauchy's formula, the mean projected area of a convex body is a quarter of its surface area. The solid angle is
+    this projected area divided by the squared range.
     """
     length, width, height = size_m
     return float((length * width + width * height + height * length) / 2 / range_m**2)

@@ -1,4 +1,5 @@
-"""The role `scene-index`: selects the scenes of a large map that are matched with a query."""
+"""The role `scene-index`: selects the scenes of a large map that are matched with a query. A scene is the graph of one
+reference frame."""
 
 from __future__ import annotations
 
@@ -41,14 +42,15 @@ class SceneLookup(Protocol):
 
 
 class SceneIndex(Role):
-    """Selects the scenes of a large map that are matched with a query, with an index in a memory-mapped folder."""
+    """Selects the scenes of a large map that are matched with a query. The index is a folder of memory-mapped files."""
 
     role = "scene-index"
     word = "scene index"
 
     @classmethod
     def note(cls, config: Any, num_scenes: int) -> str | None:
-        """Return a message for the user about an index of `num_scenes` scenes; None (the default): no message."""
+        """Return a message for the user about using this index on `num_scenes` scenes; None (the default): no
+        message."""
         return None
 
     @abstractmethod

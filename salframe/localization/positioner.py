@@ -34,9 +34,9 @@ class PoseEstimate:
         status: Whether a pose was estimated, or why not.
         covariance: (3, 3) covariance of (x_m, y_m, yaw_rad) for SE(2), (6, 6) for SE(3); None if it is unknown.
         inliers: (M,) bool, whether each matched pair is an inlier.
-        runner_up: Ratio of the support of the second best pose to that of this pose, in [0, 1].
-        yaw_rad: Azimuth of the x axis of the query in the reference frame, from the pose, or from directions that
-            determine only the heading; None if it is unknown.
+        runner_up: Support of the second best pose divided by the support of this pose, in [0, 1].
+        yaw_rad: Azimuth of the x axis of the query in the reference frame. If there is a pose, it is set to the yaw of
+            the pose. It may also be known without a pose. None if it is unknown.
 
     Raises:
         InvalidAnswer: The status is not a PoseStatus.
@@ -66,7 +66,8 @@ class Positioner(Role):
 
     @property
     def is_equivariant(self) -> bool:
-        """Whether the pose turns with the query. If this is False, the `column_step` of the localizer is None."""
+        """Whether the pose rotates by the same angle as the query. If not, the `column_step` of the localizer is
+        None."""
         return True
 
     @abstractmethod
