@@ -1,4 +1,4 @@
-"""Shortest paths along a chart's map, from any position to a node."""
+"""Shortest paths along the map of a chart, from any position to a node."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from salframe.topology.planner import Planner
 from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap
 
 REACHED_M = 0.1
-"""Distance at which a corner of the path counts as reached."""
+"""Maximum distance in metres from a corner of the path at which the corner is treated as reached."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,8 +25,8 @@ class Way:
 
     Attributes:
         length_m: Length in metres.
-        corners_m: (K, 3), corners on the floor. The first is the node where the path enters the map, the last is the
-            goal.
+        corners_m: (K, 3) corners of the path on the floor. The first corner is the node where the path enters the map.
+            The last corner is the goal.
     """
 
     length_m: float
@@ -34,13 +34,14 @@ class Way:
 
     def leg(self, position_m: np.ndarray) -> np.ndarray:
         """Return the horizontal vector (2,) from a position (3,) to the first corner that is not reached; to the goal
-        where all are."""
+        if all corners are reached."""
         legs_m = self.corners_m[:, :2] - position_m[:2]
         return next((leg_m for leg_m in legs_m if np.linalg.norm(leg_m) > REACHED_M), legs_m[-1])
 
 
 class Guide:
-    """A planner, with this configuration, on the map of a chart, for positions between its nodes."""
+    """Plans paths on the map of a chart. A path may start between the nodes of the map. `planner` is the configuration
+    of the planner."""
 
     def __init__(self, chart: Chart, planner: ComponentConfig) -> None:
         self.chart, self.planner = chart, planner
@@ -82,8 +83,8 @@ class Guide:
 
 
 def straighten(map: TopologicalMap) -> TopologicalMap:
-    """Return the map with a node at each corner of its edges, so that all edges are straight and an agent can enter an
-    edge at its corners."""
+    """Return the map with an additional node at each corner of its edges. All edges are then straight, and a path can
+    enter an edge at its corners."""
     nodes, edges = list(map.nodes), []
     z_m = {node.id: node.xyz_m[2] for node in nodes}
     for edge in map.edges:
