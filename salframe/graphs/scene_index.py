@@ -42,7 +42,7 @@ class SceneLookup(Protocol):
 
 
 class SceneIndex(Role):
-    """Selects the scenes of a large map that are matched with a query. The index is a folder of memory-mapped files."""
+    """Selects the scenes of a large map that are matched with a query, with an index in a memory-mapped folder."""
 
     role = "scene-index"
     word = "scene index"

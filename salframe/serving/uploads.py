@@ -125,7 +125,8 @@ async def read_form(request: Request, model: type[_Model]) -> tuple[_Model, Form
     """Return the validated text fields of a multipart body, and the form with its files. The caller closes the form.
 
     Raises:
-        Problem: 400 for a text field that is not JSON, 422 for invalid fields.
+        HTTPException: 400 for a malformed body.
+        Problem: 400 for a JSON field that is not JSON, 422 for invalid fields.
     """
     form = await request.form(max_files=len(FILES), max_fields=MAX_FIELDS, max_part_size=MAX_FIELD_BYTES)
     try:
