@@ -53,8 +53,8 @@ def detections_from_points(labels: Sequence[str], scores: np.ndarray, points_m: 
 
     Args:
         labels: N labels.
-        scores: (N,).
-        points_m: N arrays (n_i, 3), n_i >= 1, in metres.
+        scores: (N,) scores of the detections.
+        points_m: N arrays (n_i, 3), n_i >= 1, points of each object in the panorama frame in metres.
     """
     if not labels:
         return Detections.empty()
@@ -81,9 +81,9 @@ def detections_where_known(
 
     Args:
         labels: N labels.
-        scores: (N,).
-        points_m: N arrays (n_i, 3), the points behind the masks in metres, or None if no range is known. Objects
-            with fewer than MIN_POINTS points have the position and size NaN.
+        scores: (N,) scores of the detections.
+        points_m: N arrays (n_i, 3), the points behind the masks in metres; None if no range is known. The position and
+            the size of an object with fewer than MIN_POINTS points are NaN.
         bearing: (N, 3), as in Detections.
         solid_angle_sr: (N,), as in Detections.
         rays: N arrays, as in Detections.

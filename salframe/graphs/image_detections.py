@@ -52,7 +52,7 @@ class ImageDetections:
         )
 
     def masks(self) -> Sequence[np.ndarray | None]:
-        """Return the mask of each detection, None if only boxes are known."""
+        """Return one entry per detection: its mask (height, width) bool, or None if only boxes are known."""
         return [None] * len(self.score) if self.mask is None else list(self.mask)
 
 
@@ -130,8 +130,10 @@ def group(
 
 
 def outline(footprint: np.ndarray, view: np.ndarray, visible: np.ndarray) -> np.ndarray:
-    """Return the pixels of an object, (P,) bool: pixels that its detections cover in more than half of their views that
-    show the pixel.
+    """Return the pixels of an object, (P,) bool.
+
+    For each pixel, the views that detect the object and show the pixel are counted. The pixel belongs to the object if
+    the detections in more than half of these views cover it.
 
     Args:
         footprint: As in `group`, only for the detections of the object.

@@ -35,10 +35,10 @@ class SceneCandidates:
 
 
 class SceneLookup(Protocol):
-    """An object that returns candidate scenes."""
+    """Protocol of an open scene index."""
 
     def candidates(self, query: SaliencyGraph, count: int) -> SceneCandidates:
-        """Return candidate scenes, see SceneIndex."""
+        """Return at most `count` candidate scenes, as `SceneIndex.candidates`."""
 
 
 class SceneIndex(Role):

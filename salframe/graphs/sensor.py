@@ -227,7 +227,8 @@ def quantiles(values: np.ndarray) -> Quantiles:
 
 
 def value_at(distribution: Quantiles, shares: np.ndarray | float) -> np.ndarray:
-    """Return the values of a distribution at these quantile levels, from 0 to 1."""
+    """Return the values of a distribution (as `quantiles` returns it) at quantile levels `shares`, from 0 to 1, by
+    linear interpolation."""
     return np.asarray(np.interp(shares, np.linspace(0, 1, len(distribution)), distribution))
 
 

@@ -37,10 +37,10 @@ class GraphNodes:
     Attributes:
         count: (K,) int64, number of nodes of each graph.
         label: (N,) int64, indices of labels in a vocabulary, -1 for a label that is not in it.
-        scores: (N,) float64.
+        scores: (N,) float64, scores of the detector.
         saliency: (N,) float64.
-        centroid_m: (N, 3) float64, in the panorama frame of each graph.
-        size_m: (N, 3) float64.
+        centroid_m: (N, 3) float64, in metres, in the panorama frame of each graph.
+        size_m: (N, 3) float64, length, width and height in metres.
     """
 
     count: np.ndarray
@@ -232,7 +232,7 @@ class MappedGraphs(GraphTable):
 
 
 def write_graphs(graphs: Iterable[SaliencyGraph], folder: Path) -> None:
-    """Pack a stream of graphs and write it to a new folder of columns.
+    """Pack a stream of graphs, and write it to a new folder in the format of `write_columns`.
 
     Raises:
         DataError: As in `pack_graph`.

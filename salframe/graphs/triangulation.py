@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 MAX_RANGE_M = 6.0
-"""Maximum distance of an object in metres. REVERIE annotates objects within 3 m of a viewpoint; the centre of a large
-object may be farther away."""
+"""Maximum distance of an object from a viewpoint in metres. The dataset REVERIE annotates objects within 3 m of a
+viewpoint; the centre of a large object may be farther away."""
 ITERATIONS = 20
 """Number of reweighting iterations."""
 ANGLE_FLOOR_RAD = np.radians(1.0)

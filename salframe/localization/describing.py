@@ -55,7 +55,8 @@ def required_parts(localizer: Localizer, provides: frozenset[str]) -> frozenset[
 
 
 def check_parts(localizer: Localizer, panorama: Panorama, remedy: Callable[[], str] | None = None) -> None:
-    """Raise InputMissing if a panorama lacks a part that the localizer requires; the error ends with `remedy`."""
+    """Raise InputMissing if a panorama lacks a part that the localizer requires. The error message ends with the text
+    that `remedy` returns."""
     if missing := required_parts(localizer, panorama.provides) - panorama.provides:
         reason = f"{localizer.name} needs {' and '.join(sorted(missing))}, which {panorama.id} does not have"
         raise InputMissing(reason if remedy is None else f"{reason}: {remedy()}")

@@ -21,7 +21,7 @@ class EvidenceColumn:
     """A named column of evidence: one number for each hypothesis. A larger number supports the hypothesis more.
 
     Attributes:
-        name: Lower-case letters, digits and underscores.
+        name: Name of the column: lower-case letters, digits and underscores.
         description: Meaning of the numbers, with their unit.
         weight: Default weight of the column in the score of a place. None: there is no default; set the weight, or fit
             it with `salframe fit`.
@@ -131,7 +131,7 @@ class EvidenceModel(Role):
 
         Args:
             descriptions: The descriptions of V views, in the order in which they were taken.
-            T_last_view: (V, 4, 4) rigid poses of the views in the frame of the last view.
+            T_last_view: (V, 4, 4) poses of the views in the frame of the last view.
         """
         return self.arrays_of(descriptions[-1])
 

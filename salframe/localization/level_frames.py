@@ -109,7 +109,7 @@ def as_it_stood(answer: Localization, rotation: np.ndarray | None) -> Localizati
 
 def of_turned(description: Description, rotation: np.ndarray) -> Description:
     """Convert the description of a panorama that was turned by a rotation (3, 3) to a description of the panorama
-    before this turn: add the rotation to R_LEVEL_PANO."""
+    before this turn: combine the rotation with R_LEVEL_PANO."""
     description, level = split_level(description)
     return {**description, R_LEVEL_PANO: rotation if level is None else level @ rotation}
 

@@ -139,7 +139,7 @@ class Localizer(Role):
 
         Args:
             descriptions: The descriptions of V views, in the order in which they were taken.
-            T_last_view: (V, 4, 4) rigid poses of the views in the frame of the last view.
+            T_last_view: (V, 4, 4) poses of the views in the frame of the last view.
             odometry: The errors of these poses.
         """
         return None

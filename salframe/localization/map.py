@@ -369,7 +369,7 @@ class LocalizationMap:
         *,
         warn: Callable[[str], object] = silent,
     ) -> DescribedQuery:
-        """Return a query of described views. Arguments and errors are those of the function `describe_query`."""
+        """Combine described views to a query. Arguments and errors are those of the function `describe_query`."""
         return describe_query(self.localizer, views, T_last_view, self._camera_z_m, warn)
 
     def describe_detections(self, detections: Detections) -> DescribedView:
@@ -394,8 +394,8 @@ class LocalizationMap:
     def answer_query(self, query: DescribedQuery, fusion: Fusion = Fusion.JOINED) -> Localization:
         """Localize a described query.
 
-        Views that all seem to be upside down are localized both as they are and turned, and the better answer is
-        returned.
+        If all views seem to be upside down, the query is localized twice: with the original views and with the turned
+        views. The better answer is returned.
 
         Args:
             query: The query.
@@ -578,7 +578,8 @@ def open_map(directory: str | Path, *, max_false_accept: float | None = None) ->
 
 @contextmanager
 def _blaming(folder: Path | None, localizer: Localizer) -> Iterator[None]:
-    """Raise DataError if the localizer cannot index the saved arrays in `folder`, or match with them.
+    """Raise DataError if the localizer fails in the `with` block, because it cannot index the saved arrays in `folder`,
+    or match with them.
 
     Only the localizer knows which arrays it requires. Therefore any exception that it raises is treated as a sign of
     unsuitable arrays. The message of the DataError names the arrays that are not finite.

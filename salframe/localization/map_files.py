@@ -90,7 +90,7 @@ class MapParts:
         return read_model(self.folder / name, model)
 
     def write_table(self, name: str, rows: Iterable[Row]) -> None:
-        """Write a part that is a table, row by row, with the memory use of `write_columns`."""
+        """Write a part that is a table. The rows may be a stream, as in `write_columns`."""
         write_columns(self.folder / name, rows)
 
     def read_table(self, name: str, columns: Mapping[str, ArrayKind] | None = None) -> Columns:
@@ -110,7 +110,7 @@ class MapParts:
         return tuple(stamp for stamp in stamps if stamp.size >= MAX_READ_BYTES)
 
     def read_floors(self) -> tuple[FloorMasks, ...]:
-        """Read the floors of the map; empty if it has no floors. Raises DataError."""
+        """Read the floors of the map; empty if it has no floors. Raises DataError if they are invalid."""
         return read_floors(self.folder) if self.has(FLOORS) else ()
 
     def write_scenes(self, packed: Iterable[Row], frames: Iterable[ReferenceFrame]) -> None:
@@ -134,7 +134,13 @@ class MapParts:
         self.write_json(METHOD, {"version": localizer.version, "localizer": settings, "described_by": described_by})
 
     def read_config(self) -> ComponentConfig:
-        """Read the settings of the localizer. Raises DataError if the map has none, UnknownName, ConfigError."""
+        """Read the settings of the localizer.
+
+        Raises:
+            DataError: The map has no localizer.
+            UnknownName: The localizer is not installed.
+            ConfigError: The settings are invalid.
+        """
         saved = self._read_method().localizer
         if not isinstance(kind := saved.get("kind"), str):
             raise DataError(f"{self.folder / METHOD} names no localizer: build the map again")
@@ -156,7 +162,7 @@ class MapParts:
             )
 
     def index_folder(self, localizer: Localizer) -> Path:
-        """Return the folder for the index of a localizer with these settings."""
+        """Return the folder for the index of a localizer. Its name depends on the settings of the localizer."""
         return self.folder / self._index_name(localizer)
 
     def has_index(self, localizer: Localizer) -> bool:
@@ -195,7 +201,8 @@ def _settings_key(config: ComponentConfig) -> str:
 
 
 def find_not_finite(folder: Path) -> list[str]:
-    """Return the names of the description arrays in the parts of a map that hold NaN or infinity."""
+    """Return the names of the saved description arrays that contain NaN or infinity. `folder` contains the parts of the
+    map."""
     arrays = {path.name: map_array(path) for path in sorted((folder / SCENES).glob("*.npy"))}
     return [
         f"{SCENES}/{name}" for name, array in arrays.items() if array.dtype.kind == "f" and not np.isfinite(array).all()

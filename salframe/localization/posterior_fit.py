@@ -57,10 +57,9 @@ class Fit:
         place_nll_before: Mean negative log-likelihood of the true place in the `place_answers`, with temperature 1.
         place_nll_after: Mean negative log-likelihood of the true place in the `place_answers`, with the fitted
             temperature.
-        here_nll_before: Mean negative log-likelihood of whether the query is in the map, in all answers, with one
-            probability for all of them: the share of queries in the map.
-        here_nll_after: Mean negative log-likelihood of whether the query is in the map, in all answers, with the fitted
-            head.
+        here_nll_before: Mean negative log-likelihood, over all answers, of the truth whether the query is in the map.
+            The probability is the same for all answers: the share of queries in the map.
+        here_nll_after: The same mean, with the probabilities of the fitted head.
     """
 
     posterior: Posterior
@@ -173,7 +172,7 @@ def _fit_head(answers: Sequence[ScoredAnswer], temperature: float) -> Head:
 
 
 _MIN_ACCURACY = 1e-6
-"""Minimum accuracy, whose logarithm is finite."""
+"""Lower bound of an accuracy, so that its logarithm is finite."""
 
 
 def _fit_effects(contrast: np.ndarray, nu: np.ndarray, map_number: np.ndarray) -> tuple[float, float]:
@@ -200,7 +199,7 @@ def _fit_effects(contrast: np.ndarray, nu: np.ndarray, map_number: np.ndarray) -
 
 
 _MIN_DEVIATION = 1e-6
-"""Minimum standard deviation of contrasts, whose logarithm is finite."""
+"""Lower bound of the standard deviation of contrasts, so that its logarithm is finite."""
 _FIRST_EFFECTS = np.array([[0.0, 0.0], [0.5, 0.0], [0.0, 0.5]])
 """Start simplex of the search for `mean_effect` and `deviation_effect`."""
 

@@ -73,7 +73,7 @@ class World(ABC):
         """Return a random pose of an agent in a region, uniform over position and heading.
 
         Raises:
-            DataError: No pose is in a region.
+            DataError: An agent fits nowhere in a region.
         """
 
     @abstractmethod

@@ -1,4 +1,4 @@
-"""Builds the topological map from floor masks and reference frames (docs/how-to/maps.md#what-the-map-is-made-of)."""
+"""Build the topological map from floor masks and reference frames (docs/how-to/maps.md#what-the-map-is-made-of)."""
 
 from __future__ import annotations
 

@@ -35,7 +35,14 @@ def components(count: int, pairs: np.ndarray) -> np.ndarray:
 
 
 def make_edge(grid: FloorGrid, start: str, end: str, corners: np.ndarray) -> MapEdge:
-    """Return the edge along corners (K, 2), pixels (row, column); a straight edge for two corners."""
+    """Return the edge between two nodes along a path.
+
+    Args:
+        grid: The floor.
+        start: Id of the first node.
+        end: Id of the second node.
+        corners: (K, 2) corners of the path as (row, column), including both ends. Two corners give a straight edge.
+    """
     path = grid.to_metres(corners)
     x, y = path[-1] - path[0]
     length_m = float(np.hypot(*np.diff(path, axis=0).T).sum())

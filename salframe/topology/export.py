@@ -1,4 +1,4 @@
-"""Exports a map to other programs, in the format that the suffix of the file names."""
+"""Export a map for other programs. The suffix of the file selects the format."""
 
 from __future__ import annotations
 

@@ -40,7 +40,8 @@ class _MapFile(Settings):
 
 
 def read_map_server(path: Path) -> FreeSpace:
-    """Read the free space of an occupancy map. Its frame must be the world frame of the reference frames.
+    """Read the free space of an occupancy map. The frame of the occupancy map must be the world frame of the reference
+    frames.
 
     Args:
         path: YAML file with the keys image, resolution, origin and optionally negate and free_thresh. The origin is the
