@@ -81,7 +81,7 @@ class Commands(TyperGroup):
         command had succeeded.
         """
         try:
-            super().invoke(ctx)  # a plugin's command may return a value, which is no exit status
+            super().invoke(ctx)  # a plugin's command may return a value, which is not an exit status
         except KeyboardInterrupt as stop:
             raise _Interrupted from stop
         except SystemExit as stop:
@@ -215,7 +215,7 @@ def main() -> None:
     except OSError as error:  # for example a full disk, or a folder without write permission
         if _debug:
             raise
-        if error.filename is None:  # files have a name; Python would report the unwritable output again when it exits
+        if error.filename is None:  # stdout is not writable; otherwise Python would report this again at exit
             sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
         _fail(f"cannot use {error.filename or 'the standard output'}: {error.strerror or error}")
     except MemoryError as error:

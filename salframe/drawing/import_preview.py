@@ -140,7 +140,7 @@ def preview_import(
     fold = selected_fold(selected)
     try:
         checks = fold_notes([fold], masks)
-    except DataError as error:  # building a map stops with it
+    except DataError as error:  # building a map raises this error
         checks = [str(error)]
     ranges = [panorama for panorama in loaded.values() if panorama.range_m is not None]
     heights_m = [height for panorama in ranges if (height := camera_height(np.asarray(panorama.range_m))) is not None]

@@ -183,7 +183,7 @@ def _project(rays: np.ndarray, height: int, camera: Camera | None) -> Iterator[n
     column = np.unwrap(column, period=2 * height)
     column -= np.floor(column.min() / (2 * height)) * 2 * height
     line = np.column_stack([column, row])
-    if abs(column[-1] - column[0]) > height:  # around a pole: three turns, closed beyond the border of the image
+    if abs(column[-1] - column[0]) > height:  # around a pole: repeat the line, and close it outside the image
         turn = np.array([np.copysign(2 * height, column[-1] - column[0]), 0])
         pole = -height if row.mean() < height / 2 else 2 * height
         line = np.vstack([line - turn, line, line + turn])
@@ -212,7 +212,7 @@ def _spot(lines: list[np.ndarray], width: int, height: int) -> tuple[np.ndarray,
         cv2.fillPoly(mask, [np.round((line - low) / coarse + 0.5).astype(np.int32)], 1)
         mask[[0, -1]] = mask[:, [0, -1]] = 0
         depth = cv2.distanceTransform(mask, cv2.DIST_L2, 3)
-        deep = np.argwhere(depth >= 0.85 * depth.max())  # in a long strip, the middle rather than an end
+        deep = np.argwhere(depth >= 0.85 * depth.max())  # in a long strip, select a point near the middle
         row, column = deep[np.argmin(((deep - np.argwhere(mask).mean(0)) ** 2).sum(1))] if depth.any() else (0, 0)
         if best is None or mask.sum() * coarse**2 > best[0]:
             at = low + (np.array([column, row]) - 0.5) * coarse

@@ -56,7 +56,7 @@ class _Chart:
 
     def __init__(self, rays: np.ndarray) -> None:
         middle = rays.mean(0)
-        if np.linalg.norm(middle) < 1e-6:  # all around the camera
+        if np.linalg.norm(middle) < 1e-6:  # the rays surround the camera
             middle = rays[0]
         self._ahead = middle / np.linalg.norm(middle)
         self._left, self._up = _across(self._ahead)

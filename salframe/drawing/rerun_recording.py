@@ -76,7 +76,7 @@ def write_rerun(track: Track, views: CameraSequence, map: LocalizationMap, path:
 
     with atomic_path(Path(path)) as temporary:
         stream = rerun.RecordingStream("salframe")
-        stream.set_log_time_enabled(False)  # the time of writing says nothing about the track
+        stream.set_log_time_enabled(False)  # the time of writing is not a time of the track
         stream.set_log_tick_enabled(False)
         stream.save(temporary)
         _log_floors(stream, map)

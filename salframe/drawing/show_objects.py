@@ -168,7 +168,7 @@ def show_objects(
     default_kind = RangeKind.Z if are_photographs else RangeKind.RAY
     encoding = RangeEncoding(range_unit_m, tuple(range_missing), range_kind or default_kind)
     content = _nest(detector, overrides)
-    stages: dict[frozenset[str], _Stages] = {}  # by the inputs of an image, on which `auto` depends
+    stages: dict[frozenset[str], _Stages] = {}  # by the parts of an image, on which `auto` depends
     views, failures = [], {}
     notes: dict[str, None] = {}
     for done, image in enumerate(paths):

@@ -37,8 +37,8 @@ def upright_box(points_m: np.ndarray) -> tuple[np.ndarray, float]:
     angle = np.append(np.arctan2(edge[:, 1], edge[:, 0]), 0.0)
     along = np.stack([np.cos(angle), np.sin(angle)])
     length, width = np.ptp(hull @ along, axis=0), np.ptp(hull @ np.stack([-along[1], along[0]]), axis=0)
-    # Of boxes whose areas differ by less than rounding, select the one best aligned with the bearing, so that the
-    # result does not depend on the order of the hull.
+    # Among boxes with equal areas (up to rounding), select the box that is best aligned with the bearing. The result
+    # then does not depend on the order of the hull.
     area = np.maximum(length, MIN_SIDE_M) * np.maximum(width, MIN_SIDE_M)
     tied = np.flatnonzero(area <= area.min() * (1 + 1e-5))
     best = tied[np.argmin(np.round(angle[tied] % (np.pi / 2), 5))]

@@ -23,7 +23,8 @@ class Detections:
         centroid_m: (N, 3) float64, centroids in metres, NaN where the range is unknown.
         size_m: (N, 3) float64, length, width and height of the upright boxes in metres, NaN where the range is unknown.
         yaw_rad: (N,) float64, azimuth of the longer horizontal side of the box, modulo pi.
-        points_m: N arrays (n_i, 3) float32, the points behind the masks in metres; None if only boxes are known.
+        points_m: N arrays (n_i, 3) float32, the points behind the masks in metres; None if only boxes are known, or no
+            range.
         bearing: (N, 3) float64, unit vectors towards the objects, known without range too; by default the directions of
             the centroids.
         solid_angle_sr: (N,) float64, solid angle that each object covers, NaN where unknown.

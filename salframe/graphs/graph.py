@@ -39,7 +39,7 @@ class SaliencyGraph:
     Attributes:
         labels: N names.
         scores: (N,) float64 in [0, 1], scores of the detector.
-        saliency: (N,) float64, volume of each object divided by the volume of all objects.
+        saliency: (N,) float64, saliency of each object: by default, its volume divided by the volume of all objects.
         centroid_m: (N, 3) float64, in metres, in the panorama frame.
         size_m: (N, 3) float64, length, width and height of the upright boxes in metres.
         yaw_rad: (N,) float64, azimuth of the longer horizontal side of the box in the panorama frame.
@@ -203,8 +203,8 @@ def build_graph(
 ) -> SaliencyGraph:
     """Return the saliency graph of detections.
 
-    Its nodes are the detections with known positions within REACH_M. If no position is known, the graph has bearings
-    only. Nodes are sorted by decreasing saliency. Two nodes a and b are connected by an edge if
+    Its nodes are the detections with known positions within REACH_M that `config` selects. If no position is known, the
+    graph has bearings only. Nodes are sorted by decreasing saliency. Two nodes a and b are connected by an edge if
     min(l_a, l_b) > d_s(a, b), with the box sizes l and the distance d_s (paper Eq. 1).
 
     Args:

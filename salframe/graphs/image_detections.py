@@ -173,7 +173,7 @@ def merge_views(
         for box, mask in zip(view_detections.box_px, view_detections.masks(), strict=True)
     ]
     footprint = np.array(marked, bool).reshape(len(view), len(grid.rays))
-    # Boxes at a view's border with fewer pixels are ignored.
+    # Boxes that are cut by the border of a view and cover fewer than MIN_POINTS pixels are ignored.
     usable = ~cut | (footprint.sum(1) >= MIN_POINTS)
     labels, scores, bearing, solid_angle_sr, masks, points = [], [], [], [], [], []
     for kind in np.unique(label[usable]):

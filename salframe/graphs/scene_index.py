@@ -58,7 +58,8 @@ class SceneIndex(Role):
         """Write an index of a map's graphs to a new folder, in one atomic step.
 
         Args:
-            graphs: The graphs of scenes 0, 1, 2, ..., as a stream; memory must not grow with their number.
+            graphs: The graphs of scenes 0, 1, 2, ..., as a stream. The memory use must not grow with the number of
+                graphs.
             folder: The folder to write.
 
         Raises:

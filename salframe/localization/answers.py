@@ -106,9 +106,10 @@ class Localization:
         floors: Floors of the map, for the plan that notebooks show.
 
     Raises:
-        InvalidAnswer: The status is not a LocalizationStatus; the pose is not a rigid motion; the heading is not
-            finite; a status that requires a place has none; OK has no pose, or NO_POSE or OUT_OF_MAP has one; a score
-            is NaN; or some probabilities are missing, are outside [0, 1], or do not sum to 1.
+        InvalidAnswer: In any of these cases: the status is not a LocalizationStatus; the status is OK or NO_POSE and
+            there is no place; the status is OK and there is no pose; the status is NO_POSE or OUT_OF_MAP and there is a
+            pose; the pose is not a rigid motion; the heading is not finite; a score is NaN; some probabilities are
+            missing, are outside [0, 1], or do not sum to 1.
     """
 
     places: tuple[RankedPlace, ...]

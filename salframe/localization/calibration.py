@@ -244,7 +244,7 @@ def localize_frames(
         for row in queries:
             try:
                 places = localizer.match(descriptions[row]).places
-            except Exception:  # a frame that the localizer fails on costs its own answer only, like a query
+            except Exception:  # if the localizer fails on a frame, only the answer to this frame is lost
                 continue
             if not places:
                 continue

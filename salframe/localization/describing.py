@@ -158,7 +158,7 @@ def _describe_panorama(
     if (
         cache is None
         or not isinstance(localizer, DetectingLocalizer)
-        or type(localizer).describe is not DetectingLocalizer.describe  # it may do without `describe_detections`
+        or type(localizer).describe is not DetectingLocalizer.describe  # it may not call `describe_detections`
     ):
         start = time.perf_counter()
         description = localizer.describe(panorama)

@@ -46,6 +46,9 @@ def fuse_answers(answers: Sequence[Localization], T_last_view: np.ndarray | None
     probability (or score) is converted to the pose of the last view. If `T_last_view` is None, only the answer to the
     last view can give the pose.
 
+    If an answer has the status OUT_OF_MAP, and the fused out-of-map probability exceeds MAX_OUT_OF_MAP_PROBABILITY, the
+    fused answer has the status OUT_OF_MAP and no pose.
+
     Args:
         answers: The answers, at least one, in the order of the views.
         T_last_view: (V, 4, 4) poses of the views in the frame of the last view; None: unknown.

@@ -194,7 +194,9 @@ class LocalizationMap:
         if not indexed:
             return opened
         with _blaming(parts.folder, localizer), warnings.catch_warnings():
-            warnings.simplefilter("error", np.exceptions.ComplexWarning)  # complex numbers in place of real ones
+            warnings.simplefilter(
+                "error", np.exceptions.ComplexWarning
+            )  # raised if a saved array is complex and not real
             if parts.has_index(localizer):
                 localizer.open_index(parts.index_folder(localizer), packed, frames)
             else:
@@ -388,7 +390,7 @@ class LocalizationMap:
             )
         panorama = Panorama("the detections")
         description = self.localizer.describe_detections(detections, panorama)
-        unknown = LevelSurfaces(np.nan, np.nan)  # so that the query is not turned
+        unknown = LevelSurfaces(np.nan, np.nan)  # the query is then not treated as upside down
         return DescribedView(panorama.id, description, unknown, 0.0, lambda: (description, 0.0))
 
     def answer_query(self, query: DescribedQuery, fusion: Fusion = Fusion.JOINED) -> Localization:
@@ -588,7 +590,7 @@ def _blaming(folder: Path | None, localizer: Localizer) -> Iterator[None]:
         yield
     except (SalframeError, OSError, MemoryError):
         raise
-    except Exception as error:  # libraries have exceptions of their own
+    except Exception as error:  # libraries raise exceptions of many types
         where = "the map" if folder is None else str(folder)
         names = [] if folder is None else find_not_finite(folder)
         hint = f" (not finite: {', '.join(names)})" if names else ""

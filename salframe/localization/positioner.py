@@ -15,7 +15,12 @@ from salframe.panoramas.geometry import pose_yaw
 
 
 class PoseStatus(StrEnum):
-    """Whether a pose was estimated, or why not."""
+    """Whether a pose was estimated, or the reason why not.
+
+    TOO_FEW: too few matched nodes or inliers. DEGENERATE: the arrangement of the nodes does not determine a pose.
+    AMBIGUOUS: a different pose has nearly the same support. INCONSISTENT: the matches agree with no common pose.
+    NO_RANGE: the method requires ranges, and the query has none.
+    """
 
     OK = "ok"
     TOO_FEW = "too-few"
@@ -31,7 +36,7 @@ class PoseEstimate:
 
     Attributes:
         T_reference_query: (4, 4) pose; None if `status` is not OK.
-        status: Whether a pose was estimated, or why not.
+        status: Whether a pose was estimated, or the reason why not.
         covariance: (3, 3) covariance of (x_m, y_m, yaw_rad) for SE(2), (6, 6) for SE(3); None if it is unknown.
         inliers: (M,) bool, whether each matched pair is an inlier.
         runner_up: Support of the second best pose divided by the support of this pose, in [0, 1].

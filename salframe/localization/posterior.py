@@ -199,7 +199,7 @@ def read_fitted(part: str, value: Any) -> Any:
     if not isinstance(content, Mapping):
         raise ValueError(f"{value['kind']} has no mapping `{part}`, expected a file that `salframe fit` wrote")
     rest = {key: number for key, number in value.items() if key != "kind"}
-    # A complete mapping comes from a preset: the file replaces it. An incomplete one replaces parameters of the file.
+    # A complete mapping comes from a preset: the file replaces it. Otherwise it changes parameters of the file.
     return content if content.keys() <= rest.keys() else merge(content, rest)
 
 

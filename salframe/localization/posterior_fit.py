@@ -57,8 +57,8 @@ class Fit:
         place_nll_before: Mean negative log-likelihood of the true place in the `place_answers`, with temperature 1.
         place_nll_after: Mean negative log-likelihood of the true place in the `place_answers`, with the fitted
             temperature.
-        here_nll_before: Mean negative log-likelihood, over all answers, of the truth whether the query is in the map.
-            The probability is the same for all answers: the share of queries in the map.
+        here_nll_before: Mean negative log-likelihood of the truth (query in the map, or not), over all answers. The
+            probability is the same for all answers: the share of queries in the map.
         here_nll_after: The same mean, with the probabilities of the fitted head.
     """
 
@@ -79,8 +79,9 @@ def fit_posterior(answers: Sequence[ScoredAnswer]) -> Fit:
     fitted to differences between queries to the same map. Each map has the same weight in the head.
 
     Raises:
-        DataError: All places of each answer have equal scores; there are no queries in the map that are answered
-            correctly, or no out-of-map queries; or the scores of all out-of-map answers are equal.
+        DataError: In any of these cases: no answer ranks the true place of its query; there are no answers to
+            out-of-map queries; in each answer, all places have the same score; all out-of-map answers have the same
+            contrast.
     """
     ranked = [answer for answer in answers if answer.here and answer.true_place is not None]
     num_out_of_map = sum(not answer.here for answer in answers)
@@ -159,8 +160,8 @@ def _fit_head(answers: Sequence[ScoredAnswer], temperature: float) -> Head:
         moments_of_map = {"absent_mean": map_mean, "absent_deviation": map_deviation or deviation}
         rows = map_number == number
         z[rows] = head.model_copy(update=moments_of_map).standardize(contrast[rows], nu[rows])
-    # Given the number of objects, right answers are a (present / absent) times as frequent as out-of-map answers, with
-    # a the accuracy. The ratio of their likelihoods does not depend on this.
+    # For a given number of objects, correct answers are a * (present / absent) times as frequent as out-of-map answers,
+    # where a is the accuracy. The likelihood ratio does not include this factor, which is therefore an offset.
     map_accuracy = np.array([accuracies.get(number, accuracy) for number in map_number])
     frequency = np.maximum(shift_probability(map_accuracy, accuracy_effect * nu), _MIN_ACCURACY)
     weight = _equal_weights(map_number)

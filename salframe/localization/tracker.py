@@ -38,9 +38,9 @@ class TrackedPose:
         support: Evidence for the pose, not negative; larger is better. Its unit depends on the tracker.
 
     Raises:
-        InvalidAnswer: The status is not a TrackStatus; TRACKING has no place or pose; only one of place and
-            pose is None; the pose is not a rigid motion; the covariance has another shape, or is not finite, symmetric
-            and positive semidefinite; or the support is negative or NaN.
+        InvalidAnswer: In any of these cases: the status is not a TrackStatus; the status is TRACKING and there is no
+            pose; only one of place and pose is None; the pose is not a rigid motion; the covariance has another shape,
+            or is not finite, symmetric and positive semidefinite; the support is negative or NaN.
     """
 
     status: TrackStatus

@@ -72,7 +72,8 @@ def draw_episodes(sites: Mapping[str, Site], count: int, seed: int) -> tuple[lis
 
     Args:
         sites: Mapping from the id of each world to its site.
-        count: Number of episodes, distributed evenly over the worlds.
+        count: Number of episodes to generate, distributed evenly over the worlds. An episode for which TRIES attempts
+            fail is left out.
         seed: Random seed.
 
     Returns:

@@ -119,7 +119,7 @@ class Sight:
         self._map = LocalizationMap.from_descriptions(
             self._localizer, descriptions, usable, floors, calibrate=self._map is None
         )
-        self._map.calibration = self._map.calibration or calibration  # maps of one building differ in few frames
+        self._map.calibration = self._map.calibration or calibration  # the same calibration for all maps of a building
         return self._map
 
     def _describe(self, frame: ReferenceFrame) -> Description | None:

@@ -57,7 +57,8 @@ class AccessRules:
 
     @classmethod
     def of_address(cls, host: str, token: str | None, origins: Sequence[str]) -> AccessRules:
-        """Return the rules of a service that listens on an address."""
+        """Return the rules of a service that listens on the address `host`. If it is a loopback address, only loopback
+        names are accepted in the header Host."""
         hosts = tuple(dict.fromkeys((host, *_LOOPBACK_NAMES))) if is_loopback(host) else ()
         return cls(token, hosts, tuple(origins))
 
@@ -130,7 +131,7 @@ class Access:
         except Problem as problem:
             if is_websocket:
                 await receive()
-                await send({"type": "websocket.close", "code": 1008})  # before it is accepted: HTTP status 403
+                await send({"type": "websocket.close", "code": 1008})  # closed before it is accepted: HTTP status 403
             else:
                 await problem_response(problem)(scope, receive, send_secured)
             return

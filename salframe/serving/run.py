@@ -44,7 +44,7 @@ def serve_map(
         token: Token that requests must send; None: no token is needed.
         origins: Origins of other sites whose pages may use the service.
         limits: The limits of the service; None: the default limits.
-        tell_url: Called with the URL of the service just before the service starts.
+        tell_url: Called with the URL of the service after the port was opened.
 
     Raises:
         DataError: The folder contains no map that can localize.

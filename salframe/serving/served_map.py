@@ -130,7 +130,7 @@ class MapHolder:
         with self._lock:
             try:
                 stamp = _stamp(self._folder)
-            except DataError as error:  # between two versions, or removed
+            except DataError as error:  # the map is being replaced, or was removed
                 self.failure = str(error)
                 return self.current
             if stamp in (self.current.stamp, self._failed_stamp):

@@ -94,7 +94,7 @@ class Session:
     def _localize(self, served: ServedMap, described: ServedView, odometry: np.ndarray | None) -> Localization:
         """Return the answer to the latest views. After an error, the earlier views are discarded."""
         position_m, between = described.query.position_m, None
-        if odometry is not None:  # the motion of the camera, whose axes are those of the base
+        if odometry is not None:  # compute the motion of the camera; its axes are parallel to the base
             between = translation(-self._position_m) @ odometry @ translation(position_m)
         try:
             self._window.move(between)

@@ -216,7 +216,7 @@ def _store(source: BinaryIO, path: Path, limits: ServiceLimits) -> Path:
     try:
         with Image.open(path, formats=("JPEG", "PNG")) as picture:
             width, height = picture.size
-    except Exception:  # Pillow raises many types of exceptions; the reader describes what is wrong
+    except Exception:  # Pillow raises many types of exceptions; the image reader reports the error later
         return path
     if width * height > limits.max_pixels:
         raise Problem(

@@ -83,7 +83,7 @@ def build_topology(
 def _split_by_floor(
     frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks], notes: list[str]
 ) -> list[list[ReferenceFrame]]:
-    """Return the frames of each floor."""
+    """Return the frames of each floor. Append a note for each frame that is on no floor."""
     check_heights(floors)
     frames_by_floor: list[list[ReferenceFrame]] = [[] for _ in floors]
     for frame in frames:

@@ -95,8 +95,11 @@ def _write_parquet(directory: Path, path: Path) -> tuple[Path, ...]:
 
 
 def _write_graphml(directory: Path, path: Path) -> tuple[Path, ...]:
-    """Write nodes with kind, x_m, y_m, z_m, regions and frames, and edges with kind, length_m, azimuth_deg and path_m;
-    lists are joined by ';'."""
+    """Write the topology as GraphML.
+
+    Nodes have the attributes kind, x_m, y_m, z_m, regions and frames. Edges have the attributes kind, length_m,
+    azimuth_deg and path_m. Lists are joined by ';'.
+    """
     import networkx as nx
 
     topology = open_topology(directory)

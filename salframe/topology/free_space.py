@@ -152,7 +152,7 @@ class OccupancyGrid:
         reach_m = np.where(np.isfinite(nearest_m), nearest_m, farthest_m)
         azimuth = (np.arange(num_directions) + 0.5) * 2 * np.pi / num_directions
         corners_m = camera_xy_m + reach_m[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], 1)
-        # fillPoly also fills the cells on the outline; the pixel centre is at an integer.
+        # fillPoly also fills the cells on the outline. In OpenCV, pixel centres have integer coordinates.
         pixels = (corners_m - self.origin_m) / (RESOLUTION_M, -RESOLUTION_M) - 0.5
         filled = np.zeros(self._log_odds.shape, np.uint8)
         cv2.fillPoly(filled, [np.round(pixels * 16).astype(np.int32)], 1, shift=4)
