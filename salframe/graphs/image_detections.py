@@ -57,9 +57,10 @@ class ImageDetections:
 
 
 def suppress(detections: ImageDetections, overlap: float) -> ImageDetections:
-    """Suppress boxes of one class whose intersection over union exceeds `overlap`, except the one with the best score.
+    """Return the detections after non-maximum suppression: if the intersection over union of boxes of one class exceeds
+    `overlap`, only the box with the best score remains.
 
-    At most CANDIDATES boxes are compared, and at most MAX_DETECTIONS returned, those with the best scores.
+    Only the CANDIDATES boxes with the best scores are compared. At most MAX_DETECTIONS boxes are returned.
     """
     import cv2
 

@@ -26,7 +26,7 @@ class GraphMatch:
         pairs: (M, 2) int64, index of the query node and index of the scene node of each matched pair.
         T_scene_query: (4, 4) pose of the query relative to the panorama of the scene; None for matchers that estimate
             no pose.
-        scale: Factor that corrects the ranges of the query; 1 for matchers that estimate no scale.
+        scale: Factor from the ranges of the query to true ranges; 1 for matchers that estimate no scale.
     """
 
     scene: int
@@ -83,7 +83,11 @@ class GraphMatcher(Role):
     def match(self, query: SaliencyGraph, index: Any, top_k: int) -> list[GraphMatch]:
         """Return at most `top_k` matches, best first. Graphs without a matched object are left out.
 
-        If the query has no range, the sizes and centroids of its objects are NaN (see SaliencyGraph).
+        Args:
+            query: Graph of the query. If it has no range, the sizes and centroids of its objects are NaN (see
+                SaliencyGraph).
+            index: The result of `index` or `open_index`.
+            top_k: Maximum number of matches.
         """
 
     def rank(self, query: SaliencyGraph, index: Any, top_k: int) -> RankedGraphs:

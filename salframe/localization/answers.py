@@ -58,7 +58,8 @@ class LocalizationStatus(StrEnum):
     """Result of a localization: an answer (`OK`, `NO_POSE`), or the reason why there is none.
 
     An answer with `NO_POSE` has places, but no pose. An answer with `OUT_OF_MAP` also has places, but the query is
-    probably in none of these places.
+    probably in none of these places. `NO_OBJECTS` and `NO_FEATURES`: the query shows none. `NO_MATCH`: nothing in the
+    map matches the query. `LOW_SCORE`: the best score is below the minimum of the method.
     """
 
     OK = "ok"

@@ -58,7 +58,10 @@ MAX_HEIGHTS = 200
 
 
 class LocalizationMap:
-    """A map in which a localizer localizes queries: reference frames, their packed descriptions, and floor masks.
+    """A map in which a localizer localizes queries.
+
+    It consists of reference frames (panoramas with known places and poses), their descriptions in packed form, and
+    floor masks.
 
     Create one with `build`, `from_descriptions` or `open`. Use a new localizer for each map: a localizer holds the
     index of one map at a time.
@@ -194,9 +197,7 @@ class LocalizationMap:
         if not indexed:
             return opened
         with _blaming(parts.folder, localizer), warnings.catch_warnings():
-            warnings.simplefilter(
-                "error", np.exceptions.ComplexWarning
-            )  # raised if a saved array is complex and not real
+            warnings.simplefilter("error", np.exceptions.ComplexWarning)  # raised for complex saved arrays
             if parts.has_index(localizer):
                 localizer.open_index(parts.index_folder(localizer), packed, frames)
             else:

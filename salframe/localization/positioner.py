@@ -32,7 +32,7 @@ class PoseStatus(StrEnum):
 
 @dataclass(frozen=True)
 class PoseEstimate:
-    """The estimated pose of the query in the reference frame.
+    """The estimated pose of the query in the coordinate frame of the reference panorama.
 
     Attributes:
         T_reference_query: (4, 4) pose; None if `status` is not OK.
@@ -40,8 +40,8 @@ class PoseEstimate:
         covariance: (3, 3) covariance of (x_m, y_m, yaw_rad) for SE(2), (6, 6) for SE(3); None if it is unknown.
         inliers: (M,) bool, whether each matched pair is an inlier.
         runner_up: Support of the second best pose divided by the support of this pose, in [0, 1].
-        yaw_rad: Azimuth of the x axis of the query in the reference frame. If there is a pose, it is set to the yaw of
-            the pose. It may also be known without a pose. None if it is unknown.
+        yaw_rad: Azimuth of the x axis of the query in the frame of the reference panorama. If there is a pose, it is
+            set to the yaw of the pose. It may also be known without a pose. None if it is unknown.
 
     Raises:
         InvalidAnswer: The status is not a PoseStatus.
@@ -77,21 +77,22 @@ class Positioner(Role):
 
     @abstractmethod
     def solve(self, query_m: np.ndarray, reference_m: np.ndarray, weights: np.ndarray | None = None) -> PoseEstimate:
-        """Estimate the pose of the query in the reference frame from matched points.
+        """Estimate the pose of the query in the frame of the reference panorama from matched points.
 
         Args:
-            query_m: (M, 3) points in the frame of the query.
-            reference_m: (M, 3) points in the reference frame.
-            weights: (M,) weights; None: equal weights.
+            query_m: (M, 3) points in the frame of the query, in metres.
+            reference_m: (M, 3) matched points in the frame of the reference panorama, in metres.
+            weights: (M,) weights of the matches; None: equal weights.
         """
 
     def resect(self, bearing: np.ndarray, reference_m: np.ndarray) -> PoseEstimate:
-        """Estimate the pose of the query in the reference frame from directions that are matched with points.
+        """Estimate the pose of the query in the frame of the reference panorama from directions that are matched with
+        points.
 
-        The default returns NO_RANGE: override it to support queries without range.
+        The default returns the status NO_RANGE: override it to support queries without range.
 
         Args:
             bearing: (M, 3) unit vectors in the frame of the query.
-            reference_m: (M, 3) points in the reference frame.
+            reference_m: (M, 3) matched points in the frame of the reference panorama, in metres.
         """
         return PoseEstimate(None, PoseStatus.NO_RANGE, None, np.zeros(len(bearing), bool))

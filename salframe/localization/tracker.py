@@ -17,7 +17,8 @@ from salframe.panoramas.geometry import is_rigid
 
 
 class TrackStatus(StrEnum):
-    """Whether a tracker knows the pose of the camera, or the reason why it does not."""
+    """Whether a tracker knows the pose of the camera. LOST: it does not know the pose. OUT_OF_MAP: the camera is
+    probably outside of the map."""
 
     TRACKING = "tracking"
     LOST = "lost"

@@ -74,7 +74,8 @@ class NavigationConfig(Settings):
 
 
 Look = Callable[[np.ndarray, float, np.ndarray | None], Located]
-"""Function look(T_world_pano, yaw_rad, turn) that localizes an agent. Arguments are those of `Sight.look`."""
+"""Function look(T_world_pano, yaw_rad, turn) that localizes an agent. Its arguments are as in `Sight.look`, without
+`world`."""
 
 
 def walk(site: Site, look: Look, episode: Episode, config: NavigationConfig, seed: int) -> Row:
