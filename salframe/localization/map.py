@@ -332,8 +332,8 @@ class LocalizationMap:
         Raises:
             InputMissing: The query lacks a part that the localizer requires, such as range. The error suggests
                 components that do not need this part.
-            DataError: Both a query and images were passed, the query has a wrong type, an image is malformed, there are
-                no views, or the views have a wrong motion.
+            DataError: In any of these cases: both a query and images were passed; the query has a wrong type; an image
+                is malformed; there are no views; the views have a wrong motion.
         """
         if views is not None:
             if any(part is not None for part in (query, rgb, range_m, annotations)):

@@ -42,9 +42,9 @@ class Agent:
     """An agent that walks to a node along the shortest path from its estimated position.
 
     The path has a safety margin to walls. If a path without the margin is shorter by more than MIN_SAVING_M, the agent
-    takes that path. It uses the best guess of its tracker even if the tracker is lost, because later answers correct
-    the guess. If an answer is not accepted, the agent first turns on the spot to the next view that the answer
-    suggests.
+    takes the shorter path. The agent uses the best guess of its tracker even if the tracker is lost, because later
+    answers correct the guess. If an answer is not accepted, the agent first turns on the spot to the next view that the
+    answer suggests.
     """
 
     def __init__(

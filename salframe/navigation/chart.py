@@ -20,7 +20,7 @@ ROOM_M = 0.07
 its path."""
 AHEAD_M, CLEAR_M = 0.1, 0.30
 """If an agent collides, and the floor masks show a clearance of at least CLEAR_M metres at the point AHEAD_M metres
-ahead of it, the masks do not contain the obstacle."""
+ahead of the agent, it is assumed that the masks do not contain the obstacle."""
 BUMP_M, BUMP_AHEAD_M = 0.2, 0.3
 """Radius of the disc that an agent avoids after a collision with an obstacle that the masks do not contain, and
 distance of the centre of the disc ahead of the agent, in metres. A larger obstacle causes several collisions."""

@@ -39,7 +39,8 @@ class EpisodeStatus(StrEnum):
 
 
 class NavigationConfig(Settings):
-    """Settings of navigation, the same for every method of a run. All noise is normally distributed."""
+    """Settings of navigation, the same for every method of a run. The noise of turns and of lengths is normally
+    distributed."""
 
     planner: slot("planner", default_of("navigation_planner"), description="route planner")  # type: ignore[valid-type]
     tracker: slot("tracker", description="tracker of the agent's pose")  # type: ignore[valid-type]

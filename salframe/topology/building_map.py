@@ -38,7 +38,7 @@ class BuildingMap:
 
     Attributes:
         localization: The localization map; None for data without reference frames.
-        topology: The topological map; None if the data have no floors or the topology was disabled.
+        topology: The topological map; None if the data have no usable floors, or the topology was disabled.
     """
 
     localization: LocalizationMap | None
@@ -90,7 +90,7 @@ def build_map(
             has no floor masks.
         data_dir: folder with the files of the dataset.
         overrides: settings, "key.path=value" each; settings of data and engine start with "data." and "engine.".
-        engine: name of the component that renders and describes.
+        engine: name of the engine, which distributes the rendering and the description of panoramas.
         progress: called with the name of the step, the number of items done and their total number.
         tell: called with messages for the user, one line each.
 

@@ -83,8 +83,8 @@ def derive_floors(
             from the range images.
 
     Raises:
-        DataError: A free space was passed for frames on several storeys, the frames have no range, no free floor was
-            seen, or a storey is too large for one grid.
+        DataError: In any of these cases: a free space was passed for frames on several storeys; the frames have no
+            range; no frame shows free floor; a storey is too large for one grid.
         RequirementMissing: scikit-image is not installed.
     """
     if space is None and not any(panorama.range_m is not None for _, panorama in load_samples(frames, NUM_SAMPLES)):

@@ -85,8 +85,8 @@ def add_to_map(
         tell: called with messages for the user, one line each.
 
     Raises:
-        DataError: The folder contains no map with a localization method, a frame has the id of a frame of another place
-            in the map, or floors cannot be joined.
+        DataError: In any of these cases: the folder contains no map with a localization method; a frame has the id of a
+            frame of another place in the map; floors cannot be joined.
         InputMissing: Panoramas lack an input that the method needs.
     """
     directory = Path(directory)
@@ -172,8 +172,8 @@ def merge_maps(directory: str | Path, others: Iterable[str | Path]) -> MapChange
     an error occurs, the map does not change.
 
     Raises:
-        DataError: A folder contains no map with a localization method, methods, settings or weights differ, two maps
-            have a place or a frame of the same name, or floors cannot be joined.
+        DataError: In any of these cases: a folder contains no map with a localization method; methods, settings or
+            weights differ; two maps have a place or a frame of the same name; floors cannot be joined.
     """
     directory = Path(directory)
 

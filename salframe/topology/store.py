@@ -123,8 +123,8 @@ def _check_edges(path: Path, nodes: Sequence[MapNode], edges: Sequence[MapEdge])
     """Check that ids are unique and that edges agree with the positions of their nodes.
 
     Raises:
-        DataError: Two nodes have the same id, or an edge has unknown nodes, or an azimuth, length or path that does not
-            lead from one node to the other.
+        DataError: Two nodes have the same id; or an edge has unknown nodes; or its azimuth, length or path does not
+            match the positions of its nodes.
     """
     place = {node.id: np.array(node.xyz_m) for node in nodes}
     if len(place) < len(nodes):
