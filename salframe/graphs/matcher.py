@@ -21,7 +21,7 @@ class GraphMatch:
     """A match of a query graph with a graph of the map.
 
     Attributes:
-        scene: Index of the scene in the map.
+        scene: Index of the scene (the graph of one reference frame) in the map.
         score: Score of the match, larger is better.
         pairs: (M, 2) int64, index of the query node and index of the scene node of each matched pair.
         T_scene_query: (4, 4) pose of the query relative to the panorama of the scene; None for matchers that estimate

@@ -20,7 +20,8 @@ from salframe.graphs.graph import SaliencyGraph
 
 @dataclass(frozen=True, eq=False)
 class SceneCandidates:
-    """K candidate scenes, best first; scenes of equal scores are sorted by index.
+    """K candidate scenes (graphs of reference frames) of a map, best first. Scenes with equal scores are sorted by
+    index.
 
     Attributes:
         scene: (K,) int64, indices of the scenes in the map.
@@ -42,7 +43,10 @@ class SceneLookup(Protocol):
 
 
 class SceneIndex(Role):
-    """Selects the scenes of a large map that are matched with a query, with an index in a memory-mapped folder."""
+    """Selects the scenes of a large map that are matched with a query, with an index in a memory-mapped folder.
+
+    A scene is the graph of one reference frame.
+    """
 
     role = "scene-index"
     word = "scene index"

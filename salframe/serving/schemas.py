@@ -20,7 +20,7 @@ _Angle = Annotated[float, Field(ge=-360, le=360)]
 class RequestBody(BaseModel):
     """Base of the bodies of requests. Unknown keys, infinity and NaN are not allowed.
 
-    All limits are constraints of pydantic fields, because pydantic checks these in fast compiled code.
+    All limits are constraints of pydantic fields, because pydantic checks such constraints in fast compiled code.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)

@@ -31,8 +31,10 @@ _log = logging.getLogger("salframe.serving")
 
 @dataclass(frozen=True, eq=False)
 class ServedMap:
-    """One version of the map. A request uses the same version from start to end, even if a newer version is opened
-    meanwhile.
+    """One version of the map.
+
+    A request uses the same version from start to end, even if a newer version is opened meanwhile. If the request fails
+    because the files were replaced, it is repeated with the newer version.
 
     Attributes:
         name: Name of the map folder.

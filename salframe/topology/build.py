@@ -51,8 +51,8 @@ def build_topology(
         regions and nodes that are out of reach.
 
     Raises:
-        DataError: In any of these cases: there is no floor; two floors that touch have the same height; a floor has no
-            region; two nodes have the same name; a frame has no pose.
+        DataError: In any of these cases: there is no floor; two floors that touch have the same height; no region of a
+            floor has free floor; two nodes have the same name.
     """
     if not floors:
         raise DataError("a topological map needs floor masks, received none: the dataset has no floors")
