@@ -1,7 +1,7 @@
 """salframe: indoor localization from a single RGB-D panorama with 360-degree saliency graphs.
 
-The exports of this module are the public API; everything else may change. A name is imported when it is first used.
-__init__.pyi lists the names and their modules.
+The names that this module exports are the public API. Everything else may change without notice. A name is imported
+when it is first used. The file __init__.pyi lists the names and their modules.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""The core as a plugin: its roles, and the dataset that reads the folder format."""
+"""The plugin of the core package: it provides the roles, and the dataset that reads the folder format."""
 
 from __future__ import annotations
 

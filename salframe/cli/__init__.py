@@ -1,4 +1,4 @@
-"""The `salframe` command line. Commands import their dependencies when they run, so that `--help` stays fast."""
+"""The `salframe` command line. Commands import their dependencies only when they run, so that `--help` is fast."""
 
 from __future__ import annotations
 
@@ -44,18 +44,19 @@ from salframe.framework.components.entry_points import COMMANDS, discover
 from salframe.framework.errors import ConfigError, SalframeError, describe_error, one_line
 
 _UsageError: Any = typer.BadParameter.__base__
-"""An option or argument that does not exist, is missing, or has an invalid value. Typer does not export this class."""
+"""Error for an option or argument that does not exist, is missing, or has an invalid value. Typer does not export this
+class."""
 
 
 class _Interrupted(Exception):
-    """An interrupt by the user. Typer would end the process on a KeyboardInterrupt, but not on this exception."""
+    """An interrupt by the user. It replaces KeyboardInterrupt, on which Typer would end the process itself."""
 
 
 class Commands(TyperGroup):
     """The built-in commands, and the commands of plugins. Commands of plugins are loaded when they are listed or
     called.
 
-    Contexts and commands are types of click, which typer does not export.
+    Contexts and commands have the annotation Any, because typer does not export their types (from click).
     """
 
     @cached_property
@@ -73,12 +74,14 @@ class Commands(TyperGroup):
         return command
 
     def invoke(self, ctx: Any) -> None:
-        """Run a command. Turn a KeyboardInterrupt, and a SystemExit of a component, into exceptions that reach `main`.
+        """Run a command. Convert a KeyboardInterrupt, and a SystemExit of a component, to exceptions that `main`
+        handles.
 
-        Typer itself never raises SystemExit here. A component may, and the process would end as if it had succeeded.
+        Typer itself never raises SystemExit here. If a component raises it, the process would otherwise end as if the
+        command had succeeded.
         """
         try:
-            super().invoke(ctx)  # a plugin's command may return a value, which is no exit status
+            super().invoke(ctx)  # a plugin's command may return a value, which is not an exit status
         except KeyboardInterrupt as stop:
             raise _Interrupted from stop
         except SystemExit as stop:
@@ -165,7 +168,8 @@ PANELS: dict[str, tuple[Any, ...]] = {
         *(inspect.doctor, docs.docs),
     ),
 }
-"""Commands, or names and groups of commands, by the panel of `salframe --help`."""
+"""The commands by the panel of `salframe --help` that lists them. A group of commands is a pair of its name and its
+app."""
 for _panel, _commands in PANELS.items():
     for _command in _commands:
         if isinstance(_command, tuple):
@@ -175,7 +179,7 @@ for _panel, _commands in PANELS.items():
 
 
 class _Terminated(KeyboardInterrupt):
-    """A request to end, by SIGTERM. Like an interrupt, it lets workers and files be closed."""
+    """A request to end the process, by SIGTERM. As for an interrupt, workers and files are closed first."""
 
 
 def _terminate(signal_number: int, frame: FrameType | None) -> None:
@@ -185,8 +189,8 @@ def _terminate(signal_number: int, frame: FrameType | None) -> None:
 def main() -> None:
     """Run the command line.
 
-    An error that a user can cause prints one line on stderr and exits with status 2. An interrupt prints one line and
-    exits with status 130, SIGTERM with status 143.
+    For an error that a user can cause, one line is printed on stderr, and the exit status is 2. For an interrupt, one
+    line is printed, and the exit status is 130. For SIGTERM, it is 143.
     """
     signal.signal(signal.SIGTERM, _terminate)
     show_log()
@@ -211,7 +215,7 @@ def main() -> None:
     except OSError as error:  # for example a full disk, or a folder without write permission
         if _debug:
             raise
-        if error.filename is None:  # files have a name; Python would report the unwritable output again when it exits
+        if error.filename is None:  # stdout is not writable; otherwise Python would report this again at exit
             sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
         _fail(f"cannot use {error.filename or 'the standard output'}: {error.strerror or error}")
     except MemoryError as error:
@@ -223,7 +227,7 @@ def main() -> None:
 
 
 def _check_arguments(arguments: Sequence[str]) -> None:
-    """Raise ConfigError if an argument is not valid UTF-8, which the files of salframe cannot store."""
+    """Raise ConfigError if an argument is not valid UTF-8. The files of salframe can only store UTF-8 text."""
     for argument in arguments:
         try:
             argument.encode()
@@ -232,7 +236,8 @@ def _check_arguments(arguments: Sequence[str]) -> None:
 
 
 def _fail_usage(error: Any) -> NoReturn:
-    """Print a usage error in one line. The error of a call without arguments is the help, which rich has printed."""
+    """Print a usage error in one line, and exit with status 2. If the command was called without arguments, only the
+    help is printed."""
     if type(error).__name__ != "NoArgsIsHelpError":  # typer does not export it
         hint = f"; see {error.ctx.command_path} --help" if error.ctx else ""
         message = error.format_message().replace("Value error, ", "").rstrip(".")

@@ -9,7 +9,8 @@ if TYPE_CHECKING:
 
 
 def describe_calibration(calibration: MapCalibration | None) -> str:
-    """Return the calibration of a map in one line: numbers of frames, parameters, and quality by cross-validation."""
+    """Return a line of text about the calibration of a map: numbers of frames, parameters, and cross-validated
+    quality."""
     if calibration is None:
         return "not calibrated"
     head = calibration.head

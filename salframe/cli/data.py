@@ -56,7 +56,7 @@ def info(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, as
     try:
         for note in data_notes(dataset):
             warn(note)
-    except DataError as error:  # building a map stops with it
+    except DataError as error:  # building a map raises this error
         warn(str(error))
     for note in places_notes(dataset):
         tell(note)

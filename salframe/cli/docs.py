@@ -11,7 +11,7 @@ from salframe.cli.options import Json
 from salframe.cli.output import print_json, tell
 
 SECTIONS = ("index", "tutorials", "how-to", "results", "explanation", "reference")
-"""Order in which pages are listed, and in which a short name is looked up."""
+"""Folders of pages, in the order in which pages are listed, and in which a page with a short name is searched."""
 
 
 def docs(
@@ -55,7 +55,7 @@ def docs(
 
 
 def _folder() -> Path:
-    """Return the folder of the pages, in the installation or in the clone."""
+    """Return the folder of the pages, in the installed package or in the clone of the repository."""
     package = Path(__file__).parents[1]
     installed = package / "docs"
     return installed if installed.is_dir() else package.parent / "docs"

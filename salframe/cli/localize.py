@@ -120,7 +120,7 @@ def localize(
 
 
 def tell_choices(map: Path) -> None:
-    """Print the component of each slot of a map's localizer that `auto` may have selected."""
+    """Print which component the localizer of a map has in each slot whose component `auto` can select."""
     from salframe.cli.output import tell
     from salframe.framework.component import components_in
     from salframe.framework.components.defaults import auto_order
@@ -134,7 +134,8 @@ def tell_choices(map: Path) -> None:
 def print_answer(answer: Localization) -> None:
     """Print the answer of a localizer: status, the five best places, the pose or only the heading, and notes.
 
-    Places are printed with their probability, or with their score if they have none. All shares sum to 100 %.
+    Each place is printed with its probability, or with its score if it has no probability. The printed probabilities,
+    including those of the other places and of out-of-map, sum to 100 %.
     """
     from salframe.localization.answer_json import pose_json
 

@@ -27,16 +27,13 @@ RUNS = Path("runs")
 
 MAX_SEED, MAX_WORKERS = 2**63 - 1, 1024
 MIN_FOV_DEG, MAX_FOV_DEG = 5.0, 170.0
-"""The limits of salframe.panoramas.camera, whose import would slow down `--help`."""
+"""The same limits as in salframe.panoramas.camera. Importing that module would slow down `--help`."""
 MAX_ANGLE_DEG, MAX_LIMIT = 3600.0, 1e9
 
 
 def number_parser(option: str, kind: type[int] | type[float], low: float, high: float) -> Callable[[Any], Any]:
-    """Return the parser of an option that takes a number from `low` to `high`.
-
-    Raises:
-        ConfigError: The text is not a number in this range.
-    """
+    """Return the parser of an option that takes a number from `low` to `high`. The parser raises ConfigError if the
+    text is not a number in this range."""
     noun = "an integer" if kind is int else "a number"
 
     def parse(text: Any) -> Any:
@@ -52,7 +49,8 @@ def number_parser(option: str, kind: type[int] | type[float], low: float, high: 
 
 
 def limit_parser(option: str) -> Callable[[Any], float | None]:
-    """Return the parser of an option that takes a limit: a positive number, or inf for no limit."""
+    """Return the parser of an option that takes a limit: a positive number, or inf for no limit (None). The parser
+    raises ConfigError for any other text."""
 
     def parse(text: Any) -> float | None:
         try:
@@ -154,10 +152,10 @@ def split_names(names: str) -> tuple[str, ...]:
 def range_options(
     has_range: bool, unit_m: float | None, missing: Sequence[int] | None, kind: str | None
 ) -> dict[str, Any]:
-    """Return the options of a range image that the user set, as arguments of functions that read it.
+    """Return the options for range images that the user set, as keyword arguments for functions that read range images.
 
     Raises:
-        ConfigError: An option was set without a range image.
+        ConfigError: An option was set, but there is no range image.
     """
     values = {"range_unit_m": unit_m, "range_missing": tuple(missing) if missing else None, "range_kind": kind}
     chosen = {name: value for name, value in values.items() if value is not None}
@@ -170,12 +168,18 @@ def range_options(
 
 
 def with_workers(overrides: list[str] | None, workers: int | None) -> tuple[str, ...]:
-    """Return the settings of `--set` and `--workers`."""
+    """Return the settings of `--set` and `--workers`, "key.path=value" each."""
     return (*(overrides or ()), *(() if workers is None else (f"engine.workers={workers}",)))
 
 
 class Printing(NamedTuple):
-    """Output format of a result: JSON, or tables in the style of `--format` with these columns."""
+    """Output format of a result.
+
+    Attributes:
+        as_json: Whether to print JSON in place of tables.
+        style: Style of the tables, a value of `--format`.
+        columns: Names of the columns of the tables; empty: the main columns.
+    """
 
     as_json: bool = False
     style: str = "table"
@@ -207,11 +211,11 @@ class CommonOptions:
 
     @property
     def settings(self) -> tuple[str, ...]:
-        """Return the settings of `--set` and `--workers`."""
+        """The settings of `--set` and `--workers`, "key.path=value" each."""
         return with_workers(self.overrides, self.workers)
 
     def request(self, methods: str = "") -> Request:
-        """Return these options as a request, for comma-separated `methods`."""
+        """Return the request for a run with these options. `methods` are the comma-separated names of the methods."""
         from salframe.evaluation.runs.limits import Limits
         from salframe.evaluation.runs.request import Request
 
@@ -234,8 +238,9 @@ def with_common_options(without: Sequence[str] = (), **replacements: tuple[Any, 
     The command line gets an option for each field of CommonOptions.
 
     Args:
-        without: Fields without an option. They have their defaults.
-        replacements: Type (with its help) and default of fields for which the command has a different option.
+        without: Names of the fields for which the command has no option. They have their default values.
+        replacements: For each field for which the command has a different option: the annotated type (with the help)
+            and the default of this option.
     """
     types = get_type_hints(CommonOptions, include_extras=True)
     option_types = {

@@ -1,4 +1,4 @@
-"""Output of the commands: progress on stderr, results on stdout. With --json, stdout has only JSON."""
+"""Output of the commands: progress on stderr, results on stdout. With --json, only JSON is written to stdout."""
 
 from __future__ import annotations
 
@@ -23,17 +23,20 @@ if TYPE_CHECKING:
 TABLE = "table"
 """Value of `--format` for tables in the terminal."""
 LINE_SECONDS = 30.0
-"""Interval in seconds between progress lines where stderr is not a terminal."""
+"""Interval in seconds between progress lines, if stderr is not a terminal."""
 
 _json_out: TextIO | None = None
 
 
 @contextmanager
 def only_json(is_requested: bool) -> Iterator[None]:
-    """Redirect all output to stderr, in this process and its children. Exception: `print_json` writes to stdout.
+    """Redirect all output except `print_json` to stderr, in this process and its child processes.
 
-    The redirection of the real stdout is permanent, because C libraries flush their buffers, and exit handlers run,
-    after this block. A stdout that was replaced, as in tests, is restored.
+    The redirection of the real stdout is permanent, because C libraries may flush their buffers, and exit handlers may
+    print, after the `with` block. If sys.stdout was replaced, for example in tests, it is restored after the block.
+
+    Args:
+        is_requested: Whether to redirect; if False, nothing is done.
     """
     global _json_out
     if not is_requested:
@@ -57,7 +60,7 @@ def only_json(is_requested: bool) -> Iterator[None]:
 
 
 def print_json(value: Any) -> None:
-    """Print a value as JSON on the original stdout."""
+    """Print a value as JSON on stdout, even inside `only_json`."""
     print(json.dumps(value, indent=2), file=_json_out or sys.stdout)
 
 
@@ -72,7 +75,7 @@ def warn(note: str) -> None:
 
 
 def show_log() -> None:
-    """Print the log messages of the package on stderr, such as that a method replaces another one."""
+    """Print the log messages of the package on stderr."""
     import logging
 
     class ToUser(logging.Handler):
@@ -85,7 +88,8 @@ def show_log() -> None:
 
 
 class Bars:
-    """Progress of tasks on stderr: a bar for each task, or a line every LINE_SECONDS if stderr is not a terminal."""
+    """Shows the progress of tasks on stderr: a bar for each task, or a line every LINE_SECONDS if stderr is not a
+    terminal."""
 
     def __init__(self) -> None:
         from rich.console import Console
@@ -116,7 +120,7 @@ class Bars:
         self._progress.update(self._bars[what], completed=done, total=total)
 
     def _progress_counts(self, latest: str) -> list[str]:
-        """Return the progress of the latest task and of all tasks that have started and not ended."""
+        """Return the progress of the latest task, and of all tasks that are not finished, such as "render 3/12"."""
         counts = self._counts.items()
         return [f"{what} {done}/{total}" for what, (done, total) in counts if what == latest or 0 < done < total]
 
@@ -140,9 +144,9 @@ def show(
     Exits with status 1 if nothing was measured or something crashed.
 
     Args:
-        run: Runs the task and returns its result.
-        printing: How to print the result.
-        kind: The task, if it is known, to check the names of the columns before the run.
+        run: Function that runs the task and returns its result. It is called with the function that shows progress.
+        printing: Output format of the result.
+        kind: Class of the task, to check the names of the columns before the run; None: they are not checked.
         details: Whether to print the detailed tables too.
     """
     from salframe.cli.tables import format_result, print_result

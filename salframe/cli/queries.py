@@ -1,4 +1,4 @@
-"""The query of the command `localize`: frames of a dataset, loose panoramas, or photographs of a camera."""
+"""The query of the command `localize`: frames of a dataset, panoramas from image files, or photographs of a camera."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class QueryOptions:
-    """Options of `localize` that name the query.
+    """Options of the command `localize` that define the query.
 
     Attributes:
-        frames: Images or ids of frames.
+        frames: Paths of images, or ids of frames of the dataset.
         is_sequence: Whether the frames are views of one query.
-        motion: CSV file with the motion between the views.
-        data: Dataset that contains the frames.
-        data_dir: Folder of the dataset files.
-        overrides: Settings of the dataset.
-        rgb: Colour image, instead of the frames.
-        ranges: Range images, one for each view.
-        instances: Images of object ids, one for each view.
-        labels: Labels of the object ids.
+        motion: CSV file with the motion between the views; None: the motion is unknown.
+        data: Dataset that contains the frames; None: the frames are image files.
+        data_dir: Folder with the files of the dataset.
+        overrides: Settings of the dataset, "key.path=value" each.
+        rgb: Colour image in place of `frames`.
+        ranges: Range images, one for each view; empty: no range images.
+        instances: Images of object ids, one for each view; empty: no annotations.
+        labels: JSON file with the labels of the object ids.
         encoding: Options of the range images, as `range_options` returns them.
-        camera: Camera file of photographs.
-        fov_deg: Horizontal field of view of photographs.
+        camera: Camera file of photographs; None: panoramas, or photographs with `fov_deg`.
+        fov_deg: Horizontal field of view of photographs in degrees; None: panoramas, or photographs with `camera`.
 
     Raises:
         ConfigError: Options contradict each other.
@@ -92,7 +92,7 @@ class QueryOptions:
         return self.camera is not None or self.fov_deg is not None
 
     def read(self) -> list[View]:
-        """Return the views of the query, in their order, with the motion between them if it is known.
+        """Read the views of the query, in their order, with the motion between them if it is known.
 
         Notes on the images and warnings on the camera are printed.
 
@@ -128,7 +128,8 @@ class QueryOptions:
         return max(1, len(self.frames))
 
     def _read_views(self, number: int, camera: Camera | None, motion: np.ndarray | None) -> list[View]:
-        """Return one view, or all views of a frame that ends a sequence of its dataset."""
+        """Return one view; or, if the frame is the last view of a sequence of its dataset, all views of the
+        sequence."""
         from salframe.cli.output import Bars, tell
         from salframe.framework.errors import ConfigError
         from salframe.panoramas.frames import QueryFrame

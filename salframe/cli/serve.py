@@ -82,10 +82,10 @@ def serve(
 
 
 def _read_token(path: Path) -> str:
-    """Return the token of a file.
+    """Return the token in a file.
 
     Raises:
-        ConfigError: The file cannot be read, or its token is short or cannot be sent in a header.
+        ConfigError: The file cannot be read, or its token is too short or has characters that a header cannot contain.
     """
     from salframe.framework.errors import ConfigError
     from salframe.framework.files.reading import read_text

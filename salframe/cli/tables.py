@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 INPUT_WIDTH = 22
-"""Maximum width of the column of a method's inputs, in characters; longer text wraps."""
+"""Maximum width of the column with the inputs of a method, in characters. Longer text wraps."""
 
 
 def _console() -> Console:
@@ -41,7 +41,13 @@ def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
 
 
 def print_result(result: Result[Any] | StudyResult, columns: Sequence[str] = (), details: bool = False) -> None:
-    """Print the tables of a result, their notes, and its location. `details` adds the detailed tables."""
+    """Print the tables and notes of a result, and the folder in which it is stored.
+
+    Args:
+        result: The result.
+        columns: Names of the columns of the tables; empty: the main columns.
+        details: Whether to print the detailed tables too.
+    """
     for table in result.tables(columns):
         print_measured(table)
     for table in result.kind.details(result.rows) if details else ():
@@ -54,7 +60,7 @@ def print_result(result: Result[Any] | StudyResult, columns: Sequence[str] = (),
 
 
 def print_experiment(result: ExperimentResult) -> None:
-    """Print the tables of an experiment, the tables reported in papers, and the path of the results file."""
+    """Print the tables of an experiment, the corresponding tables of papers, and the path of the results file."""
     _say(f"{result.experiment.title}: {result.experiment.question}", dim=False)
     for table in result.tables:
         for part in table.tables():
@@ -74,8 +80,8 @@ def print_experiment(result: ExperimentResult) -> None:
 def print_measured(table: Table) -> None:
     """Print a table of measured rows.
 
-    A table that is too wide for the terminal is split: first the cost of the methods, then other columns go to separate
-    tables.
+    A table that is too wide for the terminal is split into several tables. The columns with the cost of the methods are
+    the first to be moved to a separate table.
     """
     from salframe.evaluation.tables.table import split_table
 
@@ -110,7 +116,8 @@ def _rich(table: Table) -> rich_table.Table:
 
 
 def format_result(result: Result[Any] | StudyResult, style: str, columns: Sequence[str] = ()) -> str:
-    """Return the tables of a result as "md", "latex" or "csv"; csv has every column and all digits of every number."""
+    """Return the tables of a result as text in the style "md", "latex" or "csv". "csv" has all columns, and numbers are
+    not rounded."""
     from salframe.evaluation.tables.formats import to_csv, to_markdown
     from salframe.evaluation.tables.reported import reported_tables
 
@@ -124,10 +131,10 @@ def format_result(result: Result[Any] | StudyResult, style: str, columns: Sequen
 
 
 def format_experiment(result: ExperimentResult, style: str) -> str:
-    """Return the tables of an experiment as "md", "latex" or "csv".
+    """Return the tables of an experiment as text in the style "md", "latex" or "csv".
 
-    In "md" and "latex" each table has its title, and tables reported in papers come last. "csv" has only the measured
-    tables, with all digits of every number.
+    In "md" and "latex", each table has its title, and tables of papers come last. "csv" has only the measured tables,
+    and numbers are not rounded.
     """
     from salframe.evaluation.tables.formats import to_csv, to_markdown
     from salframe.evaluation.tables.reported import reported_table
@@ -162,7 +169,7 @@ def print_sensor(measurement: SensorMeasurement) -> None:
 
 
 def _print_notes(result: Result[Any] | StudyResult) -> None:
-    """Print the notes of a result, and the remarks and number of failures of each method."""
+    """Print the notes of a result, and for each method its remark and its numbers of failures by status."""
     notes = list(result.notes)
     for row in result.rows:
         failures = ", ".join(f"{count} {status}" for status, count in row.status.items() if status != "ok")
@@ -184,7 +191,7 @@ def _say(line: str, dim: bool = True) -> None:
 
 
 def _reported(parts: Sequence[ReportedTable]) -> rich_table.Table:
-    """Return the tables of a paper as one table; the first line of each has the names of its figures."""
+    """Return the tables of a paper as one table. The first line of each table has the headings of its numbers."""
     table = rich_table.Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("reported, not measured", overflow="fold")
     for _ in range(max(len(part.figures) for part in parts)):

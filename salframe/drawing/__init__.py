@@ -1,1 +1,1 @@
-"""Draws pictures: panoramas with their objects, plans of saliency graphs, and floors of topological maps."""
+"""Draw pictures: panoramas with their objects, plans of saliency graphs, and floors of topological maps."""

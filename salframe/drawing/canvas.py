@@ -1,4 +1,5 @@
-"""Draws lines, areas and text on images (h, w, 3) uint8 RGB. Points (..., 2) are pixels (x, y), centres at +0.5."""
+"""Draw lines, areas and text on images (h, w, 3) uint8 RGB. Points (..., 2) are (x, y) in pixels. The centre of the
+first pixel is (0.5, 0.5)."""
 
 from __future__ import annotations
 
@@ -14,7 +15,8 @@ if TYPE_CHECKING:
 Colour = tuple[int, int, int]
 INK, PAPER, FAINT = (40, 44, 52), (255, 255, 255), (120, 126, 138)
 _BITS = 4
-"""Number of fractional bits of pixel coordinates passed to OpenCV, where pixel centres are at +0."""
+"""Number of fractional bits of pixel coordinates passed to OpenCV. In OpenCV, the centre of the first pixel is
+(0, 0)."""
 
 
 def stroke(image: np.ndarray, line: np.ndarray, colour: Colour, width: float, *, closed: bool = False) -> None:
@@ -40,7 +42,13 @@ def disk(image: np.ndarray, centre: np.ndarray, radius: float, colour: Colour) -
 
 
 def coat(image: np.ndarray, polygons: Iterable[tuple[np.ndarray, Colour]], opacity: float) -> np.ndarray:
-    """Return an image with translucent polygons drawn on it, later polygons over earlier ones."""
+    """Return an image with translucent polygons. Later polygons cover earlier polygons.
+
+    Args:
+        image: (h, w, 3) uint8.
+        polygons: Points (K, 2) and colour of each polygon.
+        opacity: Opacity of the polygons, from 0 to 1.
+    """
     overlay = image.copy()
     for polygon, colour in polygons:
         fill(overlay, polygon, colour)
@@ -49,7 +57,7 @@ def coat(image: np.ndarray, polygons: Iterable[tuple[np.ndarray, Colour]], opaci
 
 @cache
 def font(points: int) -> FreeTypeFont | ImageFont:
-    """Return the font of all text in pictures."""
+    """Return the font of the texts in pictures, in a size."""
     from PIL import ImageFont
 
     return ImageFont.load_default(points)

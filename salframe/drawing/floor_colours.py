@@ -1,4 +1,4 @@
-"""The colours of a floor seen from above."""
+"""The colours of a floor viewed from above."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from salframe.panoramas.floors import FloorMasks
 
 WALL: Colour = (92, 96, 104)
 WALL_M = 0.12
-"""Thickness of drawn walls."""
+"""Thickness of drawn walls in metres."""
 
 
 def floor_colours(floor: FloorMasks) -> np.ndarray:
-    """Return a colour for each pixel of a floor, (rows, columns, 3) uint8: walls dark, the floor in the colour of its
-    region, and obstacles a shade darker."""
+    """Return a colour for each pixel of a floor, (rows, columns, 3) uint8. Walls are dark, the floor has the colour of
+    its region, and obstacles have a darker shade of this colour."""
     from scipy import ndimage
 
     inside = floor.free | (floor.region > 0)

@@ -1,4 +1,4 @@
-"""Draws a picture of a topological map: floor, regions, nodes, and edges with their lengths and azimuths."""
+"""Draw a picture of a topological map: floor, regions, nodes, and edges with their lengths and azimuths."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ _SCENE, _TRANSITION, _SIGHT, _BENT = (31, 78, 160), (214, 84, 34), (70, 98, 150)
 
 
 def draw_topology(topology: TopologicalMap, path: str | Path) -> None:
-    """Write a PNG of the map, with its floors below each other, the top floor first.
+    """Write a PNG of the map. The floors are drawn below each other, the top floor first.
 
-    The label of an edge has its length and its azimuth. The azimuth is that of walking along the edge in the direction
-    in which the label is read. Labels that would cover something are left out.
+    The label of an edge states its length and its azimuth. The azimuth is the direction of a walk along the edge, in
+    the direction in which the label is read. A label without room is left out.
 
     Raises:
         ConfigError: The path names an existing file that is not a PNG.
@@ -49,7 +49,7 @@ def draw_topology(topology: TopologicalMap, path: str | Path) -> None:
 
 
 class _Panel:
-    """The picture of one floor. Lengths are in pixels of the enlarged drawing, except where names have other units."""
+    """The picture of one floor. Lengths are in pixels of the enlarged drawing, except lengths whose names end in _m."""
 
     def __init__(self, topology: TopologicalMap, number: int) -> None:
         from PIL import Image, ImageDraw
@@ -87,7 +87,7 @@ class _Panel:
         return (np.asarray(tuple(xy_m)) - self._corner_m) * (self._scale, -self._scale) + self._top_left
 
     def _draw_floor(self, floor: FloorMasks, low: np.ndarray, high: np.ndarray) -> None:
-        """Draw walls in a dark colour, the floor in the colour of its region, and obstacles a shade darker."""
+        """Draw the floor in the colours of `floor_colours`."""
         from PIL import Image
 
         row, column = _rows_columns(floor, low, high)
@@ -114,8 +114,8 @@ class _Panel:
         self._take(at, np.array([2.4 * r, 2.4 * r]), 0.0)
 
     def _name_regions(self, floor: FloorMasks, nodes: list[MapNode], place: dict[str, np.ndarray]) -> None:
-        """Write the name of each region as near as possible to its first scene node, or to its middle where it has
-        none."""
+        """Write the name of each region near its first scene node; near the middle of the region if it has no scene
+        node."""
         for label, name in floor.regions.items():
             rows, columns = np.nonzero((floor.region == label) & floor.free)
             if not len(rows):
@@ -136,8 +136,8 @@ class _Panel:
             self._take((free or spots)[0], np.array(text.size), 0.0)
 
     def _label_edges(self, edges: list[MapEdge], place: dict[str, np.ndarray]) -> int:
-        """Write length and azimuth along each edge that passes no other node and has room for the label, shortest edges
-        first. Return the number of labelled edges."""
+        """Write length and azimuth along each edge, shortest edges first, and return the number of labelled edges. An
+        edge gets no label if it passes another node, or if there is no room."""
         labelled = 0
         nodes = np.array(list(place.values()))
         for edge in sorted(edges, key=lambda edge: edge.length_m):
@@ -173,7 +173,7 @@ class _Panel:
         labelled: int,
         size: tuple[int, int],
     ) -> None:
-        """Draw the title above, and below it the legend of the marks, a scale bar and the world's axes."""
+        """Draw the title above the floor. Draw the legend, a scale bar and the axes of the world below the floor."""
         s = _SMOOTH
         scenes, bent = sum(node.kind is NodeKind.SCENE for node in nodes), sum(bool(edge.path_m) for edge in edges)
         which = f"Floor at z = {floor.z_m:.2f} m" if floors > 1 else "Topological map"
@@ -214,8 +214,8 @@ class _Panel:
         return at[0] + self._draw.textlength(text, _font(points))
 
     def _text(self, text: str, points: int, colour: tuple[int, int, int]) -> Image.Image:
-        """Return text with a light rim on a light background, so that a line under it does not look like a minus
-        sign."""
+        """Return an image of a text with a light rim on a light background. Without them, a line behind the text could
+        look like a minus sign."""
         from PIL import Image, ImageDraw
 
         rim = _SMOOTH
@@ -235,7 +235,13 @@ class _Panel:
         self.image.paste(turned, (int(x), int(y)), turned)
 
     def _cells(self, centre: np.ndarray, size: np.ndarray, angle: float) -> tuple[np.ndarray, np.ndarray]:
-        """Rows and columns of the picture, before enlarging, that a turned rectangle covers."""
+        """Return the rows and columns of pixels, in the picture that is not enlarged, that a rotated rectangle covers.
+
+        Args:
+            centre: (2,) centre (x, y) of the rectangle.
+            size: (2,) width and height of the rectangle.
+            angle: Rotation in radians, clockwise in the picture.
+        """
         u, v = (np.arange(-extent / 2, extent / 2 + _SMOOTH, _SMOOTH) for extent in size)
         u, v = (side.ravel() for side in np.meshgrid(u, v))
         x, y = centre[0] + u * np.cos(angle) - v * np.sin(angle), centre[1] + u * np.sin(angle) + v * np.cos(angle)
@@ -250,8 +256,8 @@ class _Panel:
 
 
 def _passes_by(first: np.ndarray, second: np.ndarray, nodes: np.ndarray, near: float) -> bool:
-    """Return whether any of the nodes (N, 2) is within `near` pixels of the line between two points, except at its
-    ends."""
+    """Return whether any of the nodes (N, 2) is within `near` pixels of the line between two points. Nodes at the ends
+    of the line are ignored."""
     along = second - first
     length = float(np.hypot(*along))
     share = (nodes - first) @ along / length
@@ -269,7 +275,7 @@ def _extent(floor: FloorMasks) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _rows_columns(floor: FloorMasks, low: np.ndarray, high: np.ndarray) -> tuple[slice, slice]:
-    """Return the rows and columns of the pixels between two corners."""
+    """Return the rows and columns of the pixels of a floor between two corners (x, y) in metres."""
     left, right = ((x - floor.origin_m[0]) / floor.resolution_m for x in (low[0], high[0]))
     top, bottom = ((floor.origin_m[1] - y) / floor.resolution_m for y in (high[1], low[1]))
     rows, columns = floor.free.shape

@@ -1,4 +1,4 @@
-"""Preview of an import: numbers of the recording, a contact sheet, and its poses from above."""
+"""Preview of an import: a summary of the recording, a contact sheet of its panoramas, and a top view of its poses."""
 
 from __future__ import annotations
 
@@ -40,19 +40,19 @@ class ImportPreview:
 
     Attributes:
         num_references: Number of reference frames.
-        num_queries: Number of queries, with each view of a sequence.
+        num_queries: Number of query panoramas. Each view of a sequence is counted.
         num_without_pose: Number of panoramas without a pose.
         num_places: Number of places of reference frames.
         place_from: Source of the names of places.
-        camera_z_m: Minimum, median and maximum z of the poses.
+        camera_z_m: Minimum, median and maximum z of the poses of the reference frames.
         camera_height_m: Median height of the camera above the floor in the range images; None if no floor is visible.
-        valid_range_share: Share of the visible sphere with a known range, mean of the panoramas that were read; None
-            without range.
-        max_tilt_deg: Maximum angle between the up axis of a panorama and that of the world.
-        pictures: The contact sheet and the top view.
-        failures: A one-line error for each panorama that could not be read, by id.
+        valid_range_share: Share of the visible part of the sphere whose range is known, averaged over the panoramas
+            with range that were read; None if there are none.
+        max_tilt_deg: Maximum angle between the up axis of a reference frame and the up axis of the world.
+        pictures: Paths of the contact sheet and of the top view.
+        failures: Mapping from the id of each panorama that could not be read to a one-line error.
         notes: Warnings, one line each.
-        seconds: Time of the preview.
+        seconds: Computing time of the preview.
     """
 
     num_references: int
@@ -113,7 +113,7 @@ def preview_import(
         queries: As in `import_data`.
         every: As in `import_data`.
         floors: As in `import_data`.
-        progress: Called with the number of panoramas that are read.
+        progress: Called as progress(name of the step, done, total) with numbers of panoramas; None: not called.
 
     Raises:
         UnknownName: As in `import_data`.
@@ -140,7 +140,7 @@ def preview_import(
     fold = selected_fold(selected)
     try:
         checks = fold_notes([fold], masks)
-    except DataError as error:  # building a map stops with it
+    except DataError as error:  # building a map raises this error
         checks = [str(error)]
     ranges = [panorama for panorama in loaded.values() if panorama.range_m is not None]
     heights_m = [height for panorama in ranges if (height := camera_height(np.asarray(panorama.range_m))) is not None]
@@ -165,7 +165,8 @@ def preview_import(
 
 
 def draw_contact_sheet(panoramas: Mapping[str, Panorama]) -> np.ndarray:
-    """Return a picture of panoramas, (h, w, 3) uint8: colour, or range where there is no colour, over the id."""
+    """Return a picture of panoramas with their ids, (h, w, 3) uint8. A panorama without colour is shown by its
+    range."""
     import cv2
     from PIL import Image, ImageDraw
 
@@ -185,7 +186,8 @@ def draw_contact_sheet(panoramas: Mapping[str, Panorama]) -> np.ndarray:
 
 
 def draw_top_view(selected: Sequence[SelectedPanorama]) -> np.ndarray:
-    """Return the positions and headings of all poses from above, (h, w, 3) uint8: x to the right, y up."""
+    """Return a picture of the positions and headings of all poses viewed from above, (h, w, 3) uint8, with x to the
+    right and y up."""
     from PIL import Image, ImageDraw
 
     posed = [panorama for panorama in selected if panorama.record.T_world_pano is not None]
@@ -228,7 +230,7 @@ def _shown(panorama: Panorama) -> np.ndarray:
 
 
 def _known_share(panorama: Panorama) -> float:
-    """Return the share of the visible part of the sphere with a known range, by solid angle."""
+    """Return the share (by solid angle) of the visible part of the sphere whose range is known."""
     known = np.isfinite(np.asarray(panorama.range_m))
     visible = np.ones_like(known) if panorama.valid is None else panorama.valid
     weight = np.cos(row_elevation(len(known)))[:, None]

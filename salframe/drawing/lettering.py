@@ -1,4 +1,4 @@
-"""Places names on a picture without overlaps."""
+"""Place names on a picture without overlaps."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from salframe.drawing.canvas import INK, PAPER, Colour, font, stroke
 
 MAX_SPOTS = 800
-"""Maximum number of positions for a name that are tried, the nearest first."""
+"""Maximum number of positions in the picture that are tried for a name, nearest positions first."""
 
 
 @dataclass(frozen=True)
@@ -20,9 +20,9 @@ class Name:
 
     Attributes:
         text: The text.
-        box: (4,), left, top, right, bottom.
+        box: (4,), left, top, right, bottom in pixels.
         colour: Colour of the box.
-        leads_to: (2,), the point that a line from the box leads to, None for no line.
+        leads_to: (2,), point (x, y) to which a line is drawn from the box; None: no line.
     """
 
     text: str
@@ -38,8 +38,8 @@ class Lettering:
     Attributes:
         width: Width of the picture in pixels.
         height: Height of the picture in pixels.
-        points: Size of the letters.
-        taken: Boxes (left, top, right, bottom) that names do not cover.
+        points: Font size.
+        taken: Boxes (left, top, right, bottom) that new names should not cover.
         names: The placed names.
     """
 
@@ -52,12 +52,13 @@ class Lettering:
     def put(self, text: str, colour: Colour, around: np.ndarray, at: np.ndarray) -> None:
         """Place the name of an object.
 
-        If the name is smaller than the box of the object, or the box is a point, it is centred on the point `at`.
-        Otherwise it is placed beside the box. Without room there, it is placed as near as possible, with a line.
+        If the name fits into the box of the object, or this box is a point, the name is centred on the point `at`.
+        Otherwise the name is placed beside the box. If there is no room, it is placed as near as possible, and a line
+        connects it with the object.
 
         Args:
             text: The name.
-            colour: Colour of its box.
+            colour: Colour of the box behind the name.
             around: Box of the object (left, top, right, bottom).
             at: A point (x, y) of the object.
         """
@@ -74,7 +75,7 @@ class Lettering:
         self.taken.append(box)
 
     def measure(self, text: str) -> np.ndarray:
-        """Return the width and height of a name's box."""
+        """Return the width and height (2,) of the box behind a name, in pixels."""
         return np.array([font(self.points).getbbox(text)[2] + 0.7 * self.points, 1.45 * self.points], float)
 
     def draw(self, picture: np.ndarray) -> np.ndarray:
@@ -96,7 +97,8 @@ class Lettering:
         return np.array(image)
 
     def _spots(self, size: np.ndarray, around: np.ndarray, at: np.ndarray) -> Iterable[np.ndarray]:
-        """Yield middles of boxes of this size, best first."""
+        """Yield possible centres (x, y) for the box behind a name, best first. Arguments are those of `put`, and the
+        size (2,) of the box."""
         width, height = size / 2
         left, top, right, bottom = around
         if (around[2:] == around[:2]).all():
@@ -117,6 +119,7 @@ class Lettering:
         yield from anywhere[np.argsort(np.hypot(*(anywhere - at).T), kind="stable")[:MAX_SPOTS]]
 
     def _inside(self, middle: np.ndarray, size: np.ndarray) -> np.ndarray:
-        """Return the box of this size around a middle, moved into the picture."""
+        """Return the box (left, top, right, bottom) with this centre and size. If necessary, it is moved into the
+        picture."""
         low = np.clip(middle - size / 2, 1, np.maximum((self.width, self.height) - size - 1, 1))
         return np.concatenate([low, low + size])

@@ -1,4 +1,4 @@
-"""Draws a picture of detections: outlines, names and scores on the image, the graph from above, and a table."""
+"""Draw a picture of detections: outlines, names and scores on the image, the graph viewed from above, and a table."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ from salframe.panoramas.camera import Camera
 from salframe.panoramas.geometry import rays_to_pixels
 
 MIN_WIDTH, MAX_WIDTH = 1280, 2560
-"""Minimum and maximum width of the picture in pixels. Smaller images are enlarged and larger ones reduced by an integer
-factor, so that names are readable."""
+"""Minimum and maximum width of the picture in pixels. Smaller images are enlarged, and larger images are reduced, by an
+integer factor, so that names are readable."""
 MAX_NAMES, MANY_OBJECTS = 40, 24
-"""Maximum number of objects, largest first, that are named on the image; number above which names are smaller."""
+"""Maximum number of objects with a name on the image (the largest objects), and number of objects above which a smaller
+font is used."""
 COLOURS: tuple[Colour, ...] = (
     (230, 57, 70),
     (29, 120, 200),
@@ -55,18 +56,19 @@ def draw_objects(
     camera: Camera | None = None,
     title: str = "",
 ) -> np.ndarray:
-    """Draw detections on an image, the graph from above, and a table.
+    """Draw a picture of detections: the image with outlines and names, the graph viewed from above, and a table.
 
     Args:
         rgb: (H, W, 3) uint8, an equirectangular panorama, or the photograph of `camera`.
-        detections: N detections, in the panorama frame in both cases.
-        saliency: (N,) float64, their saliency.
-        graph: Their saliency graph; without one the bearings are drawn.
-        camera: The camera of a photograph, None for a panorama.
+        detections: N detections. They are in the panorama frame, for a photograph too.
+        saliency: (N,) float64, saliency of the detections; None if it is unknown.
+        graph: Saliency graph of the detections; None: the bearings are drawn in its place.
+        camera: The camera of a photograph; None for a panorama.
         title: Title above the image.
 
     Returns:
-        (h, w, 3) uint8: the image with outlines, labels and scores under the title, below it the graph and the table.
+        (h, w, 3) uint8: from top to bottom the title, the image with outlines, labels and scores, and the graph beside
+        the table.
     """
     import cv2
 
@@ -87,7 +89,7 @@ def draw_objects(
 def choose_colours(labels: Iterable[str]) -> dict[str, Colour]:
     """Return a colour for each label.
 
-    A label has the same colour in every picture, except if another label in the picture already has this colour.
+    A label has the same colour in every picture, except if another label of the same picture already has this colour.
     """
     chosen: dict[str, int] = {}
     for label in sorted(set(labels)):
@@ -103,11 +105,11 @@ def find_lines(height: int, detections: Detections, camera: Camera | None = None
     Args:
         height: Height of the image in pixels.
         detections: N detections.
-        camera: The camera of a photograph, None for a panorama.
+        camera: The camera of a photograph; None for a panorama.
 
     Returns:
-        For each object the closed lines (K, 2) around its parts, pixels (x, y) with centres at +0.5; a single point
-        where only the bearing is known.
+        For each object, the closed lines around its parts, each (K, 2), as (x, y) in pixels (centre of the first pixel:
+        (0.5, 0.5)). If only the bearing of an object is known, the line is a single point.
     """
     outlines = []
     for rays, bearing in zip(outline_objects(detections), detections.bearing, strict=True):
@@ -118,7 +120,14 @@ def find_lines(height: int, detections: Detections, camera: Camera | None = None
 def draw_outlines(
     rgb: np.ndarray, detections: Detections, lines: list[list[np.ndarray]], colours: dict[str, Colour]
 ) -> np.ndarray:
-    """Return an image (H, W, 3) uint8 with the lines of `find_lines` drawn and filled in translucent colours."""
+    """Return an image (H, W, 3) uint8 with the outlines of objects. The areas of the objects have translucent colours.
+
+    Args:
+        rgb: (H, W, 3) uint8.
+        detections: N detections.
+        lines: Outlines of each object, as `find_lines` returns them.
+        colours: Colour of each label.
+    """
     order = _by_area(lines)
     polygons = [(line, colours[detections.labels[i]]) for i in order for line in lines[i]]
     image = coat(rgb, polygons, 0.25)
@@ -131,7 +140,8 @@ def draw_outlines(
 def name_objects(
     image: np.ndarray, detections: Detections, lines: list[list[np.ndarray]], colours: dict[str, Colour]
 ) -> np.ndarray:
-    """Return an image (H, W, 3) uint8 with labels and scores of the largest objects at the lines of `find_lines`."""
+    """Return an image (H, W, 3) uint8 with the labels and scores of the largest objects. Arguments are those of
+    `draw_outlines`."""
     height, width = image.shape[:2]
     has_many = len(detections) > MANY_OBJECTS
     lettering = Lettering(width, height, round(_letters(image) * (0.8 if has_many else 1)))
@@ -156,10 +166,10 @@ def _by_area(lines: list[list[np.ndarray]]) -> np.ndarray:
 
 
 def _project(rays: np.ndarray, height: int, camera: Camera | None) -> Iterator[np.ndarray]:
-    """Yield the projections of a closed line of rays (K, 3) to the image, polygons (K', 2) with pixel centres at +0.5.
+    """Yield the projections of a closed line of rays (K, 3) to the image: polygons (K', 2), as (x, y) in pixels.
 
-    The border of a panorama may cut a line into several polygons. Rays behind the camera of a photograph and unknown
-    rays give none.
+    The border of a panorama may cut a line into several polygons. Rays behind the camera of a photograph are left out.
+    A line with an unknown ray (NaN) gives no polygon.
     """
     if not np.isfinite(rays).all():
         return
@@ -173,7 +183,7 @@ def _project(rays: np.ndarray, height: int, camera: Camera | None) -> Iterator[n
     column = np.unwrap(column, period=2 * height)
     column -= np.floor(column.min() / (2 * height)) * 2 * height
     line = np.column_stack([column, row])
-    if abs(column[-1] - column[0]) > height:  # around a pole: three turns, closed beyond the border of the image
+    if abs(column[-1] - column[0]) > height:  # around a pole: repeat the line, and close it outside the image
         turn = np.array([np.copysign(2 * height, column[-1] - column[0]), 0])
         pole = -height if row.mean() < height / 2 else 2 * height
         line = np.vstack([line - turn, line, line + turn])
@@ -184,8 +194,8 @@ def _project(rays: np.ndarray, height: int, camera: Camera | None) -> Iterator[n
 
 
 def _spot(lines: list[np.ndarray], width: int, height: int) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the box (left, top, right, bottom) around the largest visible part of an object, and a point (x, y) in the
-    part that is far from its outline; None if no part is visible."""
+    """Return the box (left, top, right, bottom) around the largest visible part of an object, and a point (x, y) inside
+    this part, far from its outline; None if no part is visible."""
     import cv2
 
     best = None
@@ -202,7 +212,7 @@ def _spot(lines: list[np.ndarray], width: int, height: int) -> tuple[np.ndarray,
         cv2.fillPoly(mask, [np.round((line - low) / coarse + 0.5).astype(np.int32)], 1)
         mask[[0, -1]] = mask[:, [0, -1]] = 0
         depth = cv2.distanceTransform(mask, cv2.DIST_L2, 3)
-        deep = np.argwhere(depth >= 0.85 * depth.max())  # in a long strip, the middle rather than an end
+        deep = np.argwhere(depth >= 0.85 * depth.max())  # in a long strip, select a point near the middle
         row, column = deep[np.argmin(((deep - np.argwhere(mask).mean(0)) ** 2).sum(1))] if depth.any() else (0, 0)
         if best is None or mask.sum() * coarse**2 > best[0]:
             at = low + (np.array([column, row]) - 0.5) * coarse
@@ -223,7 +233,7 @@ def _title(text: str, width: int) -> np.ndarray:
 
 
 def _ruler(width: int) -> np.ndarray:
-    """Return an image of the azimuths of a panorama's columns, every 30 degrees."""
+    """Return an image of a ruler with the azimuths of the columns of a panorama, every 30 degrees."""
     from PIL import Image, ImageDraw
 
     points = max(12, round(width / 120))
@@ -240,8 +250,8 @@ def _ruler(width: int) -> np.ndarray:
 def _table(
     detections: Detections, saliency: np.ndarray | None, colours: dict[str, Colour], width: int, height: int
 ) -> np.ndarray:
-    """Return an image of a table of the objects, by decreasing saliency, or by decreasing score if there is no
-    saliency."""
+    """Return an image of a table of the objects. They are sorted by decreasing saliency; by decreasing score if the
+    saliency is unknown."""
     from PIL import Image, ImageDraw
 
     image = Image.new("RGB", (width, height), PAPER)

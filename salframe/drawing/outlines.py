@@ -1,4 +1,4 @@
-"""Computes the outlines of detections on the sphere."""
+"""Compute the outlines of detections on the sphere."""
 
 from __future__ import annotations
 
@@ -7,21 +7,23 @@ import numpy as np
 from salframe.graphs.detections import Detections
 
 MIN_SURFACE_POINTS = 20
-"""Minimum number of points that are samples of an object's surface; fewer points are the corners of its box."""
+"""Minimum number of points of an object that are treated as samples of its surface. Fewer points are treated as the
+corners of its box."""
 MAX_MASK_SIDE = 800
-"""Maximum side of a mask, in cells."""
+"""Maximum width and height, in cells, of the mask that an outline is computed from."""
 MIN_SPACING = 2e-4
-"""Minimum spacing of neighbouring pixels and rows, in radians; nearer points belong to one pixel or row."""
+"""Minimum angle between neighbouring pixels, in radians. Points that are closer belong to one pixel."""
 MIN_PART = 0.02
-"""Minimum area of a part of an object, as a share of its largest part; smaller parts are not drawn."""
+"""Minimum area of a part of an object, divided by the area of its largest part. Smaller parts are not drawn."""
 _BOX = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, 8).T
 
 
 def outline_objects(detections: Detections) -> list[list[np.ndarray]]:
-    """Return the closed lines around the parts of each object, (K, 3) float64 unit vectors in the panorama frame.
+    """Return the closed lines around the parts of each object, each (K, 3) float64, unit vectors in the panorama frame.
 
-    The lines surround the points of the object, or its mask, or its box: the first of these that is known. Otherwise
-    the line is a circle around the bearing of the object with its solid angle, if both are known.
+    The lines surround the points of the object. If these are unknown, they surround its mask; if this is unknown too,
+    its box. If only its bearing and its solid angle are known, the line is a circle around the bearing with this solid
+    angle. Otherwise the object has no line.
     """
     return [_outline(detections, i) for i in range(len(detections))]
 
@@ -49,38 +51,39 @@ def _outline(detections: Detections, i: int) -> list[np.ndarray]:
 
 
 class _Chart:
-    """Lambert's azimuthal equal-area projection of the sphere around the middle of rays (N, 3). It has no seam or pole
-    within an object."""
+    """Lambert's azimuthal equal-area projection of the sphere, centred on the mean direction of the rays (N, 3) of an
+    object. Unlike an equirectangular image, it has no seam and no pole inside the object."""
 
     def __init__(self, rays: np.ndarray) -> None:
         middle = rays.mean(0)
-        if np.linalg.norm(middle) < 1e-6:  # all around the camera
+        if np.linalg.norm(middle) < 1e-6:  # the rays surround the camera
             middle = rays[0]
         self._ahead = middle / np.linalg.norm(middle)
         self._left, self._up = _across(self._ahead)
 
     def flatten(self, rays: np.ndarray) -> np.ndarray:
-        """Return the projections (N, 2) of unit vectors to the plane, in radians near the middle."""
+        """Return the projections (N, 2) of unit vectors (N, 3) to the plane. Near the centre, lengths in the plane are
+        angles in radians."""
         stretch = np.sqrt(2 / np.maximum(1 + rays @ self._ahead, 1e-9))
         return np.column_stack([rays @ self._left, rays @ self._up]) * stretch[:, None]
 
     def raise_up(self, points: np.ndarray) -> np.ndarray:
-        """Return the unit vectors (N, 3) of points in the plane."""
+        """Return the unit vectors (N, 3) of points (N, 2) in the plane: the inverse of `flatten`."""
         square = np.minimum((points**2).sum(1), 4)
         flat = points @ np.stack([self._left, self._up])
         return flat * np.sqrt(1 - square / 4)[:, None] + np.outer(1 - square / 2, self._ahead)
 
 
 def _across(ahead: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return two unit vectors orthogonal to a third and to each other: to its left and up. For directions near the
-    vertical, left and up are arbitrary."""
+    """Return the unit vectors to the left and up, orthogonal to the unit vector `ahead` and to each other. If `ahead`
+    is nearly vertical, left and up are arbitrary."""
     left = np.cross([0, 0, 1] if abs(ahead[2]) < 0.99 else [1, 0, 0], ahead)
     left /= np.linalg.norm(left)
     return left, np.cross(ahead, left)
 
 
 def _around_mask(rays: np.ndarray) -> list[np.ndarray]:
-    """Return the lines around the area of rays (N, 3) through the pixels of a mask."""
+    """Return the closed lines around a mask. `rays` (N, 3) are the unit vectors through its pixels."""
     import cv2
 
     chart = _Chart(rays)
@@ -105,7 +108,7 @@ def _around_mask(rays: np.ndarray) -> list[np.ndarray]:
 
 
 def _spacing(rays: np.ndarray) -> float:
-    """Return the spacing, in radians, of neighbouring pixels with rays (N, 3)."""
+    """Return the angle between neighbouring pixels, in radians, from the rays (N, 3) through the pixels."""
     from scipy.spatial import cKDTree
 
     beside = np.median(cKDTree(rays).query(rays[:: max(1, len(rays) // 400)], 5)[0][:, 4])
@@ -121,7 +124,8 @@ def _disk(radius: int) -> np.ndarray:
 
 
 def _around_corners(rays: np.ndarray) -> list[np.ndarray]:
-    """Return the line around corners (N, 3) along great circles, which are the projections of straight edges."""
+    """Return the closed line around the corners of a box, unit vectors (N, 3). Between two corners, it follows a great
+    circle, the projection of a straight edge."""
     import cv2
 
     hull = rays[cv2.convexHull(_Chart(rays).flatten(rays).astype(np.float32), returnPoints=False)[:, 0]]
@@ -131,7 +135,7 @@ def _around_corners(rays: np.ndarray) -> list[np.ndarray]:
 
 
 def _circle(bearing: np.ndarray, radius_rad: float) -> np.ndarray:
-    """Return a circle around a bearing, (72, 3)."""
+    """Return a circle around a bearing, as unit vectors (72, 3)."""
     left, up = _across(bearing)
     angle = np.linspace(0, 2 * np.pi, 72, endpoint=False)[:, None]
     return np.cos(radius_rad) * bearing + np.sin(radius_rad) * (np.cos(angle) * left + np.sin(angle) * up)

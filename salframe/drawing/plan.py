@@ -1,4 +1,4 @@
-"""Draws a plan of a saliency graph from above, with the camera in the middle."""
+"""Draw a plan of a saliency graph viewed from above, with the camera in the middle."""
 
 from __future__ import annotations
 
@@ -14,23 +14,25 @@ from salframe.panoramas.camera import Camera
 
 GROUND, VIEW, RING, EDGE = (247, 248, 250), (233, 236, 242), (206, 211, 219), (118, 128, 146)
 BEARING_LENGTH = 0.82
-"""Length of rays, as a share of the plan's reach."""
+"""Length of the rays to objects of unknown range, divided by the distance from the camera to the upper edge of the
+plan."""
 MAX_NAMES = 30
-"""Maximum number of objects that are named, most salient first."""
+"""Maximum number of objects with a name: the most salient objects."""
 MAX_RINGS, RING_METRES = 6, (0.5, 1, 2, 5, 10, 20, 50)
-"""Maximum number of rings, and their possible distances in metres."""
+"""Maximum number of rings around the camera, and possible distances between two rings in metres."""
 
 
 class Plan:
-    """A square plan with ahead (+x) up. Objects are drawn as boxes where their positions are known, else as rays.
+    """A square plan viewed from above, with the +x axis of the panorama up. Objects are drawn as boxes; if no position
+    is known, as rays.
 
     Args:
         detections: The detections.
-        graph: Their saliency graph, None if no position is known.
+        graph: Saliency graph of the detections; None if no position is known.
         colours: Colour of each label.
         side: Side of the plan in pixels.
-        camera: The camera of a photograph; its field of view is shaded, and it is placed near the lower edge. None for
-            a panorama.
+        camera: The camera of a photograph; None for a panorama. The camera of a photograph is placed near the lower
+            edge, and its field of view is shaded.
     """
 
     def __init__(
@@ -70,11 +72,12 @@ class Plan:
         return self._lettering.draw(self._image)
 
     def pixel(self, xy_m: np.ndarray) -> np.ndarray:
-        """Return the pixels of positions (..., 2) in the panorama frame."""
+        """Return the pixels (x, y) of the plan, (..., 2), for positions (x, y) in the panorama frame in metres."""
         return self._middle - np.asarray(xy_m)[..., ::-1] * self._scale
 
     def _draw_graph(self, graph: SaliencyGraph) -> None:
-        """Draw boxes, edges with their weights as widths, nodes with their saliency as radius, and names."""
+        """Draw boxes, edges, nodes and names. The width of an edge grows with its weight. The radius of a node grows
+        with its saliency."""
         place, boxes = self.pixel(graph.centroid_m[:, :2]), self.pixel(box_footprints(graph))
         colours = [self._colours[label] for label in graph.labels]
         self._image = coat(self._image, zip(boxes, colours, strict=True), 0.35)
@@ -105,7 +108,8 @@ class Plan:
         return self._middle + room.min() * ahead
 
     def _draw_rays(self, detections: Detections) -> None:
-        """Draw objects with a bearing only, each as wide as its solid angle."""
+        """Draw each object as a ray with its bearing, inside a sector whose width is the square root of its solid
+        angle."""
         across = np.clip(np.sqrt(np.nan_to_num(detections.solid_angle_sr)), 0.01, np.pi)
         for label, bearing, width in zip(detections.labels, detections.bearing, across, strict=True):
             if not np.isfinite(bearing).all():
@@ -121,7 +125,8 @@ class Plan:
             self._write(label, tip + beyond * towards, colour)
 
     def _draw_rings(self, reach_m: float) -> None:
-        """Draw circles at round distances, each with its distance in front of the camera, to the right."""
+        """Draw circles around the camera at round distances. Their distances are written to the front right of the
+        camera."""
         step_m = next((metres for metres in RING_METRES if metres * MAX_RINGS >= reach_m), RING_METRES[-1])
         for radius_m in step_m * np.arange(1, reach_m // step_m + 1):
             self._draw_ring(radius_m)
@@ -133,7 +138,7 @@ class Plan:
         stroke(self._image, ring, RING, self._side / 900, closed=True)
 
     def _name_sides(self, *, all_around: bool) -> None:
-        """Write at the sides of the plan the azimuth in which each lies from the camera."""
+        """Write the azimuth of each side of the plan, as seen from the camera."""
         inset, middle = 1.2 * self._points, self._side / 2
         self._write("0°", np.array([middle, inset]))
         if all_around:
@@ -149,13 +154,13 @@ class Plan:
         fill(self._image, np.stack([self._middle, *self.pixel(far)]), VIEW)
 
     def _write(self, text: str, at: np.ndarray, colour: Colour = GROUND) -> None:
-        """Write a text with its middle at a pixel, or nearby where there is no room."""
+        """Write a text centred on a pixel; nearby if there is no room."""
         self._lettering.put(text, colour, np.concatenate([at, at]), at)
 
 
 def _reach(graph: SaliencyGraph) -> float:
-    """Return the reach of the plan from the camera in metres: up to the ends of the boxes, except boxes far beyond the
-    others."""
+    """Return the distance from the camera that the plan shows, in metres. The plan shows all boxes except boxes that
+    are much farther away than the others."""
     if not len(graph):
         return 1.0
     distance_m = np.hypot(graph.centroid_m[:, 0], graph.centroid_m[:, 1])

@@ -1,4 +1,5 @@
-"""Writes a track as a recording for the rerun viewer: panoramas with their objects, the plan, belief and truth."""
+"""Write a track as a recording for the rerun viewer: panoramas with their objects, the floor, the estimated poses and
+the true poses."""
 
 from __future__ import annotations
 
@@ -50,14 +51,14 @@ def check_rerun_output(path: Path) -> None:
 def write_rerun(track: Track, views: CameraSequence, map: LocalizationMap, path: str | Path) -> None:
     """Write a track as a recording for the rerun viewer.
 
-    It has these entities:
+    The recording has these entities:
 
     - `camera/panorama` and `camera/panorama/objects`: the view, and the outlines of its objects with their labels.
     - `world/floors/N`: outlines of the places of a floor, with their names.
-    - `world/belief`, `world/belief/ellipse` and `world/belief/trail`: pose of the camera, 95 % ellipse of its position,
-      and the poses so far, in the colour of the status.
-    - `world/objects`: objects of the map that the view was matched with.
-    - `world/truth` and `world/truth/trail`: true poses, where they are known.
+    - `world/belief`, `world/belief/ellipse` and `world/belief/trail`: estimated pose of the camera, 95 % ellipse of its
+      position, and all poses up to now, in the colour of the status.
+    - `world/objects`: objects of the map that were matched with objects of the view.
+    - `world/truth` and `world/truth/trail`: true poses, if they are known.
     - `status` and `support`: status, place and errors as text, and the support of the belief.
 
     Args:
@@ -75,7 +76,7 @@ def write_rerun(track: Track, views: CameraSequence, map: LocalizationMap, path:
 
     with atomic_path(Path(path)) as temporary:
         stream = rerun.RecordingStream("salframe")
-        stream.set_log_time_enabled(False)  # the time of writing says nothing about the track
+        stream.set_log_time_enabled(False)  # the time of writing is not a time of the track
         stream.set_log_tick_enabled(False)
         stream.save(temporary)
         _log_floors(stream, map)
@@ -128,7 +129,7 @@ def _log_view(stream: rerun.RecordingStream, views: CameraSequence, number: int,
 
 
 def _log_belief(stream: rerun.RecordingStream, map: LocalizationMap, track: Track, number: int) -> None:
-    """Log the belief after a view, and the objects that it was matched with."""
+    """Log the belief after a view, and the objects of the map that the objects of the view were matched with."""
     import rerun
 
     step = track.steps[number]

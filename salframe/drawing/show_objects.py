@@ -1,4 +1,4 @@
-"""Draws pictures of the objects that a detector finds in panoramas and photographs."""
+"""Draw pictures of the objects that a detector detects in panoramas and photographs."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ from salframe.panoramas.shot import Shot, missing_depth_note, open_panorama, ope
 SUFFIX, MARK = ".objects.png", ("Software", "salframe show-objects")
 """Suffix of the names of pictures, and the PNG text that marks a file as such a picture."""
 SETUP_ERRORS = (ConfigError, UnknownName, PluginFailed, RequirementMissing, WeightsError)
-"""Errors of the settings or the installation, which concern all images."""
+"""Errors of the settings or the installation. They affect all images."""
 
 
 class ShowConfig(Settings):
@@ -65,10 +65,10 @@ class ObjectView:
     Attributes:
         image: Path of the image.
         picture: Path of the picture.
-        detector: The detector, with its settings that differ from the defaults.
+        detector: Name of the detector, and its settings that differ from the defaults.
         detections: N objects, in the panorama frame.
-        saliency: (N,) float64, their saliency; None if no range is known.
-        seconds: Time of detection.
+        saliency: (N,) float64, saliency of the objects; None if no position is known.
+        seconds: Computing time of the detection.
     """
 
     image: Path
@@ -105,9 +105,9 @@ class ObjectViews:
 
     Attributes:
         views: The images that were shown, in the order of the arguments.
-        failures: A one-line error for each other image.
-        notes: Notes for the user: the component that `auto` selected, what the reader changed in an image, and ranges
-            that seem to have a wrong unit.
+        failures: Mapping from the path of each other image to a one-line error.
+        notes: Notes for the user: the component that `auto` selected, changes that were made when an image was read,
+            and warnings on range images.
     """
 
     views: tuple[ObjectView, ...]
@@ -139,18 +139,18 @@ def show_objects(
 ) -> ObjectViews:
     """Detect objects in images and write a picture of each to the folder `output`, as NAME.objects.png.
 
-    Without `fov_deg` and `camera` the images are equirectangular panoramas (width = 2 x height); an image that is
-    listed in a manifest.json is opened with the other parts of its frame. An image that cannot be shown does not affect
-    the others.
+    Without `fov_deg` and `camera`, the images are equirectangular panoramas (width = 2 x height). If a manifest.json
+    lists an image, the other parts of its frame are opened too. An image that cannot be shown does not affect the
+    others.
 
     Args:
         images: Paths of the images.
         output: Folder for the pictures.
-        detector: Name of the detector, None for the default.
+        detector: Name of the detector; None: the default detector.
         overrides: Settings of ShowConfig, "key.path=value" each.
         range_image: 16-bit range image, for a single image.
         range_unit_m: Metres per step of the range image.
-        range_missing: Values of the range image that mean an unknown range, besides 0.
+        range_missing: Values of the range image that mean an unknown range, in addition to 0.
         range_kind: "ray": range along the ray, the default for panoramas; "z": z-depth of a photograph, the default for
             photographs; "cube": z-depth of the stitched cube faces of a panorama.
         fov_deg: Horizontal field of view of photographs, in degrees; None for panoramas.
@@ -168,7 +168,7 @@ def show_objects(
     default_kind = RangeKind.Z if are_photographs else RangeKind.RAY
     encoding = RangeEncoding(range_unit_m, tuple(range_missing), range_kind or default_kind)
     content = _nest(detector, overrides)
-    stages: dict[frozenset[str], _Stages] = {}  # by the inputs of an image, on which `auto` depends
+    stages: dict[frozenset[str], _Stages] = {}  # by the parts of an image, on which `auto` depends
     views, failures = [], {}
     notes: dict[str, None] = {}
     for done, image in enumerate(paths):
@@ -213,10 +213,10 @@ def _check(
     elevation_deg: float | None,
     camera: Camera | None,
 ) -> None:
-    """Check the arguments.
+    """Check the arguments of `show_objects`.
 
     Raises:
-        ConfigError: No image could be shown with these arguments.
+        ConfigError: The arguments are invalid.
     """
     if not images:
         raise ConfigError("received no image, expected at least one")
@@ -247,14 +247,15 @@ def _nest(detector: str | None, overrides: Sequence[str]) -> dict[str, Any]:
 
 
 def _range_notes(image: Path, shot: Shot, encoding: RangeEncoding) -> list[str]:
-    """Return warnings on the unit of the range and on values without a reading."""
+    """Return warnings on a range image: ranges that seem to have a wrong unit, and values that seem to mean an unknown
+    range."""
     panorama = replace(shot.panorama, id=image.name)
     missing = missing_note([panorama]) if shot.depth_steps is None else missing_depth_note(shot, encoding)
     return [note for note in (units_note([panorama]), missing) if note]
 
 
 class _Stages:
-    """The detector, and the stages that build the graph of its objects."""
+    """The detector, and the stages that build the saliency graph of the detected objects."""
 
     def __init__(self, config: ShowConfig) -> None:
         self._detector: Detector = registry().build("detector", config.detector)
@@ -268,7 +269,7 @@ class _Stages:
         self.detector = f"{config.detector.kind} ({', '.join(changed)})" if changed else config.detector.kind
 
     def detect(self, panorama: Panorama) -> tuple[Detections, float]:
-        """Return the objects, and the time of detection in seconds.
+        """Return the objects of a panorama, and the computing time in seconds.
 
         Raises:
             InputMissing: The panorama lacks an input of the detector.
@@ -288,7 +289,7 @@ class _Stages:
         return detections, seconds
 
     def link(self, detections: Detections) -> tuple[np.ndarray | None, SaliencyGraph | None]:
-        """Return the saliency of the objects and their graph; None for both if no position is known."""
+        """Return the saliency of the objects, and their saliency graph; (None, None) if no position is known."""
         if not np.isfinite(detections.centroid_m).all(1).any():
             return None, None
         saliency = self._saliency.score(detections)

@@ -1,4 +1,4 @@
-"""Draws the trail of a tracked camera on the floor, and the support of its belief over time."""
+"""Draw the trail of a tracked camera on the floor, and the support of the estimated pose over time."""
 
 from __future__ import annotations
 
@@ -22,20 +22,21 @@ COLOURS: dict[TrackStatus, Colour] = {
 }
 """Colour of each status."""
 LONG_SIDE_PX, MAX_SCALE = 1400, 80.0
-"""Longest side of the picture of a floor in pixels, and maximum scale in pixels per metre."""
+"""Length of the longer side of the picture of a floor in pixels, and maximum scale in pixels per metre."""
 MARGIN_M = 1.0
-"""Margin around the floor and the trail."""
+"""Margin around the floor and the trail in metres."""
 CHART_PX, TEXT_PX, GAP_PX = 110, 26, 14
 """Heights in pixels of the chart of the support and of a line of text, and the gap around them."""
 
 
 def draw_trail(track: Track, path: str | Path, floors: Sequence[FloorMasks] = ()) -> None:
-    """Write a PNG of a track: the believed positions on the floor, coloured by status, and the support over time.
+    """Write a PNG of a track: the estimated positions on the floor, coloured by status, and the support over time.
 
     Args:
         track: The track.
         path: The file.
-        floors: Floors of the map. The floor with most positions is drawn; without floors, the background is empty.
+        floors: Floors of the map. Only the floor with the most positions is drawn. Without floors, the background is
+            empty.
 
     Raises:
         ConfigError: The path names an existing file that is not a PNG.
@@ -104,7 +105,8 @@ def _chart(track: Track, width: int) -> np.ndarray:
 
 
 def _choose_floor(floors: Sequence[FloorMasks], positions_m: np.ndarray) -> FloorMasks | None:
-    """Return the floor with most of the positions (N, 3); the lowest where none is on a floor; None without floors."""
+    """Return the floor with the most positions (N, 3); the lowest floor if no position is on a floor; None without
+    floors."""
     if not floors:
         return None
     by_height = sorted(floors, key=lambda floor: floor.z_m)
@@ -113,7 +115,7 @@ def _choose_floor(floors: Sequence[FloorMasks], positions_m: np.ndarray) -> Floo
 
 
 def _corners_m(floor: FloorMasks) -> np.ndarray:
-    """Return the minimum and the maximum position (2, 2) of the free floor and the regions."""
+    """Return the minimum and the maximum (x, y) in metres of the free floor and the regions, (2, 2)."""
     rows, columns = np.nonzero(floor.free | (floor.region > 0))
     x_m = floor.origin_m[0] + floor.resolution_m * np.array([columns.min(), columns.max() + 1])
     y_m = floor.origin_m[1] - floor.resolution_m * np.array([rows.max() + 1, rows.min()])
@@ -121,7 +123,14 @@ def _corners_m(floor: FloorMasks) -> np.ndarray:
 
 
 def _paint_floor(plan: np.ndarray, floor: FloorMasks, corner: np.ndarray, scale: float) -> None:
-    """Paint a floor, whose upper left corner is at a pixel, on a plan."""
+    """Paint a floor on a plan in place.
+
+    Args:
+        plan: (H, W, 3) uint8.
+        floor: The floor.
+        corner: (2,) pixel (x, y) of the upper left corner of the floor.
+        scale: Pixels per metre.
+    """
     rows, columns = (
         np.floor((np.arange(size) + 0.5 - offset) / (scale * floor.resolution_m)).astype(int)
         for size, offset in zip(plan.shape[:2], corner[::-1], strict=True)

@@ -1,4 +1,4 @@
-"""Annotated objects as detections without error: the output of a perfect detector, and the truth that detectors are
+"""Annotated objects of a panorama, also as the detections of a perfect detector. They are the truth that detectors are
 compared with."""
 
 from __future__ import annotations
@@ -23,9 +23,10 @@ class Annotated:
     Attributes:
         key: A number that identifies the object in every panorama.
         label: The annotated label, without its text.
-        points_m: (n, 3) float32, points of the object in the panorama frame, in metres; where the range is unknown,
-            unit vectors through the pixels of the object.
-        solid_angle_sr: (n,), solid angle of the pixel behind each point, NaN for an object known only by its box.
+        points_m: (n, 3) float32, points of the object in the panorama frame, in metres: one point per pixel, or the
+            corners of the box of a listed object. In an instance image without range, unit vectors through the pixels.
+        solid_angle_sr: (n,), solid angle that each point stands for, in steradians. For a listed object, NaN if its
+            range is known, otherwise an eighth of the mean solid angle of its box.
         text: The text on the object, "" if it has none.
     """
 
@@ -40,7 +41,7 @@ def annotated_objects(panorama: Panorama) -> list[Annotated]:
     """Return the visible annotated objects of a panorama with their points.
 
     Raises:
-        InputMissing: The panorama has no annotations, or an instance image and no range.
+        InputMissing: The panorama has no annotations, or the range of the annotated objects is unknown.
     """
     if panorama.annotations is not None and not has_points(panorama):
         raise InputMissing(f"{panorama.id} has an instance image but no range image, expected both")
@@ -48,7 +49,8 @@ def annotated_objects(panorama: Panorama) -> list[Annotated]:
 
 
 def seen_objects(panorama: Panorama) -> list[Annotated]:
-    """Return the visible annotated objects of a panorama, with directions instead of points if it has no range.
+    """Return the visible annotated objects of a panorama. If their range is unknown, only the directions of their
+    points are meaningful.
 
     Raises:
         InputMissing: The panorama has no annotations.
@@ -61,7 +63,8 @@ def seen_objects(panorama: Panorama) -> list[Annotated]:
 
 
 def has_points(panorama: Panorama) -> bool:
-    """Return whether the annotated objects of a panorama have points; otherwise they have directions only."""
+    """Return whether the points of the annotated objects of a panorama are positions; otherwise they are directions
+    only."""
     listed = None if panorama.annotations is None else panorama.annotations.objects
     return panorama.range_m is not None if listed is None else listed.ranged
 
@@ -118,9 +121,9 @@ def _objects_in_image(
 
 
 def _objects_in_list(annotations: Annotations) -> list[Annotated]:
-    """Return the objects of a list that have a known position, each with the eight corners of its box.
+    """Return the objects of a list whose position is known. The points of an object are the eight corners of its box.
 
-    If the list has no ranges, the corners have equal shares of the mean solid angle of the box.
+    If the list has no ranges, each corner gets an eighth of the mean solid angle of the box.
     """
     listed = annotations.objects
     if listed is None:
@@ -139,6 +142,6 @@ def _objects_in_list(annotations: Annotations) -> list[Annotated]:
 
 
 def _annotated(key: int, label: str, points_m: np.ndarray, solid_angle_sr: np.ndarray) -> Annotated:
-    """Return an object whose label may state its text (`split_text`)."""
+    """Return an object. Separate the text of the object from its label (`split_text`)."""
     name, text = split_text(label)
     return Annotated(key, name, points_m, solid_angle_sr, text)

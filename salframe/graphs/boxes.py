@@ -10,9 +10,9 @@ import numpy as np
 from salframe.graphs.detections import Detections
 
 MIN_SIDE_M = 0.05
-"""Minimum side of a box, in metres: a flat set of points, such as a picture viewed head on, gets a box this thick."""
+"""Minimum side of a box, in metres. A flat set of points, such as a picture on a wall, gets a box of this thickness."""
 MIN_POINTS = 5
-"""Minimum number of points that give an object a position."""
+"""Minimum number of points of an object from which its position is computed."""
 
 
 def upright_box(points_m: np.ndarray) -> tuple[np.ndarray, float]:
@@ -22,7 +22,8 @@ def upright_box(points_m: np.ndarray) -> tuple[np.ndarray, float]:
         points_m: (N, 3), N >= 1, in metres.
 
     Returns:
-        size_m (3,): length >= width, and height; and yaw_rad in [0, pi), the azimuth of the length.
+        size_m: (3,), length, width and height in metres, length >= width.
+        yaw_rad: Azimuth of the longer horizontal side, in [0, pi).
     """
     import cv2
 
@@ -36,8 +37,8 @@ def upright_box(points_m: np.ndarray) -> tuple[np.ndarray, float]:
     angle = np.append(np.arctan2(edge[:, 1], edge[:, 0]), 0.0)
     along = np.stack([np.cos(angle), np.sin(angle)])
     length, width = np.ptp(hull @ along, axis=0), np.ptp(hull @ np.stack([-along[1], along[0]]), axis=0)
-    # Of boxes whose areas differ by less than rounding, select the one best aligned with the bearing, so that the
-    # result does not depend on the order of the hull.
+    # Among boxes with equal areas (up to rounding), select the box that is best aligned with the bearing. The result
+    # then does not depend on the order of the hull.
     area = np.maximum(length, MIN_SIDE_M) * np.maximum(width, MIN_SIDE_M)
     tied = np.flatnonzero(area <= area.min() * (1 + 1e-5))
     best = tied[np.argmin(np.round(angle[tied] % (np.pi / 2), 5))]
@@ -52,8 +53,8 @@ def detections_from_points(labels: Sequence[str], scores: np.ndarray, points_m: 
 
     Args:
         labels: N labels.
-        scores: (N,).
-        points_m: N arrays (n_i, 3), n_i >= 1, in metres.
+        scores: (N,) scores of the detections.
+        points_m: N arrays (n_i, 3), n_i >= 1, points of each object in the panorama frame in metres.
     """
     if not labels:
         return Detections.empty()
@@ -76,13 +77,13 @@ def detections_where_known(
     solid_angle_sr: np.ndarray | None = None,
     rays: Sequence[np.ndarray] | None = None,
 ) -> Detections:
-    """Return detections of objects. Some may have no position.
+    """Return detections of objects, some of which may have an unknown position.
 
     Args:
         labels: N labels.
-        scores: (N,).
-        points_m: N arrays (n_i, 3), the points behind the masks in metres, or None if no range is known. Objects
-            with fewer than MIN_POINTS points have the position and size NaN.
+        scores: (N,) scores of the detections.
+        points_m: N arrays (n_i, 3), the points behind the masks in metres; None if no range is known. The position and
+            the size of an object with fewer than MIN_POINTS points are NaN.
         bearing: (N, 3), as in Detections.
         solid_angle_sr: (N,), as in Detections.
         rays: N arrays, as in Detections.
@@ -105,8 +106,8 @@ def detections_where_known(
 def box_solid_angle(size_m: np.ndarray, range_m: float) -> float:
     """Return the mean solid angle, in steradians, of a box (3,) viewed from a random side at a range.
 
-    By Cauchy's formula the mean projected area of a convex body is a quarter of its surface; it is divided by the
-    squared range.
+    By Cauchy's formula, the mean projected area of a convex body is a quarter of its surface area. The solid angle is
+    this projected area divided by the squared range.
     """
     length, width, height = size_m
     return float((length * width + width * height + height * length) / 2 / range_m**2)

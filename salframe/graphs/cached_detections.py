@@ -1,4 +1,4 @@
-"""Detections of a panorama in a cache: methods with the same detector detect its objects once."""
+"""Cache of detections: methods that use the same detector detect the objects of a panorama only once."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from salframe.graphs.detector import Detector
 from salframe.panoramas.panorama import Panorama
 
 VERSION = "1"
-"""Changes whenever `detections_to_arrays` changes. It is part of the cache keys of detections."""
+"""Version of the format of `detections_to_arrays`, as part of the cache keys of detections."""
 _COLUMNS = ("scores", "centroid_m", "size_m", "yaw_rad", "bearing", "solid_angle_sr")
 _POINT_SETS = ("points_m", "rays")
 
@@ -25,9 +25,10 @@ def detect_cached(
 ) -> tuple[Detections, float]:
     """Return the detections of a panorama, and the time in seconds that their computation took.
 
-    Methods that share a cache share the detections of detectors with the same identity. Where the detections come from
-    the cache, the time is that of the computation, not of the reading. Detections of detectors that do not read colour
-    are not cached: they run no network, and computing them takes less time than reading them.
+    Methods with the same cache share the detections of detectors with the same identity (name, version, settings and
+    weights). If the detections come from the cache, the returned time is the time of the original computation.
+    Detections of detectors that do not read colour are not cached: such detectors run no network, and detecting takes
+    less time than reading the cache.
 
     Args:
         detector: The detector.

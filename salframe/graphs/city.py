@@ -1,5 +1,5 @@
-"""Synthetic maps of any size from the graphs of a few rooms: a scene is a room with changed furniture, a query is a
-scene observed again with errors."""
+"""Synthetic maps of any size from the graphs of a few rooms. A scene is the graph of a room with changed furniture. A
+query is a scene that a detector observes with errors."""
 
 from __future__ import annotations
 
@@ -14,26 +14,33 @@ from salframe.graphs.graph import REACH_M, SaliencyGraph
 from salframe.panoramas.geometry import pose_2d, transform_points
 
 SCENE_MOVE_M, SCENE_MOVE_Z_M, SCENE_SIZE_LOG = 0.6, 0.08, 0.12
-"""Standard deviations of the changes from a room to a scene: along x and y, in height, and of log sizes."""
+"""Standard deviations of the changes of an object from a room to a scene: along x and y (m), in height (m), and of the
+logarithm of its size."""
 SCENE_RELABEL_SHARE, SCENE_MISSING_SHARE = 0.1, 0.15
-"""Share of a room's objects with another label in a scene, and share of missing objects."""
+"""Share of a room's objects that get a random label in a scene, and share that is missing in the scene."""
 QUERY_OFFSET_M, ERROR_M, ERROR_Z_M, ERROR_SIZE_LOG = 0.7, 0.1, 0.08, 0.15
-"""Standard deviations of a query. QUERY_OFFSET_M: position along x and y, relative to the scene. Others: errors of the
-detector along x and y, in height, and of log sizes."""
+"""Standard deviations for a query: its position along x and y relative to the scene (m), and the errors of the detector
+along x and y (m), in height (m), and of the logarithm of a size."""
 MISLABEL_SHARE, MISS_SHARE = 0.05, 0.2
-"""Share of a scene's objects that the detector mislabels in a query, and share of missed objects."""
+"""Share of a scene's objects that get a random label in a query, and share that the detector misses."""
 
 
 @dataclass(frozen=True)
 class City:
-    """Scenes 0, 1, 2, ..., made from the rooms in turn. A scene depends on the seed, the rooms and its number only, not
-    on the number of scenes."""
+    """A synthetic map of scenes 0, 1, 2, ... that are made from the rooms in turn.
+
+    A scene depends only on the seed, the rooms and its number. It does not depend on the number of scenes.
+
+    Attributes:
+        seed: Seed of the random changes.
+        rooms: Graphs of the rooms.
+    """
 
     seed: int
     rooms: tuple[SaliencyGraph, ...]
 
     def scene(self, number: int) -> SaliencyGraph:
-        """Return a scene of the map."""
+        """Return scene `number` of the map: the graph of a room with random changes."""
         rng = np.random.default_rng((self.seed, number, 0))
         room = self.rooms[number % len(self.rooms)]
         return self._resampled(
@@ -50,7 +57,7 @@ class City:
         return (self.scene(number) for number in range(count))
 
     def query(self, number: int) -> SaliencyGraph:
-        """Return a scene as a detector observes it from another position and heading."""
+        """Return scene `number` as a detector observes it, with errors, from a random position and heading."""
         rng = np.random.default_rng((self.seed, number, 1))
         spread_m = (ERROR_M, ERROR_M, ERROR_Z_M)
         observation = self._resampled(self.scene(number), rng, MISS_SHARE, MISLABEL_SHARE, spread_m, ERROR_SIZE_LOG)
@@ -76,8 +83,8 @@ class City:
         spread_m: tuple[float, float, float],
         size_log: float,
     ) -> SaliencyGraph:
-        """Return a graph with random changes: objects are missing (at least one remains), have other labels, and all
-        are moved and resized."""
+        """Return a graph with random changes: some objects are missing (at least one remains), some get a random label,
+        and all are moved and resized."""
         present = rng.random(len(graph)) >= missing_share
         present[rng.integers(len(graph))] = True
         index = np.flatnonzero(present)

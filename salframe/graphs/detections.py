@@ -21,9 +21,10 @@ class Detections:
         labels: N names.
         scores: (N,) float64 in [0, 1].
         centroid_m: (N, 3) float64, centroids in metres, NaN where the range is unknown.
-        size_m: (N, 3) float64, length, width and height of the upright boxes in metres.
-        yaw_rad: (N,) float64, azimuth of the box's length, modulo pi.
-        points_m: N arrays (n_i, 3) float32, the points behind the masks in metres; None if only boxes are known.
+        size_m: (N, 3) float64, length, width and height of the upright boxes in metres, NaN where the range is unknown.
+        yaw_rad: (N,) float64, azimuth of the longer horizontal side of the box, modulo pi.
+        points_m: N arrays (n_i, 3) float32, the points behind the masks in metres; None if only boxes are known, or no
+            range.
         bearing: (N, 3) float64, unit vectors towards the objects, known without range too; by default the directions of
             the centroids.
         solid_angle_sr: (N,) float64, solid angle that each object covers, NaN where unknown.
@@ -73,7 +74,7 @@ class Detections:
         return len(self.labels)
 
     def take(self, index) -> Detections:
-        """Return the detections at these positions, in this order."""
+        """Return the detections with these indices, in this order."""
         index = np.asarray(index, int)
         points = None if self.points_m is None else tuple(self.points_m[i] for i in index)
         return Detections(
@@ -91,7 +92,7 @@ class Detections:
 
     @classmethod
     def empty(cls) -> Detections:
-        """Return no detections."""
+        """Return an empty set of detections."""
         return cls((), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
 
 

@@ -15,12 +15,14 @@ class Detector(Role):
 
     role = "detector"
     needs: ClassVar[frozenset[str]] = frozenset({"rgb", "range"})
+    """Parts of a panorama that `detect` requires, of "rgb", "range" and "annotations"."""
     column_step: ClassVar[int] = 1
-    """Step, in columns, at which the detector is equivariant: rotating the panorama by a multiple of it rotates the
-    detections and changes nothing else. For other rotations this holds for 95 % of the detections within 2 degrees."""
+    """Number of pixel columns of one rotation step. If the panorama is rotated by a multiple of this step, the
+    detections rotate by the same angle and do not change otherwise. For other rotations, this holds within 2 degrees
+    for 95 % of the detections."""
     turn_tolerance_m: ClassVar[float] = 1e-4
-    """Maximum change of a centroid and of a size, in metres, when the panorama rotates by a multiple of
-    `column_step`."""
+    """Maximum deviation of a centroid and of a size, in metres, from the rotated detections, if the panorama is rotated
+    by a multiple of `column_step`."""
 
     @classmethod
     def noise_in(cls, config: Any, rendered: bool) -> str | None:

@@ -1,5 +1,5 @@
-"""The 360-degree saliency graph G = (N, E, S): which objects become nodes, and which nodes are in context
-(docs/explanation/method.md#from-panorama-to-graph)."""
+"""The 360-degree saliency graph G = (N, E, S): which objects become nodes, and which nodes are in context, that is,
+connected by an edge (docs/explanation/method.md#from-panorama-to-graph)."""
 
 from __future__ import annotations
 
@@ -28,31 +28,32 @@ _NODE_COLUMNS = (
 
 @dataclass(frozen=True, eq=False)
 class SaliencyGraph:
-    """A place as a 360-degree saliency graph (docs/explanation/method.md#from-panorama-to-graph): salient objects and
-    the context between them.
+    """A 360-degree saliency graph (docs/explanation/method.md#from-panorama-to-graph): the nodes are salient objects,
+    and the edges connect objects that are close to each other ("in context").
 
-    A node without range has a bearing only: its centroid_m, size_m and yaw_rad are NaN, and it has no edges. In a
-    graph of one panorama all nodes or none have a range; without range, saliency is a share of solid angle. A graph of
-    several views may have both kinds, first the nodes with range. A graph with nodes without range can be a query, but
-    not part of a map.
+    A node without range has a bearing only: its centroid_m, size_m and yaw_rad are NaN, and it has no edges. In a graph
+    of one panorama, either all nodes have a range or none has. If none has, the saliency of a node is its share of the
+    solid angle of all nodes. In a graph of several views, the nodes with range come before the nodes without range. A
+    graph that contains nodes without range can be a query, but it cannot be part of a map.
 
     Attributes:
         labels: N names.
         scores: (N,) float64 in [0, 1], scores of the detector.
-        saliency: (N,) float64, shares of volume.
-        centroid_m: (N, 3) float64, in the panorama frame.
-        size_m: (N, 3) float64, length, width and height of the upright boxes.
-        yaw_rad: (N,) float64, azimuth of the box's length in the panorama frame.
-        edges: (E, 2) int64, pairs of nodes in context, edges[:, 0] < edges[:, 1].
+        saliency: (N,) float64, saliency of each object: by default, its volume divided by the volume of all objects.
+        centroid_m: (N, 3) float64, in metres, in the panorama frame.
+        size_m: (N, 3) float64, length, width and height of the upright boxes in metres.
+        yaw_rad: (N,) float64, azimuth of the longer horizontal side of the box in the panorama frame.
+        edges: (E, 2) int64, indices of the two nodes of each edge, edges[:, 0] < edges[:, 1].
         bearing: (N, 3) float64, unit vectors towards the nodes; by default the directions of the centroids.
-        solid_angle_sr: (N,) float64, solid angle that each node covers, NaN where it is unknown or not needed because
-            the node has a range.
-        origin_m: (N, 3) float64, position of the camera that saw each node, in the panorama frame: 0 but for nodes
-            without range in a graph of several views.
-        variance_m2: (N,) float64, variance of each node's position along each horizontal axis if it was triangulated
-            from several panoramas, which all have this error in common; 0 for a measured position.
-        texts: N strings, the text written on each node, "" where none was read; by default on no node.
-        out_of_reach: Number of objects that were left out because they lie beyond REACH_M along an axis.
+        solid_angle_sr: (N,) float64, solid angle that each node covers, NaN where it is unknown, and for nodes with
+            range.
+        origin_m: (N, 3) float64, position of the camera that observed each node, in metres, in the panorama frame. It
+            is the origin, except for nodes without range in a graph of several views.
+        variance_m2: (N,) float64, variance of the position of each node along each horizontal axis, if the position was
+            triangulated from several panoramas. This error is the same in the graphs of these panoramas. 0 for a
+            measured position.
+        texts: N strings, the text written on each node, "" where no text was read. By default, no node has a text.
+        out_of_reach: Number of objects that were left out because a coordinate exceeds REACH_M.
     """
 
     labels: tuple[str, ...]
@@ -104,12 +105,12 @@ class SaliencyGraph:
 
     @property
     def bearings_only(self) -> bool:
-        """Whether the graph has nodes, none of which has a known range."""
+        """Whether the graph has at least one node, and no node has a known range."""
         return without_positions(self.centroid_m)
 
     @cached_property
     def range_m(self) -> np.ndarray:
-        """(N,) distances of the centroids from the camera."""
+        """(N,) distances of the centroids from the camera, in metres."""
         return np.linalg.norm(self.centroid_m, axis=1)
 
     @cached_property
@@ -119,13 +120,14 @@ class SaliencyGraph:
 
     @cached_property
     def adjacency(self) -> np.ndarray:
-        """(N, N) bool, symmetric: which nodes are in context."""
+        """(N, N) bool, symmetric: whether an edge connects two nodes."""
         matrix = np.zeros((len(self), len(self)), bool)
         matrix[self.edges[:, 0], self.edges[:, 1]] = matrix[self.edges[:, 1], self.edges[:, 0]] = True
         return matrix
 
     def _repr_html_(self) -> str:
-        """Return the graph from above for notebooks, the direction of the panorama's +x axis up."""
+        """Return a drawing of the graph viewed from above, as HTML for notebooks. The +x axis of the panorama points
+        up."""
         from salframe.graphs.graph_html import graph_html
 
         return graph_html(
@@ -141,18 +143,19 @@ class SaliencyGraph:
 
 
 def without_positions(centroid_m: np.ndarray) -> bool:
-    """Return whether there are objects and none of their centroids (N, 3) is known."""
+    """Return whether there is at least one object, and no centroid (N, 3) is known."""
     return len(centroid_m) > 0 and bool(np.isnan(centroid_m).any(1).all())
 
 
 def without_range(graph: SaliencyGraph) -> SaliencyGraph:
-    """Return a graph with bearings only: labels, scores, saliency and bearings remain."""
+    """Return a copy of a graph whose nodes have bearings only. Positions, sizes and yaws are NaN, and it has no
+    edges."""
     unknown = np.full((len(graph), 3), np.nan)
     return replace(graph, centroid_m=unknown, size_m=unknown, yaw_rad=unknown[:, 0], edges=np.zeros((0, 2), np.int64))
 
 
 def with_range(graph: SaliencyGraph) -> SaliencyGraph:
-    """Return the graph of the nodes with range. They are the first nodes of a graph of several views."""
+    """Return the graph without its nodes that have no range. The nodes with range must be the first nodes."""
     count = int(np.isfinite(graph.centroid_m).all(1).sum())
     if count == len(graph):
         return graph
@@ -174,7 +177,7 @@ def concatenate_graphs(parts: Sequence[SaliencyGraph]) -> SaliencyGraph:
 
 
 class GraphConfig(Settings):
-    """Settings that determine which objects become nodes, and which nodes are connected by edges."""
+    """Settings of a graph: which objects become nodes, and which nodes are connected by an edge."""
 
     min_share: float = Field(
         0.0, ge=0, le=1, description="minimum saliency (0 to 1) of an object that becomes a node of the graph"
@@ -200,14 +203,15 @@ def build_graph(
 ) -> SaliencyGraph:
     """Return the saliency graph of detections.
 
-    Its nodes are the detections with known positions within REACH_M; where no position is known, the graph has bearings
-    only. Nodes are sorted by decreasing saliency; E(a, b) = 1 iff min(l_a, l_b) > d_s(a, b) (paper Eq. 1).
+    Its nodes are the detections with known positions within REACH_M that `config` selects. If no position is known, the
+    graph has bearings only. Nodes are sorted by decreasing saliency. Two nodes a and b are connected by an edge if
+    min(l_a, l_b) > d_s(a, b), with the box sizes l and the distance d_s (paper Eq. 1).
 
     Args:
         detections: N detections.
-        saliency: (N,), their saliency.
+        saliency: (N,) saliency of the detections.
         config: Which detections become nodes, and how edges are computed.
-        variance_m2: (N,) as in SaliencyGraph; None: 0.
+        variance_m2: (N,) as in SaliencyGraph; None: 0, for measured positions.
     """
     has_position = np.isfinite(detections.centroid_m).all(1)
     # Break ties by position: the order of the detections changes when the panorama is rotated.
@@ -236,7 +240,7 @@ def build_graph(
 
 
 def _edges(chosen: Detections, config: GraphConfig) -> np.ndarray:
-    """Return the pairs of nodes in context (paper Eq. 1), (E, 2) int64."""
+    """Return the edges, (E, 2) int64: the pairs of nodes in context (paper Eq. 1)."""
     extent = chosen.size_m.mean(1) if config.extent == "mean" else chosen.size_m.max(1, initial=0)
     a, b = np.triu_indices(len(chosen), 1)
     if config.distance == "surface":
@@ -248,13 +252,13 @@ def _edges(chosen: Detections, config: GraphConfig) -> np.ndarray:
 
 
 def box_distances(detections: Detections, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the distances in metres between the surfaces of upright boxes a and b, (E,) float64, 0 where they touch or
-    overlap.
+    """Return the distances in metres between the surfaces of pairs of upright boxes, (E,) float64; 0 for boxes that
+    touch or overlap.
 
     Args:
         detections: N detections.
-        a: (E,) indices of detections.
-        b: (E,) indices of detections.
+        a: (E,) indices of the first box of each pair.
+        b: (E,) indices of the second box of each pair.
     """
     import shapely
 
@@ -266,7 +270,7 @@ def box_distances(detections: Detections, a: np.ndarray, b: np.ndarray) -> np.nd
 
 
 def box_footprints(boxes: Detections | SaliencyGraph) -> np.ndarray:
-    """Return the corners (x, y) of the upright boxes in metres, in order around each, (N, 4, 2) float64."""
+    """Return the four corners (x, y) of each upright box in metres, clockwise viewed from above, (N, 4, 2) float64."""
     c, s = np.cos(boxes.yaw_rad), np.sin(boxes.yaw_rad)
     along = np.stack([c, s], 1) * boxes.size_m[:, :1] / 2
     across = np.stack([-s, c], 1) * boxes.size_m[:, 1:2] / 2

@@ -9,11 +9,11 @@ import numpy as np
 from salframe.framework.markup import INK, LINE, PlanDrawing, element, to_html
 
 COLOURS = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#8c564b", "#e377c2", "#17a2b8", "#bc8f00")
-"""Colours of labels, in the order of their first node."""
+"""Colours of labels. Labels get them in the order in which they first occur in the nodes."""
 MAX_NAMES = 20
-"""Maximum number of named nodes, the first ones."""
+"""Maximum number of nodes with a printed label. These are the first nodes of the graph."""
 RAY_M = 2.0
-"""Length of the rays to nodes without range."""
+"""Length in metres of the line towards a node without range."""
 
 
 def graph_html(
@@ -26,20 +26,20 @@ def graph_html(
     bearing: np.ndarray,
     origin_m: np.ndarray,
 ) -> str:
-    """Return a graph of N nodes from above as HTML, with +x up and +y to the left.
+    """Return a drawing of a graph of N nodes viewed from above, as HTML, with +x up and +y to the left.
 
-    Boxes are outlined, the area of a node is proportional to its saliency, and the width of an edge to its weight. A
-    node without range is a ray.
+    Boxes are drawn as outlines. The area of the dot of a node grows with its saliency, and the width of an edge grows
+    with its weight. A node without range is a line from the camera towards the node.
 
     Args:
         labels: N names.
-        saliency: (N,).
+        saliency: (N,) saliency of the nodes.
         centroid_m: (N, 3), NaN without range.
         footprints_m: (N, 4, 2) corners of the boxes, NaN without range.
         edges: (E, 2) pairs of nodes.
-        weights: (E,).
+        weights: (E,) edge weights.
         bearing: (N, 3) unit vectors.
-        origin_m: (N, 3) positions from which the nodes were seen.
+        origin_m: (N, 3) positions of the cameras that observed the nodes.
     """
     turn = np.array([(0.0, 1.0), (-1.0, 0.0)])  # +x of the panorama is up in the drawing
     has_range = np.isfinite(centroid_m).all(1)

@@ -1,5 +1,5 @@
-"""Detections of a network in perspective views, and their merging to objects: suppression of overlapping boxes in a
-view, then fusion over views."""
+"""Merge the detections of a network in perspective views of one panorama: suppress overlapping boxes in each view, then
+combine the detections of the same object in several views."""
 
 from __future__ import annotations
 
@@ -14,17 +14,19 @@ from salframe.graphs.foreground import foreground
 from salframe.panoramas.coverage import Rig
 
 AGREEMENT = 0.2
-"""Minimum intersection over union of detections of the same object in two views. It is low because the box in a tilted
-view has another shape on the sphere. Measured with boxes around the objects of three rendered buildings, cut at the
-views' borders: of 1,995 objects, 7 were reported twice (24 at 0.45), and one pair was mixed up."""
+"""Minimum intersection over union of two detections of the same object in two views. It is low because a box in a
+tilted view has another shape on the sphere. In a test on three rendered buildings, with boxes around the objects that
+were cut at the borders of the views, 7 of 1,995 objects were reported twice (24 with a minimum of 0.45), and one pair
+of objects was confused."""
 INSIDE = 0.3
-"""A detection that is cut by a view's border joins a larger one that covers more than this share of it. Without this
-rule, 70 of the 1,995 objects that AGREEMENT was measured with were reported twice."""
+"""A detection that is cut by the border of a view is joined with a larger detection that covers more than this share of
+the cut detection. Without this rule, 70 of the 1,995 objects in the test of AGREEMENT were reported twice."""
 MIN_SHARED = 0.1
-"""Minimum overlap of two agreeing detections as a share of the smaller one. Slivers at view borders do not count."""
+"""Minimum overlap of two detections of the same object, as a share of the smaller detection. It excludes detections
+that overlap only in a narrow strip at the border of a view."""
 CANDIDATES, MAX_DETECTIONS = 1000, 100
-"""Maximum number of boxes per view before and after suppression, the defaults of Detectron2. They bound the time for
-networks with more outputs."""
+"""Maximum number of boxes per view before and after suppression, as the defaults of Detectron2. They limit the
+computing time for networks with more outputs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,10 +34,10 @@ class ImageDetections:
     """Detections of a network in one image.
 
     Attributes:
-        box_px: Boxes (n, 4): left, top, right, bottom; pixel centres at +0.5.
-        score: Scores (n,) in [0, 1].
-        label: Classes (n,) int.
-        mask: Masks (n, height, width) bool; None if only boxes are known.
+        box_px: (n, 4) boxes in pixels: left, top, right, bottom. The centre of the first pixel is (0.5, 0.5).
+        score: (n,) scores in [0, 1].
+        label: (n,) int, class indices.
+        mask: (n, height, width) bool masks; None if only boxes are known.
     """
 
     box_px: np.ndarray
@@ -44,20 +46,21 @@ class ImageDetections:
     mask: np.ndarray | None = None
 
     def take(self, index: np.ndarray) -> ImageDetections:
-        """Return the detections at these positions."""
+        """Return the detections with these indices."""
         return ImageDetections(
             self.box_px[index], self.score[index], self.label[index], None if self.mask is None else self.mask[index]
         )
 
     def masks(self) -> Sequence[np.ndarray | None]:
-        """Return the mask of each detection, None if only boxes are known."""
+        """Return one entry per detection: its mask (height, width) bool, or None if only boxes are known."""
         return [None] * len(self.score) if self.mask is None else list(self.mask)
 
 
 def suppress(detections: ImageDetections, overlap: float) -> ImageDetections:
-    """Suppress boxes of one class whose intersection over union exceeds `overlap`, except the one with the best score.
+    """Return the detections after non-maximum suppression: if the intersection over union of boxes of one class exceeds
+    `overlap`, only the box with the best score remains.
 
-    At most CANDIDATES boxes are compared, and at most MAX_DETECTIONS returned, those with the best scores.
+    Only the CANDIDATES boxes with the best scores are compared. At most MAX_DETECTIONS boxes are returned.
     """
     import cv2
 
@@ -73,7 +76,7 @@ def suppress(detections: ImageDetections, overlap: float) -> ImageDetections:
 
 
 def _best(score: np.ndarray, count: int) -> np.ndarray:
-    """Return the positions of the `count` best scores in ascending order. Among equal scores, the first ones are
+    """Return the indices of the `count` highest scores, in ascending order. Among equal scores, the first ones are
     selected."""
     return np.sort(np.argsort(-score, kind="stable")[:count])
 
@@ -83,21 +86,23 @@ def group(
 ) -> list[np.ndarray]:
     """Group the detections of one class by object.
 
-    Two detections in different views are the same object if the intersection over union of their footprints, in the
-    part of the sphere that both views show, exceeds AGREEMENT. Parts cut off by one view are thus completed by the
-    other. A group has at most one detection per view. Pairs with the best agreement are joined first. A detection that
-    is cut by a view's border and too small to agree with others then joins the larger detection that covers most of it,
-    if that covers more than INSIDE.
+    Two detections in different views are the same object if the intersection over union of their footprints exceeds
+    AGREEMENT. It is computed in the part of the sphere that both views show. A group has at most one detection per
+    view. Pairs with the highest intersection over union are joined first.
+
+    Then small groups at the borders of views are joined with larger detections: if the borders of the views cut all
+    detections of a group, and a larger detection of another view covers more than INSIDE of one of them, the group is
+    joined with the group of this larger detection.
 
     Args:
-        footprint: Pixels of the sphere (D, P) bool that each detection covers.
-        view: View (D,) of each detection.
-        cut: Whether each detection (D,) reaches its view's border.
-        visible: Pixels (V, P) bool that each view shows.
-        solid_angle_sr: Solid angles (P,) of the pixels.
+        footprint: (D, P) bool, pixels of the sphere that each of the D detections covers.
+        view: (D,) index of the view of each detection.
+        cut: (D,) bool, whether each detection reaches the border of its view.
+        visible: (V, P) bool, pixels that each of the V views shows.
+        solid_angle_sr: (P,) solid angles of the pixels in steradians.
 
     Returns:
-        Positions of the detections of each object, one array per object.
+        One array per object, with the indices of its detections.
     """
     used = footprint.any(0)
     covered, area = footprint[:, used].astype(np.float32), solid_angle_sr[used]
@@ -126,10 +131,14 @@ def group(
 
 
 def outline(footprint: np.ndarray, view: np.ndarray, visible: np.ndarray) -> np.ndarray:
-    """Return the pixels (P,) bool of an object: pixels that are marked in more than half of the views that show them.
+    """Return the pixels of an object, (P,) bool.
+
+    For each pixel, the views that detect the object and show the pixel are counted. The pixel belongs to the object if
+    the detections in more than half of these views cover it.
 
     Args:
-        footprint, view: As in `group`, of the object's detections only.
+        footprint: As in `group`, only for the detections of the object.
+        view: As in `group`, only for the detections of the object.
         visible: As in `group`.
     """
     return 2 * footprint.sum(0) > visible[view].sum(0)
@@ -142,12 +151,12 @@ def merge_views(
     height: int,
     range_m: np.ndarray | None = None,
 ) -> Detections:
-    """Merge the detections in the views of a panorama to objects, each once.
+    """Merge the detections in the views of a panorama, so that each object is reported once.
 
     Args:
-        detections: Detections of each view of the rig.
+        detections: Detections in each view of the rig.
         names: Names of the classes.
-        rig: The views.
+        rig: Directions and intrinsics of the views.
         height: Height of the panorama in pixels.
         range_m: Range image (height, 2 height) in metres; None if no range is known.
     """
@@ -165,7 +174,7 @@ def merge_views(
         for box, mask in zip(view_detections.box_px, view_detections.masks(), strict=True)
     ]
     footprint = np.array(marked, bool).reshape(len(view), len(grid.rays))
-    # Boxes at a view's border with fewer pixels are ignored.
+    # Boxes that are cut by the border of a view and cover fewer than MIN_POINTS pixels are ignored.
     usable = ~cut | (footprint.sum(1) >= MIN_POINTS)
     labels, scores, bearing, solid_angle_sr, masks, points = [], [], [], [], [], []
     for kind in np.unique(label[usable]):

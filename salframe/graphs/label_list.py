@@ -28,12 +28,12 @@ class ListedLabel:
     """A label of the annotated objects of a dataset.
 
     Attributes:
-        label: The label, after the table of labels of the folder.
-        name: Its `object_label`, which maps and queries compare.
-        common: Its `common_label`, which detectors share.
+        label: The label, after the replacements in the label table of the data folder.
+        name: The `object_label` of the label. A map is matched with a query by these names.
+        common: The `common_label` of the label. Different detectors are compared by these names.
         objects: Number of objects with this label that are visible in at least one panorama.
         status: Whether the vocabulary has the label.
-        near: Names that resemble a label that the vocabulary does not have, best first.
+        near: Names of the vocabulary that resemble an unknown label, best first; () for a label with another status.
     """
 
     label: str
@@ -58,7 +58,7 @@ class LabelList:
 
     Attributes:
         labels: The labels, the most frequent first.
-        failures: A one-line error for each panorama that could not be read, by id.
+        failures: Mapping from the id of each panorama that could not be read to a one-line error.
     """
 
     labels: tuple[ListedLabel, ...]
@@ -71,7 +71,7 @@ def list_labels(dataset: Dataset, progress: Progress | None = None) -> LabelList
 
     Args:
         dataset: A prepared dataset.
-        progress: Called with the number of panoramas that were read.
+        progress: Called as progress(name of the dataset, done, total) with numbers of panoramas; None: not called.
 
     Raises:
         DataError: No panorama has annotations.

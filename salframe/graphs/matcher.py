@@ -1,4 +1,5 @@
-"""The role `matcher`: matches a query with a map (docs/explanation/method.md#from-graph-to-panorama)."""
+"""The role `matcher`: matches the graph of a query with the graphs of a map
+(docs/explanation/method.md#from-graph-to-panorama). A scene is the graph of one reference frame."""
 
 from __future__ import annotations
 
@@ -20,12 +21,12 @@ class GraphMatch:
     """A match of a query graph with a graph of the map.
 
     Attributes:
-        scene: Index of the scene in the map.
+        scene: Index of the scene (the graph of one reference frame) in the map.
         score: Score of the match, larger is better.
-        pairs: (M, 2) int64, pairs of query and map nodes.
-        T_scene_query: (4, 4) pose of the query relative to the reference frame; None for matchers that do not estimate
-            it.
-        scale: Factor that corrects the ranges of the query, 1 for matchers that do not estimate it.
+        pairs: (M, 2) int64, index of the query node and index of the scene node of each matched pair.
+        T_scene_query: (4, 4) pose of the query relative to the panorama of the scene; None for matchers that estimate
+            no pose.
+        scale: Factor from the ranges of the query to true ranges; 1 for matchers that estimate no scale.
     """
 
     scene: int
@@ -55,12 +56,12 @@ class GraphMatcher(Role):
 
     role = "matcher"
     uses_scene_index: ClassVar[bool] = False
-    """Whether the matcher takes candidates from a scene index: that of the graphs (`GraphTable.scenes`) where they have
-    one."""
+    """Whether the matcher takes its candidates from a scene index. If the graphs have one (`GraphTable.scenes`), it
+    uses this index."""
 
     @abstractmethod
     def index(self, graphs: Sequence[SaliencyGraph]) -> Any:
-        """Return the index of these graphs, any object that `match` receives."""
+        """Return an index of these graphs: an object of any type, which is passed to `match`."""
 
     def write_index(self, graphs: Sequence[SaliencyGraph], folder: Path) -> None:
         """Write the index of these graphs to a new folder, for `open_index`.
@@ -69,7 +70,7 @@ class GraphMatcher(Role):
         """
 
     def open_index(self, graphs: MappedGraphs, folder: Path) -> Any:
-        """Return the index of packed graphs on disk, as `index` does.
+        """Return the same index as `index`, from packed graphs on disk.
 
         Args:
             graphs: The packed graphs.
@@ -82,13 +83,17 @@ class GraphMatcher(Role):
     def match(self, query: SaliencyGraph, index: Any, top_k: int) -> list[GraphMatch]:
         """Return at most `top_k` matches, best first. Graphs without a matched object are left out.
 
-        If the query has no range, the sizes and centroids of its objects are NaN (see SaliencyGraph).
+        Args:
+            query: Graph of the query. If it has no range, the sizes and centroids of its objects are NaN (see
+                SaliencyGraph).
+            index: The result of `index` or `open_index`.
+            top_k: Maximum number of matches.
         """
 
     def rank(self, query: SaliencyGraph, index: Any, top_k: int) -> RankedGraphs:
         """Return the matches of `match` without their pairs.
 
-        Optional: override it if the pairs take time.
+        Optional: override it if computing the pairs takes time.
         """
         matches = self.match(query, index, top_k)
         poses = [np.full((4, 4), np.nan) if match.T_scene_query is None else match.T_scene_query for match in matches]

@@ -1,4 +1,4 @@
-"""The nearest word of the vocabulary for words that it lacks, by static word vectors."""
+"""The nearest word in the vocabulary for a word outside the vocabulary, by static word vectors."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ import numpy as np
 from salframe.graphs.vocabulary import vocabulary_words
 
 MIN_SIMILARITY = 0.6
-"""Minimum cosine similarity of a word and its nearest word. Below it, wrong words are frequent ("icebox" and "mailbox":
+"""Minimum cosine similarity of a word and its nearest word. Less similar words are often wrong ("icebox" and "mailbox":
 0.47)."""
 PACKAGE, PIP_COMMAND = "wordllama", "pip install 'salframe[words]'"
 
 
 class WordVectors:
-    """The vectors of the package wordllama, which are read from the installed package without a download."""
+    """Word vectors of the package wordllama. They are read from the installed package, without a download."""
 
     @cached_property
     def is_installed(self) -> bool:
@@ -27,7 +27,7 @@ class WordVectors:
 
     @property
     def reason(self) -> str:
-        """Why a word has no nearest word, as the end of a sentence."""
+        """The reason why `nearest` returned None, as the end of a sentence."""
         if self.is_installed:
             return " and resembles no word of the vocabulary"
         return f"; similar words need the package {PACKAGE}, not installed: {PIP_COMMAND}"

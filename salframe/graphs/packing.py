@@ -11,16 +11,16 @@ from salframe.framework.errors import DataError
 from salframe.graphs.graph import REACH_M, SaliencyGraph
 
 NODE = np.dtype([("score", "u1"), ("yaw", "u1"), ("saliency", "<u2"), ("position_mm", "<i2", 3), ("size_mm", "<u2", 3)])
-"""Type of a packed node, see `pack_graph`."""
+"""Data type of a packed node, see `pack_graph`."""
 
 GRAPH_ARRAYS = frozenset({"labels", "scores", "saliency", "centroid_m", "size_m", "yaw_rad", "edges"})
 """Names of the arrays that `graph_to_arrays` returns for every graph."""
 
 BEARING_ARRAYS = ("bearing", "solid_angle_sr", "origin_m")
-"""Names of the arrays of graphs with nodes without range."""
+"""Names of the arrays that a graph has in addition if it has nodes without range."""
 
 VARIANCE, DEVIATION = "variance_m2", "deviation_mm"
-"""Names of the arrays of graphs with triangulated nodes, exact and packed."""
+"""Names of the array that a graph has in addition if it has triangulated nodes: in exact form, and packed."""
 TEXTS = "texts"
 """Name of the array with the text of each node, in graphs with at least one text."""
 
@@ -62,9 +62,15 @@ def pack_graph(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Pack arrays of `graph_to_arrays` into 16 bytes per node, one bit per pair of nodes, the labels, and the texts.
 
     Returns:
-        `labels`; `nodes` (N,): score in 1/255, yaw in pi/256, saliency in 1/65535, position and size in mm, a size from
-        1 to 65535; `edges`: a bit for each pair of nodes, row by row above the diagonal. If nodes were triangulated,
-        `deviation_mm` (N,): standard deviation of the position along each horizontal axis. `texts`, if a node has one.
+        Packed arrays by name:
+
+        - `labels`: (N,) str.
+        - `nodes`: (N,) NODE. The units are 1/255 for the score, pi/256 for the yaw, 1/65535 for the saliency, and mm
+          for position and size. A size is from 1 to 65535 mm.
+        - `edges`: uint8, one bit for each pair of nodes, row by row above the diagonal of the adjacency matrix.
+        - `deviation_mm`: (N,) uint16, standard deviation of the position along each horizontal axis. Only if a node was
+          triangulated.
+        - `texts`: (N,) str. Only if a node has a text.
 
     Raises:
         DataError: A position is unknown or beyond +-32.7 m.
@@ -99,7 +105,8 @@ def unpack_graph(packed: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def texts_of(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return {name: array} with the texts of a graph or packed graph; {} if no node has a text."""
+    """Return the texts from the arrays of a graph or of a packed graph, as {"texts": array}; {} if no node has a
+    text."""
     return {TEXTS: arrays[TEXTS]} if TEXTS in arrays else {}
 
 
@@ -115,8 +122,8 @@ def unpack_nodes(nodes: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def edge_bits(edges: np.ndarray, count: int) -> np.ndarray:
-    """Return the edges (E, 2) of a graph of `count` nodes as uint8: a bit for each pair of nodes, row by row above the
-    diagonal."""
+    """Return the edges (E, 2) of a graph of `count` nodes as packed bits, uint8: one bit for each pair of nodes, row by
+    row above the diagonal of the adjacency matrix."""
     linked = np.zeros((count, count), bool)
     linked[tuple(edges.T)] = True
     return np.packbits(linked[tuple(_pairs(count).T)])

@@ -11,7 +11,7 @@ from salframe.graphs.detections import Detections, unit_vectors
 from salframe.graphs.vocabulary import object_label
 
 PANELS = frozenset({"mirror", "monitor", "picture", "projection screen", "sign", "television", "whiteboard", "window"})
-"""Labels of flat objects. A network often gives several of them to parts of one panel."""
+"""Labels of flat objects. A network often gives several of these labels to pieces of one panel."""
 MAX_GAP_M = 0.15
 """Maximum distance in metres between the nearest points of two pieces of a panel."""
 MAX_THICKNESS_M = 0.08
@@ -23,14 +23,15 @@ MAX_GAP_DEG = 1.5
 def join_panels(detections: Detections) -> Detections:
     """Join panels that touch each other and lie on one plane.
 
-    Pieces without range are joined if they touch in the image. The label is that of the pieces with the largest sum of
-    score times solid angle. The score is their mean, weighted by solid angle.
+    Pieces without range are joined if they touch in the image. A joined object gets the label with the largest sum of
+    score times solid angle over its pieces. Its score is the mean score of the pieces with this label, weighted by
+    solid angle.
 
     Args:
         detections: Detections with `rays` and `solid_angle_sr`.
 
     Returns:
-        The detections, joined objects at the position of their first piece. If nothing is joined, the same object.
+        The detections. A joined object takes the index of its first piece. If nothing is joined, the input is returned.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -74,13 +75,13 @@ def _is_one_panel(detections: Detections, first: int, second: int) -> bool:
 
 
 def _known_points(detections: Detections, group: np.ndarray | list[int]) -> np.ndarray:
-    """Return the points (n, 3) of the objects of a group whose position is known."""
+    """Return the points (n, 3) of a group of objects, without points of unknown position."""
     points_m = np.concatenate([detections.points_m[n] for n in group])  # type: ignore[index]
     return points_m[np.isfinite(points_m).all(1)]
 
 
 def _label(detections: Detections, group: np.ndarray) -> tuple[str, float]:
-    """Return the label and the score of the object that is made of a group."""
+    """Return the label and the score of the object that a group of pieces is joined to."""
     weight = detections.solid_angle_sr[group]
     labels = np.array([detections.labels[n] for n in group])
     names, name = np.unique(labels, return_inverse=True)

@@ -1,4 +1,4 @@
-"""Connected parts of labelled pixels and removal of stray points, for detectors that segment panoramas."""
+"""Connected components of labelled pixels, and removal of stray points, for detectors that segment panoramas."""
 
 from __future__ import annotations
 
@@ -7,24 +7,25 @@ from collections.abc import Callable
 import numpy as np
 
 STRAY = 4.0
-"""Maximum distance of a point from the median of its object's points, in median distances; a point beyond is a
-stray."""
+"""Maximum distance of a point from the median position of the points of its object, in multiples of the median
+distance. Points farther away are strays."""
 
 _NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 
 def connected_parts(usable: np.ndarray, alike: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
-    """Return the connected part of each usable pixel of a panorama.
+    """Return the number of the connected component of each usable pixel of a panorama.
 
-    Neighbours include diagonal ones and those across the seam.
+    Each pixel has eight neighbours. The first and the last pixel column of the panorama are neighbours.
 
     Args:
-        usable: (H, W) bool.
-        alike: Called with the flat indices, two arrays (n,), of n pairs of usable neighbours; returns (n,) bool,
-            whether the two pixels of a pair belong to one part.
+        usable: (H, W) bool, pixels that can be part of a component.
+        alike: Called with two arrays (n,), the flat indices of n pairs of usable neighbours. Returns (n,) bool, whether
+            the two pixels of a pair belong to the same component.
 
     Returns:
-        (P,) int, the number of the part, from 0, of the P usable pixels in the order of np.flatnonzero(usable).
+        (P,) int, number of the component (from 0) of each of the P usable pixels, in the order of
+        np.flatnonzero(usable).
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -45,7 +46,7 @@ def connected_parts(usable: np.ndarray, alike: Callable[[np.ndarray, np.ndarray]
 
 
 def without_strays(points_m: np.ndarray) -> np.ndarray:
-    """Return the points (n, 3) of an object without strays, which lie on the wall behind it where the mask is too
-    large."""
+    """Return the points (n, 3) of an object without stray points. If a mask is too large, some of its points lie on the
+    wall behind the object."""
     distance = np.linalg.norm(points_m - np.median(points_m, axis=0), axis=1)
     return points_m[distance <= STRAY * max(float(np.median(distance)), 0.05)]

@@ -17,4 +17,4 @@ class SaliencyModel(Role):
 
     @abstractmethod
     def score(self, detections: Detections) -> np.ndarray:
-        """Return the saliency of each object, (N,) float64: shares of at least 0 that sum to 1."""
+        """Return the saliency of each object, (N,) float64: numbers that are at least 0 and sum to 1."""

@@ -1,4 +1,5 @@
-"""The role `scene-index`: selects the scenes of a large map that are matched with a query."""
+"""The role `scene-index`: selects the scenes of a large map that are matched with a query. A scene is the graph of one
+reference frame."""
 
 from __future__ import annotations
 
@@ -19,7 +20,8 @@ from salframe.graphs.graph import SaliencyGraph
 
 @dataclass(frozen=True, eq=False)
 class SceneCandidates:
-    """K candidate scenes, best first; scenes of equal scores are sorted by index.
+    """K candidate scenes (graphs of reference frames) of a map, best first. Scenes with equal scores are sorted by
+    index.
 
     Attributes:
         scene: (K,) int64, indices of the scenes in the map.
@@ -34,10 +36,10 @@ class SceneCandidates:
 
 
 class SceneLookup(Protocol):
-    """An object that returns candidate scenes."""
+    """Protocol of an open scene index."""
 
     def candidates(self, query: SaliencyGraph, count: int) -> SceneCandidates:
-        """Return candidate scenes, see SceneIndex."""
+        """Return at most `count` candidate scenes, as `SceneIndex.candidates`."""
 
 
 class SceneIndex(Role):
@@ -48,7 +50,8 @@ class SceneIndex(Role):
 
     @classmethod
     def note(cls, config: Any, num_scenes: int) -> str | None:
-        """Return a message for the user about an index of `num_scenes` scenes; None (the default): no message."""
+        """Return a message for the user about using this index on `num_scenes` scenes; None (the default): no
+        message."""
         return None
 
     @abstractmethod
@@ -56,7 +59,8 @@ class SceneIndex(Role):
         """Write an index of a map's graphs to a new folder, in one atomic step.
 
         Args:
-            graphs: The graphs of scenes 0, 1, 2, ..., as a stream; memory must not grow with their number.
+            graphs: The graphs of scenes 0, 1, 2, ..., as a stream. The memory use must not grow with the number of
+                graphs.
             folder: The folder to write.
 
         Raises:

@@ -1,4 +1,5 @@
-"""Arrays that hold the rows of several groups one after the other: a flat layout without padding."""
+"""Sums, maxima and indices for arrays that contain the elements of several groups one after the other, without
+padding."""
 
 from __future__ import annotations
 
@@ -6,11 +7,11 @@ import numpy as np
 
 
 class Segments:
-    """N groups of consecutive columns, T columns in total.
+    """N groups of consecutive elements along the last axis of an array, T elements in total.
 
     Attributes:
-        count: (N,) int64, number of columns of each group.
-        start: (N + 1,) int64, first column of each group, then T.
+        count: (N,) int64, number of elements of each group.
+        start: (N + 1,) int64, index of the first element of each group, then T.
     """
 
     def __init__(self, count: np.ndarray) -> None:
@@ -22,15 +23,15 @@ class Segments:
         return len(self.count)
 
     def sum(self, values: np.ndarray) -> np.ndarray:
-        """Return the sum of each group's columns, (..., N), 0 for an empty group; values (..., T)."""
+        """Return the sum of `values` (..., T) over each group, (..., N); 0 for an empty group."""
         return self._reduce(np.add, values)
 
     def max(self, values: np.ndarray) -> np.ndarray:
-        """Return the maximum of each group's columns, (..., N), 0 for an empty group; values (..., T)."""
+        """Return the maximum of `values` (..., T) over each group, (..., N); 0 for an empty group."""
         return self._reduce(np.maximum, values)
 
     def spread(self, values: np.ndarray) -> np.ndarray:
-        """Return values of groups (..., N) repeated for each of their columns, (..., T)."""
+        """Return one value for each element, (..., T): the value of its group in `values` (..., N)."""
         return values.repeat(self.count, axis=-1)
 
     def _reduce(self, function: np.ufunc, values: np.ndarray) -> np.ndarray:
@@ -43,20 +44,23 @@ class Segments:
 
 
 def starts(count: np.ndarray) -> np.ndarray:
-    """Return the first position of each of N groups of these sizes, then the end of the last one, (N + 1,) int64."""
+    """Return the index of the first element of each of N groups of these sizes, then the number of all elements,
+    (N + 1,) int64."""
     start = np.zeros(len(count) + 1, np.int64)
     np.cumsum(count, out=start[1:])
     return start
 
 
 def ranges(first: np.ndarray, count: np.ndarray) -> np.ndarray:
-    """Return first[i], first[i] + 1, ..., first[i] + count[i] - 1 of all groups i, (sum(count),) int64."""
+    """Return the concatenated ranges first[i], first[i] + 1, ..., first[i] + count[i] - 1 of all groups i,
+    (sum(count),) int64."""
     start = starts(count)
     return (first - start[:-1]).repeat(count) + np.arange(start[-1])
 
 
 def run_starts(*keys: np.ndarray) -> np.ndarray:
-    """Return the positions where any of the keys (N,) differs from the position before, including 0."""
+    """Return the indices at which at least one of the arrays (N,) differs from its previous element, including index
+    0."""
     is_start = np.zeros(len(keys[0]), bool)
     is_start[:1] = True
     for key in keys:
@@ -65,7 +69,7 @@ def run_starts(*keys: np.ndarray) -> np.ndarray:
 
 
 def pairs_within(start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the positions a < b of all pairs of rows of the same group, two arrays (P,) int64, group by group.
+    """Return the indices a < b of all pairs of elements of the same group, two arrays (P,) int64, group by group.
 
     Args:
         start: (N + 1,), as in Segments.
@@ -76,14 +80,13 @@ def pairs_within(start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def top_per_group(value: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:
-    """Return the positions of the `count` largest finite values of each group, sorted by group, then by decreasing
-    value.
+    """Return the indices of the `count` largest finite values of each group, sorted by group, then by decreasing value.
 
-    Ties keep their order.
+    Equal values keep their order.
 
     Args:
         value: (N,) float.
-        group: (N,) int.
+        group: (N,) int, group of each value.
         count: Maximum number of values per group.
     """
     order = np.flatnonzero(np.isfinite(value))

@@ -1,5 +1,6 @@
 """The sensor model of a detector, measured against annotations: detection probability, label confusion, false positives
-and errors. It simulates a detector's errors on annotations, and weights them when graphs are matched."""
+and errors of position and size. It is used to simulate the detector on annotations, and to weight errors when graphs
+are matched."""
 
 from __future__ import annotations
 
@@ -18,13 +19,15 @@ from salframe.graphs.vocabulary import common_label
 
 FORMAT: Final = "salframe sensor 2"
 QUANTILES = 11
-"""Number of values that a distribution is stored as: minimum, deciles and maximum."""
+"""Number of quantiles that represent a distribution: minimum, deciles and maximum."""
 PSEUDO_COUNT = 1.0
-"""Number of objects, distributed as all labels together are, that smooth the counts of a label."""
+"""Number of virtual objects that are added to the counts of a label to smooth them, see
+`SensorModel.label_probabilities`."""
 
 
 def _check_quantiles(values: tuple[float, ...]) -> tuple[float, ...]:
-    """Return the quantiles. Raises ValueError unless there are none, or QUANTILES values that do not decrease."""
+    """Return the quantiles. Raises ValueError if their number is neither 0 nor QUANTILES, or if they are not in
+    ascending order."""
     if len(values) not in (0, QUANTILES):
         raise ValueError(f"received {len(values)} quantiles, expected 0 or {QUANTILES}")
     if list(values) != sorted(values):
@@ -40,11 +43,13 @@ Lengths = Annotated[tuple[Length, ...], AfterValidator(_check_quantiles)]
 
 
 class DetectionModel(Settings):
-    """P(detected): the logistic function of `intercept` + `per_log_solid_angle` ln(solid angle / reference) +
-    `per_log_range` ln(range / reference) + `per_hidden_share` (hidden share - reference) + the group's offset.
+    """Probability that an object is detected.
 
-    A group is a set of labels with one common label (`common_label`). A group without measurements has offset 0. An
-    unknown quantity is replaced by its reference, the median of the measurements.
+    It is the logistic function of `intercept` + `per_log_solid_angle` ln(solid angle / reference) +
+    `per_log_range` ln(range / reference) + `per_hidden_share` (hidden share - reference) + offset of the label group.
+
+    A group is a set of labels with the same `common_label`. A group without measurements has the offset 0. The
+    references are the medians of the measurements. An unknown quantity is replaced by its reference.
     """
 
     intercept: LogOdds
@@ -73,9 +78,9 @@ class DetectionModel(Settings):
 
         Args:
             labels: N annotated labels.
-            solid_angle_sr: (N,), NaN or None if unknown.
-            range_m: (N,), NaN or None if unknown.
-            hidden_share: (N,), NaN or None if unknown.
+            solid_angle_sr: (N,) solid angles in steradians, NaN or None if unknown.
+            range_m: (N,) ranges in metres, NaN or None if unknown.
+            hidden_share: (N,) as in ObjectVisibility, NaN or None if unknown.
         """
         offset = np.array([self.offsets.get(common_label(label), 0.0) for label in labels], np.float64)
         terms = self.terms(len(labels), solid_angle_sr, range_m, hidden_share)
@@ -85,7 +90,8 @@ class DetectionModel(Settings):
     def terms(
         self, count: int, solid_angle_sr: np.ndarray | None, range_m: np.ndarray | None, hidden_share: np.ndarray | None
     ) -> np.ndarray:
-        """Return the factors of the three slopes, (N, 3) float64."""
+        """Return the three quantities that the slopes are multiplied by, relative to their references, (N, 3) float64:
+        log solid angle, log range and hidden share; 0 where unknown."""
         terms = np.full((count, 3), np.nan)
         if solid_angle_sr is not None:
             terms[:, 0] = np.log(np.maximum(solid_angle_sr, 1e-9) / self.reference_solid_angle_sr)
@@ -97,7 +103,7 @@ class DetectionModel(Settings):
 
 
 class FalseObjects(Settings):
-    """False positives: detections without an annotated object. Quantiles are evenly spaced from minimum to maximum."""
+    """False positives: detections without an annotated object. The quantile levels are evenly spaced from 0 to 1."""
 
     per_panorama: float = Field(ge=0, le=10_000, description="mean number of false positives per panorama")
     labels: dict[str, NumObjects] = Field(description="number of false positives with each label of the detector")
@@ -111,7 +117,7 @@ class FalseObjects(Settings):
 
 
 class Errors(Settings):
-    """Robust standard deviations (1.4826 times the median absolute deviation) of the detections."""
+    """Robust standard deviations (1.4826 times the median absolute deviation) of the errors of detections."""
 
     bearing_rad: float = Field(
         ge=0,
@@ -134,7 +140,7 @@ class Errors(Settings):
 
 
 class Provenance(Settings):
-    """Detector, data and version of salframe of a measurement."""
+    """Origin of a sensor model: the detector, the data, and the version of salframe that it was measured with."""
 
     salframe: str
     detector: dict[str, Any] = Field(
@@ -152,8 +158,8 @@ class Provenance(Settings):
 
 
 class SensorModel(Settings):
-    """The sensor model of a detector. `confusion` counts detected objects: annotated label -> label of the detector ->
-    count."""
+    """The sensor model of a detector. `confusion` maps each annotated label to a mapping from the label of the detector
+    to the number of detected objects."""
 
     format: Literal["salframe sensor 2"] = FORMAT
     provenance: Provenance
@@ -174,9 +180,10 @@ class SensorModel(Settings):
     def label_probabilities(self, label: str) -> dict[str, float]:
         """Return the probability of each label of the detector for a detected object with this annotated label.
 
-        The probabilities are the counts of the label, or of its group where the label was never detected, smoothed by
-        PSEUDO_COUNT objects. They are labelled correctly at the rate of all labels, with the labels of the detector for
-        the group. Otherwise they get a random wrong label.
+        The probabilities are proportional to the counts of the label. If the label was never detected, the counts of
+        its group are used: the labels with the same `common_label`. PSEUDO_COUNT virtual objects are added. A share
+        `right_share` of the virtual objects has a correct label, distributed like the labels that the detector uses for
+        the group. The rest has a wrong label, distributed like all wrong labels of the detector.
         """
         group = common_label(label)
         group_labels = [annotated for annotated in self.confusion if common_label(annotated) == group]
@@ -213,14 +220,15 @@ def read_sensor(path: Path) -> SensorModel:
 
 
 def quantiles(values: np.ndarray) -> Quantiles:
-    """Return the quantiles of finite values, rounded to 4 digits; () without values."""
+    """Return the quantiles of finite values, rounded to 4 decimals; () if there are no values."""
     if not len(values):
         return ()
     return tuple(round(float(value), 4) for value in np.quantile(values, np.linspace(0, 1, QUANTILES)))
 
 
 def value_at(distribution: Quantiles, shares: np.ndarray | float) -> np.ndarray:
-    """Return the values of a distribution at these quantile levels, from 0 to 1."""
+    """Return the values of a distribution (as `quantiles` returns it) at quantile levels `shares`, from 0 to 1, by
+    linear interpolation."""
     return np.asarray(np.interp(shares, np.linspace(0, 1, len(distribution)), distribution))
 
 

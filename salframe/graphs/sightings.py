@@ -1,4 +1,5 @@
-"""Visibility of annotated objects in a panorama: size, range and occlusion, on which detection depends."""
+"""Visibility of annotated objects in a panorama: solid angle, range and occlusion. The probability of detection depends
+on them."""
 
 from __future__ import annotations
 
@@ -12,8 +13,8 @@ from salframe.graphs.boxes import box_solid_angle, upright_box
 from salframe.panoramas.panorama import Panorama
 
 OCCLUDER_SHARE = 0.05
-"""Minimum difference of ranges, as a share of the object's range, at which a nearer neighbour hides an object. It
-excludes the floor in front of the object."""
+"""Minimum difference of ranges, as a share of the range of the object, at which a nearer neighbouring pixel counts as
+hiding the object. The minimum excludes the floor in front of the object."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +25,7 @@ class ObjectVisibility:
         labels: N labels.
         solid_angle_sr: (N,) float64, solid angle that each object covers, NaN where unknown.
         range_m: (N,) float64, range of the centroid, NaN where unknown.
-        hidden_share: (N,) float64, share of the outline that borders something nearer, NaN where unknown.
+        hidden_share: (N,) float64, share of the outline that borders a nearer surface, NaN where unknown.
     """
 
     labels: tuple[str, ...]
@@ -36,8 +37,8 @@ class ObjectVisibility:
 def sightings(panorama: Panorama, objects: Sequence[Annotated]) -> ObjectVisibility:
     """Return the visibility of annotated objects in a panorama.
 
-    For an object with only a box, the solid angle is the solid angle of the box from a random side, and the hidden
-    share is unknown.
+    If only the box of an object is known, the solid angle is the mean over all sides from which the box can be viewed,
+    and the hidden share is unknown.
     """
     instance_id = None if panorama.annotations is None else panorama.annotations.instance_id
     solid_angle_sr, range_m, hidden = (np.full(len(objects), np.nan) for _ in range(3))
@@ -56,9 +57,9 @@ def sightings(panorama: Panorama, objects: Sequence[Annotated]) -> ObjectVisibil
 
 
 def hidden_shares(instance_id: np.ndarray, range_m: np.ndarray) -> np.ndarray:
-    """Return, for each id from 0 to the maximum, the share of its outline that borders something nearer.
+    """Return the share of the outline that borders a nearer surface, for each instance id from 0 to the maximum.
 
-    The left and right edges of the images are neighbours.
+    The first and the last pixel column of the images are neighbours.
 
     Args:
         instance_id: (H, 2H) instance image.

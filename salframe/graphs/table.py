@@ -1,4 +1,5 @@
-"""Many graphs as columns with concatenated nodes: in memory, or packed in the folder of a map."""
+"""Tables of many graphs, in memory or packed in the folder of a map. Each attribute is one array over the nodes of all
+graphs."""
 
 from __future__ import annotations
 
@@ -31,15 +32,15 @@ _CHUNK = 1024
 
 @dataclass(frozen=True, eq=False)
 class GraphNodes:
-    """The concatenated nodes of K graphs, N in total: the flat layout used by matching.
+    """The concatenated nodes of K graphs, N nodes in total. Matchers use this layout.
 
     Attributes:
         count: (K,) int64, number of nodes of each graph.
         label: (N,) int64, indices of labels in a vocabulary, -1 for a label that is not in it.
-        scores: (N,) float64.
+        scores: (N,) float64, scores of the detector.
         saliency: (N,) float64.
-        centroid_m: (N, 3) float64, in the panorama frame of each graph.
-        size_m: (N, 3) float64.
+        centroid_m: (N, 3) float64, in metres, in the panorama frame of each graph.
+        size_m: (N, 3) float64, length, width and height in metres.
     """
 
     count: np.ndarray
@@ -61,31 +62,31 @@ class GraphNodes:
 
     @cached_property
     def segments(self) -> Segments:
-        """The graphs as groups of nodes."""
+        """The nodes grouped by graph."""
         return Segments(self.count)
 
     @cached_property
     def graph(self) -> np.ndarray:
-        """(N,) int64: the graph of each node."""
+        """(N,) int64: index of the graph of each node."""
         return np.arange(len(self.count)).repeat(self.count)
 
     @cached_property
     def range_m(self) -> np.ndarray:
-        """(N,) float64: distances of the centroids from the camera."""
+        """(N,) float64: distances of the centroids from the camera, in metres."""
         return np.linalg.norm(self.centroid_m, axis=1)
 
     @cached_property
     def log_size(self) -> np.ndarray:
-        """(N, 3) float64: logarithms of length, width and height."""
+        """(N, 3) float64: natural logarithms of length, width and height in metres."""
         return np.log(self.size_m)
 
 
 def count_having(count: np.ndarray, label: np.ndarray, labels: int) -> np.ndarray:
-    """Return the number of graphs that have each label, (L,) int64.
+    """Return the number of graphs in which each label occurs, (L,) int64.
 
     Args:
-        count: (S,), number of nodes of each graph.
-        label: (P,), labels of the nodes, graph by graph.
+        count: (S,) int, number of nodes of each graph.
+        label: (P,) int, label ids of the nodes, graph by graph.
         labels: L, number of different labels.
     """
     graph_labels = np.sort(np.repeat(np.arange(len(count)), count) * labels + label)
@@ -93,7 +94,7 @@ def count_having(count: np.ndarray, label: np.ndarray, labels: int) -> np.ndarra
 
 
 class GraphTable(Sequence[SaliencyGraph]):
-    """A sequence of S graphs with range that also returns batches of graphs.
+    """A sequence of S graphs whose nodes all have a range. It also returns the nodes of several graphs at once.
 
     Attributes:
         sizes: (S,) int64, number of nodes of each graph.
@@ -111,7 +112,7 @@ class GraphTable(Sequence[SaliencyGraph]):
             labels: Names of the L labels.
             count: (S,) int64, number of nodes of each of the S graphs.
             label: (P,), index in `labels` of the label of each node, graph by graph; P is the number of all nodes.
-            edges: (B,) uint8, edges of all graphs, B bytes packed as in `pack_graph`.
+            edges: (B,) uint8, edges of all graphs, graph by graph, packed as in `pack_graph`.
         """
         self.labels = tuple(labels)
         self.vocabulary = {name: number for number, name in enumerate(labels)}
@@ -123,7 +124,7 @@ class GraphTable(Sequence[SaliencyGraph]):
 
     @cached_property
     def having(self) -> np.ndarray:
-        """(L,) int64: number of graphs that have each label."""
+        """(L,) int64: number of graphs in which each label occurs."""
         having = np.zeros(len(self.labels), np.int64)
         for low in range(0, len(self), _CHUNK):
             count = self.sizes[low : low + _CHUNK]
@@ -133,10 +134,11 @@ class GraphTable(Sequence[SaliencyGraph]):
 
     @abstractmethod
     def _values(self, nodes: np.ndarray) -> Mapping[str, np.ndarray]:
-        """Return scores, saliency, centroid_m and size_m of nodes (N,)."""
+        """Return scores, saliency, centroid_m and size_m of the nodes with these row numbers (N,)."""
 
     def nodes(self, graphs: np.ndarray) -> np.ndarray:
-        """Return the positions of the nodes of graphs (K,) among all nodes, graph by graph, (N,) int64."""
+        """Return the row numbers, in the table, of the nodes of the graphs with these indices (K,), graph by graph,
+        (N,) int64."""
         return ranges(self._start[graphs], self.sizes[graphs])
 
     def take(self, graphs: np.ndarray) -> GraphNodes:
@@ -145,7 +147,8 @@ class GraphTable(Sequence[SaliencyGraph]):
         return GraphNodes(self.sizes[graphs], self._label[nodes].astype(np.int64), **self._values(nodes))
 
     def adjacency(self, graphs: np.ndarray) -> np.ndarray:
-        """Return which nodes of these graphs are in context, (K, m, m) bool, symmetric, padded to the largest graph."""
+        """Return the adjacency matrices of the graphs with these indices (K,), (K, m, m) bool, symmetric. m is the
+        number of nodes of the largest graph; the other matrices are padded with False."""
         count = self.sizes[graphs][:, None]
         max_count = count.max(initial=0)
         low, high = np.triu_indices(max_count, 1)
@@ -160,7 +163,7 @@ class GraphTable(Sequence[SaliencyGraph]):
 
 
 class HeldGraphs(GraphTable):
-    """A table of graphs in memory, with exact values."""
+    """A table of graphs in memory, with unrounded values."""
 
     def __init__(self, graphs: Sequence[SaliencyGraph]) -> None:
         labels = sorted({label for graph in graphs for label in graph.labels})
@@ -176,7 +179,7 @@ class HeldGraphs(GraphTable):
             for name, more in (("scores", ()), ("saliency", ()), ("centroid_m", (3,)), ("size_m", (3,)))
         }
 
-    def __getitem__(self, number: int) -> SaliencyGraph:  # type: ignore[override]  # some at once: `batch`
+    def __getitem__(self, number: int) -> SaliencyGraph:  # type: ignore[override]  # several graphs: `take`
         return self._graphs[number]
 
     def _values(self, nodes: np.ndarray) -> Mapping[str, np.ndarray]:
@@ -190,11 +193,11 @@ class MappedGraphs(GraphTable):
         """Open packed graphs.
 
         Args:
-            rows: Columns of `pack_graph`; other columns are ignored.
-            scenes: An open scene index of these graphs.
+            rows: Table with the arrays of `pack_graph` as columns. Other columns are ignored.
+            scenes: An open scene index of these graphs; None: there is none.
 
         Raises:
-            DataError: The columns are not those of packed graphs.
+            DataError: A column of packed graphs is missing or has another type.
         """
         try:
             names, nodes, edges = (rows.columns[name] for name in ("labels", "nodes", "edges"))
@@ -215,7 +218,7 @@ class MappedGraphs(GraphTable):
                 f"{rows.folder} has graphs whose columns of nodes, edges and labels do not match: build the map again"
             )
 
-    def __getitem__(self, number: int) -> SaliencyGraph:  # type: ignore[override]  # some at once: `batch`
+    def __getitem__(self, number: int) -> SaliencyGraph:  # type: ignore[override]  # several graphs: `take`
         if not 0 <= number < len(self):
             raise IndexError(number)
         rows, bits = (slice(*start[number : number + 2]) for start in (self._start, self._first_byte))
@@ -229,7 +232,7 @@ class MappedGraphs(GraphTable):
 
 
 def write_graphs(graphs: Iterable[SaliencyGraph], folder: Path) -> None:
-    """Pack a stream of graphs and write it to a new folder of columns.
+    """Pack a stream of graphs, and write it to a new folder in the format of `write_columns`.
 
     Raises:
         DataError: As in `pack_graph`.
@@ -238,5 +241,5 @@ def write_graphs(graphs: Iterable[SaliencyGraph], folder: Path) -> None:
 
 
 def _edge_bytes(count: np.ndarray) -> np.ndarray:
-    """Return the number of bytes of the edges of graphs with these numbers of nodes, one bit per pair of nodes."""
+    """Return the number of bytes of the packed edges of each graph, from its number of nodes."""
     return -(-count * (count - 1) // 16)

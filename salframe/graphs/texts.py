@@ -9,9 +9,9 @@ import numpy as np
 
 
 def text_key(text: str) -> str:
-    """Return a text for comparison: without case and spaces, and with one form of characters of equal meaning (NFKC).
+    """Return a text in a form for comparison: in lower case, without spaces, and normalized by Unicode NFKC.
 
-    Readers often miss the spaces of a text.
+    Spaces are removed because text recognition (OCR) often misses them.
     """
     return "".join(unicodedata.normalize("NFKC", text).casefold().split())
 
@@ -27,7 +27,7 @@ def edit_distances(text: str, others: Sequence[str]) -> np.ndarray:
     for row, other in zip(codes, others, strict=True):
         row[: len(other)] = [ord(character) for character in other]
     column = np.arange(width + 1)
-    distance = np.tile(column, (len(others), 1))  # of the empty text to the first characters of each other
+    distance = np.tile(column, (len(others), 1))  # from the empty text to each prefix of each other text
     for count, character in enumerate(text, 1):
         replaced = distance[:, :-1] + (codes != ord(character))
         best = np.minimum(replaced, distance[:, 1:] + 1)

@@ -5,18 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 MAX_RANGE_M = 6.0
-"""Maximum distance of an object in metres. REVERIE annotates objects within 3 m of a viewpoint; the centre of a large
-object may be farther away."""
+"""Maximum distance of an object from a viewpoint in metres. The dataset REVERIE annotates objects within 3 m of a
+viewpoint; the centre of a large object may be farther away."""
 ITERATIONS = 20
 """Number of reweighting iterations."""
 ANGLE_FLOOR_RAD = np.radians(1.0)
-"""Accuracy of bearings. Residuals below it get no higher weight."""
+"""Accuracy of bearings in radians. A ray with a smaller residual gets the weight of a ray with this residual."""
 RANGE_FLOOR_M = 0.3
-"""Minimum range used in weights, so that a viewpoint next to or inside an object does not dominate all others."""
+"""Minimum range in metres used in weights, so that a viewpoint next to or inside an object does not dominate the
+others."""
 
 
 def triangulate(origin_m: np.ndarray, direction: np.ndarray, target: np.ndarray, targets: int) -> np.ndarray:
-    """Return the position of each target that is nearest to all its rays, where it is plausible.
+    """Return the position of each target: the point nearest to all rays towards the target; NaN if it is implausible.
 
     Args:
         origin_m: Ray origins (N, 3) in metres.
@@ -25,8 +26,8 @@ def triangulate(origin_m: np.ndarray, direction: np.ndarray, target: np.ndarray,
         targets: Number of targets.
 
     Returns:
-        Positions (targets, 3) in metres. NaN for a target with only one ray, or whose position is behind one of its
-        viewpoints or farther than MAX_RANGE_M from one.
+        Positions (targets, 3) in metres. The position is NaN if the target has fewer than two rays, or if the position
+        lies behind the origin of a ray or farther than MAX_RANGE_M from it.
     """
     position = meeting_points(origin_m, direction, target, targets)
     offset = position[target] - origin_m
@@ -37,13 +38,14 @@ def triangulate(origin_m: np.ndarray, direction: np.ndarray, target: np.ndarray,
 
 
 def meeting_points(origin_m: np.ndarray, direction: np.ndarray, target: np.ndarray, targets: int) -> np.ndarray:
-    """Return the position of each target that is nearest to all its rays.
+    """Return the position of each target: the point nearest to all rays towards the target.
 
-    Minimises the sum of angles between rays and position (iteratively reweighted least squares), so that one wrong
-    bearing among several has little influence. Arguments are those of `triangulate`.
+    The position minimizes the sum of the angles between the rays and the directions to the position (by iteratively
+    reweighted least squares). One wrong bearing among several thus has little influence. Arguments are those of
+    `triangulate`.
 
     Returns:
-        Positions (targets, 3) in metres. NaN for a target with only one ray.
+        Positions (targets, 3) in metres; NaN for a target with fewer than two rays.
     """
     several = np.bincount(target, minlength=targets) > 1
     used = several[target]
@@ -67,7 +69,7 @@ def meeting_points(origin_m: np.ndarray, direction: np.ndarray, target: np.ndarr
 
 
 def position_covariance(origin_m: np.ndarray, position_m: np.ndarray, error_rad: np.ndarray) -> np.ndarray:
-    """Return the covariance (3, 3) of a position in m^2 that was triangulated from at least two rays.
+    """Return the covariance, (3, 3) in m^2, of a position that was triangulated from at least two rays.
 
     A ray with an angular error s at range r contributes the information (I - d d^T) / (s r)^2, where d is its
     direction (first-order propagation of the errors of bearings).

@@ -1,4 +1,4 @@
-"""Rotation-equivariant detectors: every panorama is rotated to a canonical heading before detection."""
+"""Make detectors rotation-equivariant: rotate each panorama to a canonical heading before detection."""
 
 from __future__ import annotations
 
@@ -15,12 +15,11 @@ from salframe.panoramas.panorama import Panorama
 
 
 def from_near_side(detect: Callable[[Any, Panorama], Detections]) -> Callable[[Any, Panorama], Detections]:
-    """Decorate the `detect` of a detector: rotate each panorama so that its near side is in the middle, remove the
-    annotations, detect, and rotate the detections back.
+    """Decorate the method `detect` of a detector, so that the detections rotate with the panorama.
 
-    Use it for networks whose output depends on the first column of the panorama, for example because of strides or
-    views at fixed azimuths. If the panorama is rotated, the detections are then the same, rotated. The method is
-    canonicalisation
+    The decorated method rotates each panorama so that the side with the nearest surfaces is in the middle, removes the
+    annotations, detects, and rotates the detections back. Use it for networks whose output depends on which column of
+    the panorama is the first, for example because of strides or views at fixed azimuths. The method is canonicalization
     (Kaba et al., Equivariance with Learned Canonicalization Functions, ICML 2023) by a fixed function.
     """
 
@@ -59,8 +58,8 @@ def turned_detections(detections: Detections, angle_rad: float) -> Detections:
 
 
 def _side(panorama: Panorama) -> np.ndarray | None:
-    """Return the mean nearness 1 / (1 + range) of each column, (W,) float64; where no range is known, the mean
-    brightness; None if the panorama has neither."""
+    """Return the mean of 1 / (1 + range) of each pixel column, (W,) float64. If no range is known, return the mean
+    brightness of each column; None if the panorama has no colour either."""
     if panorama.range_m is not None and (known := np.isfinite(panorama.range_m)).any():
         return np.divide(1, 1 + panorama.range_m, where=known, out=np.zeros(known.shape)).mean(0)
     return None if panorama.rgb is None else panorama.rgb.mean((0, 2))

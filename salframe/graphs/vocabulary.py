@@ -1,4 +1,4 @@
-"""A common vocabulary of object names, in one spelling, for detectors and annotations of different datasets."""
+"""A common vocabulary of object names for the labels of all detectors and datasets."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ from salframe.graphs.detections import Detections
 from salframe.panoramas.label_table import spelling
 
 NAMES = Path(__file__).with_name("vocabulary.yaml")
-"""YAML file that lists the synonyms and the kinds of each name, and labels that name no class of objects."""
+"""YAML file that lists the synonyms and the kinds (special types, such as "dining table" of "table") of each name, and
+labels that are not objects."""
 WRITTEN_LABELS = "written_labels"
-"""Key of `written_labels` in the description of a panorama."""
+"""Name of the array of `written_labels` in the description of a panorama (the arrays that a localizer stores)."""
 MAX_LABELS = 5
 """Maximum number of unknown labels to name in a note."""
 MAX_NEAR_NAMES = 3
@@ -29,17 +30,17 @@ _MIN_SIMILARITY = 0.75
 _BETWEEN_SYNONYMS = re.compile(r"; ?|, ")
 """Separators in a label that lists synonyms, as in the classes of ADE20K ("sofa, couch, lounge")."""
 _PLURAL = re.compile(r"[a-z]{2,}[b-hj-rtv-z]s")
-"""A plural outside the vocabulary. Words that end like bias, iris, glass and cactus are none."""
+"""Pattern of a plural that is not in the vocabulary. It excludes words such as bias, iris, glass and cactus."""
 
 
 @lru_cache(maxsize=2**16)
 def object_label(label: str) -> str:
-    """Return the name of a label of a detector or dataset: one name for all spellings and synonyms.
+    """Return the name of a label of a detector or dataset in the vocabulary: one name for all spellings and synonyms.
 
-    Labels are compared without case, composition of characters, punctuation between words, a number at the end, and
-    the difference of singular and plural: "Potted_Plants 2" is a plant. Of a label that lists synonyms
-    ("sofa, couch, lounge"), the first word that is in the vocabulary decides. A label that is not in the vocabulary is
-    returned in lower case and, if it is an English word, in the singular.
+    The comparison ignores case, Unicode composition, punctuation between words, a number at the end, and plural:
+    "Potted_Plants 2" gives "plant". If a label lists synonyms ("sofa, couch, lounge"), the first word that is in the
+    vocabulary is used. A label that is not in the vocabulary is returned in lower case, and in the singular if it looks
+    like an English plural.
     """
     words, names = spelling(label), _names()
     synonyms = _BETWEEN_SYNONYMS.split(words)
@@ -51,14 +52,14 @@ def object_label(label: str) -> str:
 
 
 def common_label(label: str) -> str:
-    """Return the name that detectors share for a label: its `object_label`, or the more general label for a kind (table
-    for dining table)."""
+    """Return the general name of a label, by which different detectors are compared: "table" for "dining table". For
+    most labels, it is the `object_label`."""
     name = object_label(label)
     return _broader().get(name, name)
 
 
 def vocabulary_names() -> tuple[str, ...]:
-    """Return the names of the vocabulary: one for each kind of object, without synonyms and more special kinds."""
+    """Return the general names of the vocabulary, without synonyms and without special kinds such as "dining table"."""
     return tuple(read_yaml(NAMES)["synonyms"])
 
 
@@ -71,24 +72,24 @@ def vocabulary_words() -> tuple[str, ...]:
 
 
 def with_object_labels(detections: Detections) -> Detections:
-    """Return the detections with labels that are equal for equal objects, for comparison with other panoramas."""
+    """Return the detections with each label replaced by its `object_label`, for comparison with other panoramas."""
     return replace(detections, labels=tuple(map(object_label, detections.labels)))
 
 
 def with_common_labels(detections: Detections) -> Detections:
-    """Return the detections with the labels that detectors share, for comparison with another detector."""
+    """Return the detections with each label replaced by its `common_label`, for comparison with another detector."""
     return replace(detections, labels=tuple(map(common_label, detections.labels)))
 
 
 def written_labels(detections: Detections) -> dict[str, np.ndarray]:
-    """Return the distinct labels as the detector writes them, (W,) str in alphabetical order, as a part of a
-    description."""
+    """Return the distinct labels of detections, as the detector writes them, as an array of a description: (W,) str in
+    alphabetical order."""
     return {WRITTEN_LABELS: np.unique(np.array(detections.labels, np.str_))}
 
 
 def is_object(name: str) -> bool | None:
-    """Return whether an `object_label` names a class of objects, as opposed to a surface of the building or anything
-    without a class of its own; None if it is not in the vocabulary."""
+    """Return whether an `object_label` names a class of objects. False, for example, for a surface of the building;
+    None if the label is not in the vocabulary."""
     vocabulary = _vocabulary()
     if name in vocabulary["not_objects"]:
         return False
@@ -96,33 +97,34 @@ def is_object(name: str) -> bool | None:
 
 
 def near_names(label: str) -> tuple[str, ...]:
-    """Return the names of the words of the vocabulary that resemble a label, best first, at most MAX_NEAR_NAMES."""
+    """Return the names in the vocabulary that resemble a label, best first, at most MAX_NEAR_NAMES."""
     names = _names()
     close = difflib.get_close_matches(object_label(label), names, MAX_NEAR_NAMES, _MIN_SIMILARITY)
     return tuple(dict.fromkeys(names[word] for word in close))
 
 
 def unknown_labels(description: Mapping[str, np.ndarray], known: Collection[str]) -> tuple[str, ...]:
-    """Return the labels of a description with `written_labels` whose object label is not known."""
+    """Return the `written_labels` of a description whose `object_label` is not in `known`."""
     return tuple(str(label) for label in description.get(WRITTEN_LABELS, ()) if object_label(str(label)) not in known)
 
 
 def unknown_labels_note(labels: Collection[str]) -> str:
-    """Return a note that names labels of a query that the map does not know, at most MAX_LABELS of them."""
+    """Return a note on labels of a query that no object of the map has. It names at most MAX_LABELS of these labels."""
     named = ", ".join(repr(label) for label in sorted(labels)[:MAX_LABELS])
     more = f" and {len(labels) - MAX_LABELS} more" if len(labels) > MAX_LABELS else ""
     return f"no object of the map has the label {named}{more}"
 
 
 def _singular_forms(words: str) -> Iterator[str]:
-    """Yield the forms that may be the singular of a label; most of them are no words."""
+    """Yield forms that may be the singular of a label. Most of these forms are not English words."""
     for plural, endings in (("s", ("",)), ("es", ("",)), ("ies", ("y",)), ("ves", ("f", "fe"))):
         if words.endswith(plural):
             yield from (words.removesuffix(plural) + ending for ending in endings)
 
 
 def _singular(words: str) -> str:
-    """Return a label outside the vocabulary in the singular, where its last word is an English plural."""
+    """Return the singular of a label that is not in the vocabulary, if its last word looks like an English plural;
+    otherwise the label."""
     if not _PLURAL.fullmatch(words.rpartition(" ")[2]):
         return words
     if words.endswith(("sses", "shes", "ches", "xes", "zzes")):
@@ -140,7 +142,8 @@ def _vocabulary() -> dict[str, Any]:
 
 @cache
 def _names() -> dict[str, str]:
-    """Return the name for each word of the vocabulary, and for each without its spaces (tvmonitor)."""
+    """Return a mapping from each word of the vocabulary to its name. Words with spaces are also keys without their
+    spaces (tvmonitor)."""
     vocabulary = _vocabulary()
     words = {word: word for word in vocabulary["not_objects"]}
     words |= {kind: kind for kinds in vocabulary["kinds"].values() for kind in kinds}
@@ -150,5 +153,5 @@ def _names() -> dict[str, str]:
 
 @cache
 def _broader() -> dict[str, str]:
-    """Return the name for each kind of it."""
+    """Return a mapping from each special kind to its general name, such as "dining table" to "table"."""
     return {kind: name for name, kinds in _vocabulary()["kinds"].items() for kind in kinds}

@@ -54,10 +54,10 @@ def pose_json(T_world_query: np.ndarray) -> dict[str, float]:
 
 
 def covariance_json(covariance: np.ndarray | None) -> dict[str, Any] | None:
-    """Return a covariance (3, 3) or (6, 6) of `Localization` as a 6 x 6 matrix.
+    """Return a covariance (3, 3) or (6, 6) of `Localization` as JSON with a 6 x 6 matrix.
 
     `estimated` lists the axes that the localizer estimates. The rows and columns of the other axes are 0: the pose is
-    upright, at the height of the map's cameras. None where the covariance is unknown or not finite.
+    upright, at the height of the map's cameras. Return None if the covariance is unknown or not finite.
     """
     if covariance is None or not np.isfinite(covariance).all():
         return None

@@ -50,15 +50,16 @@ def ranked_places(
     scores: Iterable[float],
     probabilities: Iterable[float | None] = repeat(None),
 ) -> tuple[RankedPlace, ...]:
-    """Return ranked places from their columns, faster than one constructor call for each."""
+    """Return ranked places from one sequence per attribute. This is faster than a constructor call for each place."""
     return tuple(map(_new_place, zip(frames, places, scores, probabilities, strict=False)))
 
 
 class LocalizationStatus(StrEnum):
-    """Whether a localizer answered, or why not.
+    """Result of a localization: an answer (`OK`, `NO_POSE`), or the reason why there is none.
 
-    An answer with `NO_POSE` has places, and no pose. An answer with `OUT_OF_MAP` has places too, but the query is
-    probably in none of them.
+    An answer with `NO_POSE` has places, but no pose. An answer with `OUT_OF_MAP` also has places, but the query is
+    probably in none of these places. `NO_OBJECTS` and `NO_FEATURES`: the query shows none. `NO_MATCH`: nothing in the
+    map matches the query. `LOW_SCORE`: the best score is below the minimum of the method.
     """
 
     OK = "ok"
@@ -76,11 +77,11 @@ class LocalizationStatus(StrEnum):
 
     @property
     def denies_the_map(self) -> bool:
-        """Whether an answer with this status means that the query is out-of-map: it was rejected, or nothing in the map
-        is similar.
+        """Whether an answer with this status states that the query is out-of-map: the query was rejected, or nothing in
+        the map is similar to it.
 
-        Such an answer is correct for an out-of-map query. The status of a query without objects or features says
-        nothing about the map.
+        Such an answer is correct for an out-of-map query. If a query has no objects or features, its status does not
+        state whether it is in the map.
         """
         return self in (LocalizationStatus.OUT_OF_MAP, LocalizationStatus.NO_MATCH, LocalizationStatus.LOW_SCORE)
 
@@ -92,22 +93,24 @@ class Localization:
     Attributes:
         places: Candidate places, best first, one entry for each place.
         T_world_query: (4, 4) pose of the query, a rigid motion; None if it is unknown.
-        status: Whether the localizer answered, or why not.
-        covariance: Covariance of the pose as in PoseEstimate, in the axes of the world.
-        heading_rad: Azimuth of the x axis of the query in the world: that of the pose, or an estimate without a pose.
-        out_of_map_probability: Probability that the query is in none of the places. It and the probabilities of the
-            places sum to 1. None from a localizer without probabilities.
+        status: Result of the localization.
+        covariance: Covariance of the pose as in PoseEstimate, in the axes of the world; None if it is unknown.
+        heading_rad: Azimuth of the x axis of the query in the world. If there is a pose, it is set to the heading of
+            the pose. None if it is unknown.
+        out_of_map_probability: Probability that the query is in none of the places. This probability and the
+            probabilities of the places sum to 1. None from a localizer without probabilities.
         max_accepted_probability: Maximum out-of-map probability of an accepted answer.
         notes: Remarks for the user, such as labels of the query that the map does not know.
-        next_view: The turn on the spot to the middle of the largest sector that the query does not show. None if the
-            query shows all directions, if views were fused, or for a method that does not know the shown directions.
-            `LocalizationMap` sets it.
+        next_view: Suggested turn of the camera on the spot, to the middle of the largest azimuth sector that the query
+            does not show. None if the query shows all directions, if views were fused, or if the method does not
+            compute which directions a query shows. `LocalizationMap` sets it.
         floors: Floors of the map, for the plan that notebooks show.
 
     Raises:
-        InvalidAnswer: The status is not a LocalizationStatus; the pose is not a rigid motion; the heading is not
-            finite; a status that requires a place has none; OK has no pose, or NO_POSE or OUT_OF_MAP has one; a score
-            is NaN; or some probabilities are missing, are outside [0, 1], or do not sum to 1.
+        InvalidAnswer: In any of these cases: the status is not a LocalizationStatus; the status is OK or NO_POSE and
+            there is no place; the status is OK and there is no pose; the status is NO_POSE or OUT_OF_MAP and there is a
+            pose; the pose is not a rigid motion; the heading is not finite; a score is NaN; some probabilities are
+            missing, are outside [0, 1], or do not sum to 1.
     """
 
     places: tuple[RankedPlace, ...]
@@ -185,10 +188,13 @@ class Localization:
         )
 
     def moved(self, position_m: np.ndarray) -> Localization:
-        """Return the answer with the pose of another coordinate frame with the same axes, such as the base of a robot.
+        """Return the answer with the pose of another frame on the same body, such as the base of a robot.
+
+        The axes of the other frame are parallel to the axes of the query.
 
         Args:
-            position_m: (3,) position of the query in that frame, such as that of a camera on a robot.
+            position_m: (3,) position of the query in the other frame, in metres, such as the position of the camera on
+                the robot.
         """
         if self.T_world_query is None or not np.any(position_m):
             return self
@@ -199,7 +205,8 @@ class Localization:
         return replace(self, T_world_query=T_world_query @ translation(-position_m), covariance=covariance)
 
     def _check_probabilities(self) -> None:
-        """Raise InvalidAnswer unless all probabilities are None, or each is in [0, 1] and they sum to 1."""
+        """Raise InvalidAnswer if only some probabilities are None, if one is outside [0, 1], or if their sum is not
+        1."""
         entries = [*[place.probability for place in self.places], self.out_of_map_probability]
         probabilities = [probability for probability in entries if probability is not None]
         if not probabilities:
@@ -240,7 +247,7 @@ class NodeMatches:
     Attributes:
         query_m: (N, 3) float64 centroids of all objects in the frame of the query.
         reference_m: (K, 3) float64 centroids of all objects in the frame of the reference panorama.
-        pairs: (M, 2) int64 rows of `query_m` and `reference_m`. Each row is used at most once.
+        pairs: (M, 2) int64, row of `query_m` and row of `reference_m` of each match. Each row is used at most once.
     """
 
     query_m: np.ndarray

@@ -1,4 +1,4 @@
-"""Places of a map that fit a description in words, and the question that would best tell them apart."""
+"""Find the places of a map that fit a description in words, and the question that best distinguishes these places."""
 
 from __future__ import annotations
 
@@ -18,22 +18,24 @@ from salframe.panoramas.frames import FrameKind
 from salframe.panoramas.geometry import wrap_angle
 
 WRONG_WORD_SHARE = 0.35
-"""Assumed share of the mentioned objects that the map does not have in the place: wrong words, and objects that the
-detector missed. Chosen on house-42, seeds 100 and 101, with 10 % wrong words."""
+"""Assumed share of the objects in a description that the map does not contain at the described place: wrong words, and
+objects that the detector missed. Chosen on house-42, seeds 100 and 101, with 10 % wrong words."""
 COUNT_DECREASE = 1.0
-"""Decrease of the log probability of a number per unit of its difference from the number in the map."""
+"""Decrease of the log probability of a stated number of objects, per object of difference from the number in the
+map."""
 RELATION_SHARE = 0.8
-"""Assumed probability that a stated order is that around the reference frame, where the frame shows both objects."""
+"""Assumed probability that a stated order of two objects, such as "left of", is correct around a reference frame that
+shows both objects."""
 SIDE_RAD, OPPOSITE_RAD = np.radians(150), np.radians(120)
-"""Maximum azimuth between an object and another one to its left or right, and minimum azimuth between objects that are
-opposite to each other."""
+"""Maximum difference in azimuth, in radians, between an object and an object to its left or right, and minimum
+difference between opposite objects."""
 ANSWER_SHARE = 0.9
-"""Assumed probability that a user says yes to a question about an object that is in the map of the place, and no to one
-that is not."""
+"""Assumed probability that a user says yes to a question about an object that the map contains at the place of the
+user, and no to a question about any other object."""
 MIN_GAIN_NATS = 1e-9
-"""Minimum decrease of the entropy by a question."""
+"""Minimum expected decrease of the entropy by a question, in nats. Other questions are not asked."""
 NUM_PLACES = 5
-"""Number of places that are printed."""
+"""Maximum number of places to print."""
 
 
 @dataclass(frozen=True)
@@ -41,9 +43,9 @@ class Question:
     """A yes-or-no question about an object.
 
     Attributes:
-        label: The object label.
+        label: Label of the object.
         text: The question.
-        expected_entropy: Expected entropy of the place after the answer, in nats.
+        expected_entropy: Expected entropy, after the answer, of the probabilities of the places, in nats.
     """
 
     label: str
@@ -53,15 +55,15 @@ class Question:
 
 @dataclass(frozen=True)
 class TextAnswer:
-    """The answer of a map to a description.
+    """Places of a map that fit a description in words.
 
     Attributes:
-        places: All places, best first, with the frame that fits best. The score is the log-likelihood of the
-            description. The probabilities sum to 1: the place is assumed to be in the map.
-        query: The description that was read.
-        entropy: Entropy of the place in nats.
+        places: All places of the map, best first, each with its frame that fits best. The score is the log-likelihood
+            of the description. The probabilities sum to 1, because the described place is assumed to be in the map.
+        query: The parsed description.
+        entropy: Entropy of the probabilities of the places, in nats.
         question: The question that is expected to reduce the entropy most; None if no question reduces it.
-        notes: Words that were read as other words, and words that are not known, one line each.
+        notes: Remarks on replaced, ignored and unknown words, one line each.
     """
 
     places: tuple[RankedPlace, ...]
@@ -71,7 +73,7 @@ class TextAnswer:
     notes: tuple[str, ...]
 
     def to_json(self) -> dict[str, Any]:
-        """Return the answer as JSON, with the best NUM_PLACES places."""
+        """Return the answer as JSON, with at most NUM_PLACES places."""
         return {
             "places": [place._asdict() for place in self.places[:NUM_PLACES]],
             "mentions": [asdict(mention) for mention in self.query.mentions],
@@ -94,9 +96,9 @@ class TextAnswer:
 def ask(map: LocalizationMap, text: str) -> TextAnswer:
     """Return the places of a map that fit a description in words.
 
-    Mentions and relations are assumed to be independent. The number of objects with a label in a place is the largest
-    number in one of its scene frames. The likelihood of relations is the mean over these frames, because the order of
-    objects depends on the position of the speaker.
+    The objects in the description, and the stated orders of two objects ("left of"), are treated as independent. The
+    number of objects with a label in a place is the maximum over its scene frames. The likelihood of the stated orders
+    is the mean over the scene frames of the place, because the order of objects depends on the position of the speaker.
 
     Args:
         map: The map.
@@ -111,13 +113,13 @@ def ask(map: LocalizationMap, text: str) -> TextAnswer:
 
 
 class MapWords:
-    """The labels and directions of the objects of a map, for descriptions in words.
+    """The labels and directions of the objects of a map, which descriptions in words are compared with.
 
-    A map with scene frames is described by them alone, without its doorways.
+    If the map has scene frames (frames in rooms), only these are used, and frames in doorways are ignored.
 
     Attributes:
-        labels: The L labels.
-        places: The K places.
+        labels: The L distinct labels of the objects.
+        places: Names of the K places.
     """
 
     def __init__(self, map: LocalizationMap) -> None:
@@ -142,7 +144,7 @@ class MapWords:
             self._count[place] = np.maximum(self._count[place], count)
 
     def answer(self, query: TextQuery) -> TextAnswer:
-        """Return the places that fit a description."""
+        """Return the places that fit a parsed description."""
         of_frames = np.zeros(len(self._frames))
         for relation in query.relations:
             first, second = query.mentions[relation.first], query.mentions[relation.second]
@@ -166,8 +168,11 @@ class MapWords:
         return TextAnswer(places, query, _entropy(probability), question, (*query.notes, *notes))
 
     def _matching(self, mention: Mention) -> np.ndarray:
-        """Return whether each label of the map is meant by a mention, (L,) bool: the same label, or a special kind of
-        it; if the map has neither, a label of the same kind."""
+        """Return which labels of the map an object of a description may have, (L,) bool.
+
+        These are the label itself and special kinds of it ("dining table" for "table"). If the map has none of these,
+        they are all labels with the same `common_label`.
+        """
         exact = np.array([mention.label in (label, common_label(label)) for label in self.labels], bool)
         if exact.any() or mention.label is None:
             return exact
@@ -175,8 +180,8 @@ class MapWords:
         return np.array([kind == common_label(label) for label in self.labels], bool)
 
     def _of_mention(self, mention: Mention) -> np.ndarray:
-        """Return the log-likelihood of a mention for each place, (K,); 0 for words that are not known or not in the
-        map."""
+        """Return the log-likelihood of an object of a description for each place, (K,); 0 if the word is unknown or no
+        object of the map has the label."""
         meant = self._matching(mention)
         if not meant.any():
             return np.zeros(len(self.places))
@@ -192,7 +197,7 @@ class MapWords:
         return mixed
 
     def _of_relation(self, first: Mention, direction: Direction, second: Mention) -> np.ndarray:
-        """Return the log-likelihood of the order of two mentions for each frame, (F,)."""
+        """Return the log-likelihood of the stated order of two objects for each frame, (F,)."""
         a, b = (
             {label for label, is_meant in zip(self.labels, self._matching(mention), strict=True) if is_meant}
             for mention in (first, second)
@@ -202,10 +207,11 @@ class MapWords:
         return np.where(np.isnan(share), np.log(0.5), np.log(probability))
 
     def _question(self, query: TextQuery, probability: np.ndarray) -> Question | None:
-        """Return the question with the smallest expected entropy of the place.
+        """Return the question with the smallest expected entropy after its answer; None if no question decreases the
+        entropy by MIN_GAIN_NATS.
 
         Args:
-            query: The description. Its labels are not asked for.
+            query: The description. No question is about an object that it mentions.
             probability: (K,) probability of each place.
         """
         mentioned = np.zeros(len(self.labels), bool)
@@ -223,7 +229,11 @@ class MapWords:
 
 
 def _holding_share(graph: SaliencyGraph, first: set[str], direction: Direction, second: set[str]) -> float:
-    """Return the share of the pairs of objects that have an order around the camera; NaN if there are no pairs."""
+    """Return the share of pairs of objects in a graph for which `direction` is correct around the camera.
+
+    A pair consists of an object with a label in `first` and an object with a label in `second`. Return NaN if there are
+    no pairs.
+    """
     azimuth_rad = np.arctan2(graph.bearing[:, 1], graph.bearing[:, 0])
     a, b = (np.flatnonzero([label in labels for label in graph.labels]) for labels in (first, second))
     left_rad = np.array([wrap_angle(azimuth_rad[i] - azimuth_rad[j]) for i in a for j in b if i != j])
@@ -242,7 +252,7 @@ def _entropy(probability: np.ndarray) -> float:
 
 
 def _question_text(label: str) -> str:
-    """Return the question whether there is an object."""
+    """Return the text of the question whether there is an object with a label."""
     if label.endswith("s") and not label.endswith(("ss", "us", "of drawers")):
         return f"Are there {label}?"
     return f"Is there {'an' if label[:1] in 'aeiou' else 'a'} {label}?"

@@ -18,41 +18,47 @@ from salframe.panoramas.frames import FrameKind, ReferenceFrame
 from salframe.panoramas.hidden_places import hide_places
 
 MAX_FRAMES = 200
-"""Maximum number of reference frames that are localized in a map without them, and in a map without their places."""
+"""Maximum number of reference frames that are localized after these frames were removed from the map. It is also the
+maximum number that are localized after their places were removed."""
 MAX_FRAMES_OF_PLACE = 4
-"""Maximum number of frames of one place that are localized in a map without them."""
+"""Maximum number of frames of one place that are localized after they were removed from the map."""
 PLACE_GROUPS = 10
-"""Maximum number of groups of places. All places of a group are hidden at once, so that the map is indexed once for
+"""Maximum number of groups of places. All places of a group are removed at once, so that the map is indexed once for
 each group."""
 ABSENT_PRIOR = 10.0
-"""Number of out-of-map answers that the mean and the deviation of the posterior count as."""
+"""Weight of the mean and the deviation of the fitted posterior, as an equivalent number of out-of-map answers."""
 ACCURACY_PRIOR = 4.0
-"""Number of answers that the accuracy of the posterior counts as."""
+"""Weight of the accuracy of the fitted posterior, as an equivalent number of answers."""
 DISTANCE_EXPONENT = 0.3
-"""The share of right answers is proportional to the distance to the nearest reference frame to the power of minus this.
-Fitted on tuning data: ten buildings at half of their viewpoints, and `house-42` with the errors of two detectors."""
+"""The share of correct answers is proportional to d ** -DISTANCE_EXPONENT, with d the distance to the nearest reference
+frame. Fitted on tuning data: ten buildings at half of their viewpoints, and `house-42` with the errors of two
+detectors."""
 FITTED_DISTANCE_M = 1.0
-"""Distance to the nearest reference frame that the accuracy of a posterior applies to: about the mean of the tuning
-data."""
+"""Distance in metres to the nearest reference frame at which the accuracy of a fitted posterior is valid: about the
+mean distance in the tuning data."""
 ACCURACY_LIMITS = (0.01, 0.99)
-"""Minimum and maximum accuracy of a calibrated head."""
+"""Minimum and maximum accuracy of a calibrated `Head`."""
 PROBABILITY_DIGITS = 4
-"""Number of decimals of the stored probabilities, which keeps maps small."""
+"""Number of decimals of the stored probabilities. Few decimals keep maps small."""
 MIN_DISTANCE_M = 0.1
-"""Smaller distances between frames count as this."""
+"""Minimum distance between frames in metres. Smaller distances are replaced by this value."""
 
 
 @dataclass(frozen=True, eq=False)
 class FrameAnswers:
-    """The answers to scene frames of a map, in the map without them or without their places.
+    """Answers to N scene frames of a map that were used as queries.
+
+    Before a frame is localized, it is hidden (removed from the map), either alone or with all frames of its place.
 
     Attributes:
         contrast: (N,) float64 contrast of each answer, see `Posterior.contrast`.
-        is_right: (N,) bool, whether the first place is that of the frame; False where the place was hidden.
+        is_right: (N,) bool, whether the first place of the answer is the place of the frame; False if the place was
+            hidden.
         is_absent: (N,) bool, whether all frames of the place were hidden.
         objects: (N,) int64 number of objects of each frame; 0: unknown.
-        distance_m: (N,) float64 distance to the nearest other scene frame of the place; NaN where it was hidden.
-        place: (N,) int64 number of the place of each frame.
+        distance_m: (N,) float64 distance in metres to the nearest scene frame of the same place that was not hidden;
+            NaN if the place was hidden.
+        place: (N,) int64 index of the place of each frame.
     """
 
     contrast: np.ndarray
@@ -63,17 +69,19 @@ class FrameAnswers:
     place: np.ndarray
 
     def take(self, rows: np.ndarray) -> FrameAnswers:
-        """Return some of the answers."""
+        """Return the answers with these indices."""
         columns = (self.contrast, self.objects, self.is_right, self.is_absent, self.distance_m, self.place)
         return FrameAnswers(*(column[rows] for column in columns))
 
 
 class ProbabilityScores(Settings):
-    """Quality of the probability that a frame is in the map. Present and absent frames have equal weights.
+    """Quality of the computed probabilities that frames are in the map.
+
+    Absent frames are frames whose place was hidden. Present and absent frames have equal total weights.
 
     Attributes:
-        log_loss: Mean negative logarithm of the probability of the true case, in nats.
-        brier_score: Mean squared difference between the probability and the true case (0 or 1).
+        log_loss: Mean negative logarithm of the probability of the truth (in the map, or not), in nats.
+        brier_score: Mean squared difference between the probability and the truth (1: in the map, 0: not).
     """
 
     log_loss: float
@@ -84,13 +92,14 @@ class MapCalibration(Settings):
     """The calibration of a map.
 
     Attributes:
-        head: The head of the posterior, with the mean, the deviation, the accuracy, and the number of objects of this
-            map.
-        present_frames: Number of frames that were localized in the map without them.
-        absent_in_map: Probabilities, by this head, that frames are in the map, although it is without their places;
-            ascending.
-        before: Quality of the posterior without calibration on these frames; None if frames of either kind are missing.
-        after: Quality with calibration, where the frames of each place are left out of their own calibration.
+        head: The calibrated head of the posterior. Its mean, deviation, accuracy and number of objects are adapted to
+            this map.
+        present_frames: Number of frames that were localized while they were hidden, but not their places.
+        absent_in_map: Probabilities of being in the map, computed by `head`, of the frames whose places were hidden;
+            ascending. Their answers are the out-of-map answers.
+        before: Quality of the probabilities without calibration; None if there are no present or no absent frames.
+        after: Quality with calibration, cross-validated: for the frames of a place, the calibration does not use these
+            frames.
     """
 
     head: Head
@@ -103,10 +112,11 @@ class MapCalibration(Settings):
         """Return the maximum out-of-map probability at which an answer passes the conformal test, at most
         MAX_OUT_OF_MAP_PROBABILITY.
 
-        The p-value of an answer is (1 + k) / (1 + n), where k of the n out-of-map answers of the map are in the map
-        with at least its probability (Vovk, Gammerman, Shafer: Algorithmic Learning in a Random World, 2005,
-        section 2.2). If out-of-map queries are exchangeable with these frames, at most a share `max_false_accept` of
-        them has a smaller or equal p-value.
+        The p-value of an answer is (1 + k) / (1 + n) (Vovk, Gammerman, Shafer: Algorithmic Learning in a Random World,
+        2005, section 2.2). n is the number of out-of-map answers in `absent_in_map`. k is the number of these whose
+        probability of being in the map is at least the probability of the answer. An answer passes the test if its
+        p-value is at most `max_false_accept`. If out-of-map queries are exchangeable with the hidden frames, at most a
+        share `max_false_accept` of the out-of-map queries passes.
 
         Raises:
             DataError: There are fewer than 1 / max_false_accept out-of-map answers.
@@ -126,10 +136,16 @@ class MapCalibration(Settings):
 def add_probabilities(
     answer: Localization, posterior: Posterior, calibration: MapCalibration | None, objects: int
 ) -> Localization:
-    """Return an answer to a query with `objects` objects (0: unknown) with the probabilities of a posterior, calibrated
-    where there is a calibration.
+    """Return an answer with the probabilities that a posterior computes.
 
-    Raises DataError as `acceptance_limit`.
+    Args:
+        answer: The answer without probabilities.
+        posterior: The posterior.
+        calibration: The calibration of the map, whose head replaces the head of the posterior; None: not calibrated.
+        objects: Number of objects of the query; 0: unknown.
+
+    Raises:
+        DataError: As in `acceptance_limit`.
     """
     limit = acceptance_limit(posterior, calibration)
     if calibration is not None:
@@ -140,7 +156,7 @@ def add_probabilities(
 def acceptance_limit(posterior: Posterior, calibration: MapCalibration | None) -> float:
     """Return the maximum out-of-map probability of an accepted answer.
 
-    It is MAX_OUT_OF_MAP_PROBABILITY, or less where the posterior has a `max_false_accept`.
+    It is MAX_OUT_OF_MAP_PROBABILITY. If the posterior has a `max_false_accept`, it may be smaller.
 
     Raises:
         DataError: The posterior has a `max_false_accept`, and the map is not calibrated or has too few frames.
@@ -157,7 +173,8 @@ def acceptance_limit(posterior: Posterior, calibration: MapCalibration | None) -
 
 
 def is_calibrated(localizer: Localizer) -> bool:
-    """Return whether the maps of a localizer are calibrated: it has a posterior whose setting `calibrate` is true."""
+    """Return whether the maps of a localizer are calibrated. This requires a posterior whose setting `calibrate` is
+    true."""
     return localizer.posterior is not None and localizer.posterior.calibrate
 
 
@@ -169,8 +186,8 @@ def calibrate_posterior(
 ) -> MapCalibration:
     """Calibrate the posterior of a localizer with the reference frames of a map.
 
-    The localizer indexes parts of the map, at most PLACE_GROUPS + MAX_FRAMES_OF_PLACE times. It must index the map
-    again afterwards.
+    The localizer indexes maps without the hidden frames, at most PLACE_GROUPS + MAX_FRAMES_OF_PLACE times. Call its
+    `index` for the whole map afterwards.
 
     Args:
         localizer: A localizer with a posterior.
@@ -207,10 +224,10 @@ def localize_frames(
     frames: Sequence[ReferenceFrame],
     floors: Sequence[FloorMasks],
 ) -> FrameAnswers:
-    """Localize scene frames in the map without them, and in the map without their places.
+    """Localize scene frames of a map after they, or all frames of their places, were removed from the map.
 
-    Answers without a place are left out, and so are frames that the localizer fails on. Arguments are those of
-    `calibrate_posterior`.
+    Answers without a place are left out. Frames that cause an exception in the localizer are left out too. Arguments
+    are those of `calibrate_posterior`.
     """
     number = {place: i for i, place in enumerate(dict.fromkeys(frame.place for frame in frames))}
     scenes: dict[str, list[int]] = {}
@@ -227,7 +244,7 @@ def localize_frames(
         for row in queries:
             try:
                 places = localizer.match(descriptions[row]).places
-            except Exception:  # a frame that the localizer fails on costs its own answer only, like a query
+            except Exception:  # if the localizer fails on a frame, only the answer to this frame is lost
                 continue
             if not places:
                 continue
@@ -245,11 +262,12 @@ def localize_frames(
 
 
 def calibrate_head(posterior: Posterior, answers: FrameAnswers) -> Head:
-    """Return the head of a posterior for a map, from the answers to its frames.
+    """Return the head of a posterior calibrated for a map, from the answers to frames of this map.
 
-    The number of objects is the mean over the frames. Mean and deviation are those of the absent frames, averaged with
-    those of the posterior, which count as ABSENT_PRIOR answers. The accuracy is that of the present frames at the
-    distance `query_distance_m`. The accuracy of the posterior counts as ACCURACY_PRIOR answers at FITTED_DISTANCE_M.
+    The number of objects is the mean over the frames. The mean and the deviation of the contrast are computed from the
+    absent frames and averaged with the values of the posterior, which have the weight of ABSENT_PRIOR answers. The
+    accuracy is computed from the present frames, for the distance `query_distance_m`. The accuracy of the posterior has
+    the weight of ACCURACY_PRIOR answers at FITTED_DISTANCE_M.
     """
     head = posterior.head
     if head.objects and answers.objects.any():
@@ -268,7 +286,7 @@ def calibrate_head(posterior: Posterior, answers: FrameAnswers) -> Head:
 
 
 def _accuracy(present: FrameAnswers, head: Head, query_distance_m: float) -> float:
-    """Return the accuracy at a distance, by maximum a posteriori."""
+    """Return the share of correct answers at the distance `query_distance_m`, estimated by maximum a posteriori."""
     from scipy.optimize import minimize_scalar
 
     low, high = ACCURACY_LIMITS
@@ -285,18 +303,18 @@ def _accuracy(present: FrameAnswers, head: Head, query_distance_m: float) -> flo
 
 
 def _distance_factor(distance_m: np.ndarray | float) -> np.ndarray:
-    """Return the share of right answers at a distance, relative to that at FITTED_DISTANCE_M."""
+    """Return the expected share of correct answers at a distance divided by the share at FITTED_DISTANCE_M."""
     return np.asarray((distance_m / FITTED_DISTANCE_M) ** -DISTANCE_EXPONENT)
 
 
 def _hide(
     frames: Sequence[ReferenceFrame], scenes: dict[str, list[int]], floors: Sequence[FloorMasks]
 ) -> Iterator[tuple[list[int], list[int], bool]]:
-    """Yield parts of a map: the rows of the frames that it shows, the rows of the hidden frames to localize in it, and
-    whether the places of these were hidden.
+    """Yield maps with hidden frames: the rows of the frames that remain, the rows of the hidden frames to localize, and
+    whether whole places were hidden.
 
-    First, one frame of each place with several scene frames is hidden, MAX_FRAMES_OF_PLACE times. Then groups of places
-    are hidden.
+    First, one frame of each place with several scene frames is hidden, in MAX_FRAMES_OF_PLACE rounds. Then the places
+    are hidden, in groups.
     """
     num_left = MAX_FRAMES
     for round in range(MAX_FRAMES_OF_PLACE):
@@ -316,7 +334,7 @@ def _hide(
 
 
 def _spread(rows: list[int], count: int) -> list[int]:
-    """Return at most `count` of the rows, evenly spread."""
+    """Return at most `count` of the rows, at even intervals."""
     if len(rows) <= count:
         return rows
     return [rows[i] for i in np.linspace(0, len(rows) - 1, count).round().astype(int)]
@@ -325,8 +343,8 @@ def _spread(rows: list[int], count: int) -> list[int]:
 def _cross_validate(
     posterior: Posterior, answers: FrameAnswers
 ) -> tuple[ProbabilityScores, ProbabilityScores] | tuple[None, None]:
-    """Return the quality of the probabilities without calibration, and with a calibration from the frames of all other
-    places; None without frames of either kind."""
+    """Return the quality of the probabilities without calibration, and with a calibration that uses only the frames of
+    other places; (None, None) if there are no present or no absent frames."""
     if answers.is_absent.all() or not answers.is_absent.any():
         return None, None
     after = np.empty(len(answers.contrast))

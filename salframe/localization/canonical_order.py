@@ -1,4 +1,4 @@
-"""The order of the frames of a map, which does not depend on the order and the names of the files of a dataset."""
+"""Sort the frames of a map in an order that does not depend on the order and the names of the files of a dataset."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The objects of a described panorama whose description is a saliency graph."""
+"""The objects of a panorama, from its description, if the description is a saliency graph."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ _CORNERS = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(
 
 
 def described_objects(description: Description) -> tuple[SaliencyGraph, Detections] | None:
-    """Return the graph of a description, and its nodes in the frame of the panorama as it was taken.
+    """Return the saliency graph of a description, and its nodes as detections in the frame of the panorama before
+    levelling.
 
-    The detections are in the order of the nodes and have the corners of the boxes as points.
+    The detections are in the order of the nodes. Their points are the corners of the boxes.
 
     Args:
         description: The description of a panorama.
@@ -32,7 +33,8 @@ def described_objects(description: Description) -> tuple[SaliencyGraph, Detectio
 
 
 def _in_panorama(graph: SaliencyGraph, R_pano_level: np.ndarray) -> Detections:
-    """Return the objects of a graph in the frame of a panorama that was levelled, their boxes as corners."""
+    """Return the nodes of the graph of a levelled panorama as detections in the frame before levelling. Their points
+    are the corners of the boxes."""
     corners_m = []
     for centroid_m, size_m, yaw_rad in zip(graph.centroid_m, graph.size_m, graph.yaw_rad, strict=True):
         c, s = np.cos(yaw_rad), np.sin(yaw_rad)

@@ -1,4 +1,4 @@
-"""A query as the descriptions of its views, made in one way for `localize`, navigation and evaluation."""
+"""Describe the views of a query. `LocalizationMap.localize`, navigation and evaluation use the same functions."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from salframe.panoramas.levelling import turn_panorama
 from salframe.panoramas.panorama import Panorama
 
 VERSION = "1"
-"""Changes whenever the measured surfaces change. It is part of their cache keys."""
+"""Version of the measurement of floor and ceiling, as part of the cache keys of its results."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,10 +30,10 @@ class DescribedView:
     Attributes:
         id: Id of the panorama.
         description: The description.
-        surfaces: Floor and ceiling in the panorama as it was taken.
-        seconds: Time of the computation, not counting the time to load the panorama.
-        describe_turned: Describes the panorama of the same camera after a turn by UPSIDE_DOWN. Returns a description of
-            the panorama as it was taken, and the time in seconds.
+        surfaces: Floor and ceiling in the panorama before levelling.
+        seconds: Time of the computation, without the time to load the panorama.
+        describe_turned: Function that rotates the panorama by UPSIDE_DOWN and describes it. It returns the description,
+            in which R_LEVEL_PANO includes this rotation, and the time in seconds.
     """
 
     id: str
@@ -45,13 +45,14 @@ class DescribedView:
 
 @dataclass(frozen=True, eq=False)
 class DescribedQuery:
-    """A query of V views, at least one, that `LocalizationMap.answer_query` localizes.
+    """A query of V views (at least one), the input of `LocalizationMap.answer_query`.
 
     Attributes:
         descriptions: The descriptions of the views, in the order in which they were taken.
-        T_last_view: (V, 4, 4) motions that map coordinates of the views to those of the last view; None: unknown.
-        turned: The descriptions of the views turned by UPSIDE_DOWN, if all of them seem to be upside down; else empty.
-        seconds: Time that it took to compute the descriptions.
+        T_last_view: (V, 4, 4) poses of the views in the frame of the last view; None: unknown.
+        turned: The descriptions of the views after a rotation by UPSIDE_DOWN, if all views seem to be upside down;
+            otherwise empty.
+        seconds: Computing time of the descriptions.
     """
 
     descriptions: Sequence[Description]
@@ -74,10 +75,10 @@ def describe_view(
         frame: The panorama.
         cache: As in `describe_frame`.
         dataset: As in `describe_frame`.
-        described: The result of `describe_frame`, if it is known.
+        described: The result of `describe_frame` for this panorama; None: it is computed.
 
     Raises:
-        InputMissing: The panorama lacks a part.
+        InputMissing: The panorama lacks a part that the localizer requires.
         DataError: The panorama cannot be read.
     """
     description, seconds = described or describe_frame(localizer, frame, cache, dataset)
@@ -93,14 +94,15 @@ def describe_query(
     camera_z_m: np.ndarray,
     warn: Callable[[str], object],
 ) -> DescribedQuery:
-    """Return a query of described views. If all of them seem to be upside down, they are also described turned.
+    """Return a query of described views. If all views seem to be upside down, they are also described after a rotation
+    by UPSIDE_DOWN.
 
     Args:
-        localizer: The localizer. They are turned only if it uses range and its `level` is "auto".
+        localizer: The localizer. The views are rotated only if it uses range and its `level` is "auto".
         views: The V views in the order in which they were taken, at least one.
-        T_last_view: (V, 4, 4) motions that map coordinates of the views to those of the last view; None: unknown.
-        camera_z_m: (S,) world z of the cameras of the map.
-        warn: Called with a warning if the views seem to be upside down and are not turned.
+        T_last_view: (V, 4, 4) poses of the views in the frame of the last view; None: unknown.
+        camera_z_m: (S,) heights (z in the world) of cameras of the map, in metres.
+        warn: Called with a warning if the views seem to be upside down and are not rotated.
 
     Raises:
         DataError: A panorama cannot be read.

@@ -1,4 +1,5 @@
-"""Describe frames with a localizer: estimate missing range, cache and time the result, use the workers of an engine."""
+"""Describe frames with a localizer: estimate missing range, measure the time, cache the result, and use worker
+processes."""
 
 from __future__ import annotations
 
@@ -29,8 +30,8 @@ from salframe.panoramas.range_model import estimate_range
 
 
 def estimates_range(localizer: Localizer, provides: frozenset[str]) -> bool:
-    """Return whether the range of panoramas that provide these parts is estimated: they have no range, and the
-    localizer has a range model.
+    """Return whether range is estimated for panoramas that provide these parts. It is estimated if they have no range
+    and the localizer has a range model.
 
     Args:
         localizer: The localizer.
@@ -40,9 +41,13 @@ def estimates_range(localizer: Localizer, provides: frozenset[str]) -> bool:
 
 
 def required_parts(localizer: Localizer, provides: frozenset[str]) -> frozenset[str]:
-    """Return the parts that a localizer requires of panoramas that provide these parts: its `needs`.
+    """Return the parts that a panorama must have for a localizer: the `needs` of the localizer.
 
-    Where range is estimated, the needs of the range model replace range.
+    If range is estimated, the needs of the range model replace "range".
+
+    Args:
+        localizer: The localizer.
+        provides: Parts that the panoramas have, of "rgb", "range" and "annotations".
     """
     if localizer.range_model is None or not estimates_range(localizer, provides):
         return localizer.needs
@@ -50,7 +55,8 @@ def required_parts(localizer: Localizer, provides: frozenset[str]) -> frozenset[
 
 
 def check_parts(localizer: Localizer, panorama: Panorama, remedy: Callable[[], str] | None = None) -> None:
-    """Raise InputMissing if a panorama lacks a part that the localizer requires; the error ends with `remedy`."""
+    """Raise InputMissing if a panorama lacks a part that the localizer requires. The error message ends with the text
+    that `remedy` returns."""
     if missing := required_parts(localizer, panorama.provides) - panorama.provides:
         reason = f"{localizer.name} needs {' and '.join(sorted(missing))}, which {panorama.id} does not have"
         raise InputMissing(reason if remedy is None else f"{reason}: {remedy()}")
@@ -73,9 +79,9 @@ def suggest_components(config: ComponentConfig, provides: frozenset[str]) -> str
 def complete_panorama(
     localizer: Localizer, panorama: Panorama, cache: Cache | None = None, cache_key: Mapping[str, str] | None = None
 ) -> tuple[Panorama, float]:
-    """Return the panorama, with estimated range where necessary, and the time of the estimation in seconds.
+    """Return the panorama, with estimated range if necessary, and the time of the estimation in seconds.
 
-    Range is estimated where the panorama has none and the localizer has a range model.
+    Range is estimated if the panorama has none and the localizer has a range model.
 
     Args:
         localizer: The localizer.
@@ -95,20 +101,20 @@ def complete_panorama(
 def describe_frame(
     localizer: Localizer, frame: ReferenceFrame | QueryFrame, cache: Cache | None = None, dataset: str = ""
 ) -> tuple[Description, float]:
-    """Return the description of a frame, and the time of its computation in seconds, not counting the time to load the
+    """Return the description of a frame, and the time of its computation in seconds, without the time to load the
     panorama.
 
     Args:
         localizer: The localizer.
-        frame: The frame. Its panorama is levelled first, if it is tilted and the localizer's `level` is "auto"; the
-            description then has the rotation R_LEVEL_PANO.
-        cache: Cache of descriptions and detections; None: no cache. The time of detections from the cache is that of
-            their computation.
-        dataset: The content_key of the dataset. The cache identifies a panorama by the id of the frame and by the
-            `content` of the frame, or by this key where the frame has no `content`.
+        frame: The frame. If its panorama is tilted and the `level` of the localizer is "auto", the panorama is levelled
+            first. The description then contains the rotation R_LEVEL_PANO.
+        cache: Cache of descriptions and detections; None: no cache. For cached results, the time of the original
+            computation is returned.
+        dataset: The `content_key` of the dataset. The cache identifies a panorama by the id and the `content` of the
+            frame. If the frame has no `content`, this key is used in its place.
 
     Raises:
-        InputMissing: The panorama lacks a part.
+        InputMissing: The panorama lacks a part that the localizer requires.
         DataError: The panorama cannot be read.
     """
     cache_key = {"dataset": frame.content or dataset, "frame": frame.id}
@@ -144,7 +150,7 @@ def _describe_panorama(
 
     Args:
         localizer: The localizer.
-        panorama: The panorama, with estimated range where necessary.
+        panorama: The panorama, with estimated range if necessary.
         provides: Parts of the panorama before its range was estimated.
         cache: Cache of detections; None: no cache.
         cache_key: Identifies the panorama before its range was estimated.
@@ -152,7 +158,7 @@ def _describe_panorama(
     if (
         cache is None
         or not isinstance(localizer, DetectingLocalizer)
-        or type(localizer).describe is not DetectingLocalizer.describe  # it may do without `describe_detections`
+        or type(localizer).describe is not DetectingLocalizer.describe  # it may not call `describe_detections`
     ):
         start = time.perf_counter()
         description = localizer.describe(panorama)
@@ -171,8 +177,8 @@ def describe_frames(
 ) -> Iterator[tuple[str, float]]:
     """Describe reference frames of a prepared dataset with an engine, and store the descriptions in the cache.
 
-    A frame that cannot be described is skipped. Where the method itself fails, all following frames are skipped. The
-    error is raised later, where the description is needed.
+    A frame that cannot be described is skipped. If the method itself fails, all following frames are skipped. Errors
+    are not raised here, but later, when the description is needed.
 
     Args:
         method: Settings of the localizer.
@@ -196,7 +202,7 @@ def describe_ahead(
 ) -> None:
     """Describe the reference frames of a prepared dataset with the workers of its engine, and cache the descriptions.
 
-    Does nothing where the number of workers is not set.
+    Do nothing if the number of workers is not set.
     """
     if dataset.engine is None or not dataset.engine.isolates or dataset.engine.workers is None:
         return

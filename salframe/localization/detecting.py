@@ -1,4 +1,4 @@
-"""Base of localizers that describe a panorama by the objects of a detector."""
+"""Base of localizers that describe a panorama by the objects that a detector detects."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from salframe.panoramas.panorama import Panorama
 
 
 class DetectingLocalizer(Localizer):
-    """Base of localizers whose setting `detector` selects the detector. Its symmetries are those of the localizer."""
+    """Base of localizers whose setting `detector` selects the detector. The localizer has the `needs`, the
+    `column_step` and the `turn_tolerance_m` of this detector."""
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)
@@ -31,7 +32,7 @@ class DetectingLocalizer(Localizer):
 
         Args:
             detections: The detections, in the panorama frame.
-            panorama: The panorama. It has no parts if only its detections are known.
+            panorama: The panorama. If only its detections are known, it contains no images and no annotations.
         """
 
     def describe(self, panorama: Panorama) -> Description:

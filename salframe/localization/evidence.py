@@ -1,4 +1,5 @@
-"""Evidence for the places of a map as named columns, and weights of these columns, fitted on tuning data."""
+"""Evidence: numbers that support places of a map as the place of a query, in named columns. The weights of the columns
+are fitted on tuning data."""
 
 from __future__ import annotations
 
@@ -10,17 +11,18 @@ import numpy as np
 from salframe.framework.errors import DataError
 
 RIDGE = 1e-3
-"""Ridge penalty: factor of the squared weights, per answer, in units of the spread of a column. Without it, columns
-that separate the places without an error have no optimal weights."""
+"""Ridge penalty: factor of the squared weights, per answer. A weight is in units of the inverse spread of its column.
+Without the penalty, the optimal weights are infinite if the columns always rank the true place first."""
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """H hypotheses of the place of a query. Several hypotheses may have the same place.
+    """Evidence for H hypotheses of the place of a query. Several hypotheses may have the same place.
 
     Attributes:
-        places: H names of places.
-        values: (H,) float64 for each named column; a larger value supports a hypothesis more.
+        places: The place names of the H hypotheses.
+        values: Mapping from the name of each column to its values, (H,) float64. A larger value supports a hypothesis
+            more.
     """
 
     places: Sequence[str]
@@ -34,7 +36,7 @@ class Evidence:
         return total
 
     def place_scores(self, weights: Mapping[str, float]) -> dict[str, float]:
-        """Return the score of each place: the logarithm of the summed exponentials of its hypotheses."""
+        """Return the score of each place: the log-sum-exp of the scores of its hypotheses."""
         scores: dict[str, float] = {}
         for place, score in zip(self.places, self.scores(weights).tolist(), strict=True):
             scores[place] = float(np.logaddexp(scores[place], score)) if place in scores else score
@@ -44,14 +46,14 @@ class Evidence:
 def fit_weights(samples: Sequence[tuple[Evidence, str]]) -> tuple[dict[str, float], float, float]:
     """Fit the weights that maximize the softmax probability of the true place.
 
-    Maximum likelihood with a ridge penalty. Samples without a hypothesis for the true place are ignored.
+    The method is maximum likelihood with a ridge penalty. Samples without a hypothesis for the true place are ignored.
 
     Args:
         samples: The evidence and the true place of each query. All samples have the same columns.
 
     Returns:
-        The weight of each column, and the mean negative logarithm of the true place's share, first with equal
-        hypotheses and then with these weights.
+        The weight of each column; the mean negative logarithm of the probability of the true place if all hypotheses
+        are equally probable; and the same mean with the fitted weights.
 
     Raises:
         DataError: No sample has a hypothesis for the true place.

@@ -1,4 +1,4 @@
-"""The role `evidence`: numbers that support places of the map as the place of a query."""
+"""The role `evidence`: computes numbers that support places of the map as the place of a query."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from salframe.panoramas.panorama import Panorama
 
 @dataclass(frozen=True)
 class EvidenceColumn:
-    """A named column of evidence: one number for each hypothesis, a larger number supports it more.
+    """A named column of evidence: one number for each hypothesis. A larger number supports the hypothesis more.
 
     Attributes:
-        name: Lower-case letters, digits and underscores.
+        name: Name of the column: lower-case letters, digits and underscores.
         description: Meaning of the numbers, with their unit.
-        weight: Weight of the column in the score of a place, unless it is set or fitted (`salframe fit`); None: it must
-            be.
+        weight: Default weight of the column in the score of a place. None: there is no default; set the weight, or fit
+            it with `salframe fit`.
     """
 
     name: str
@@ -37,10 +37,10 @@ class PlaceFrames:
     """K places of a map with P distinct names, and their scene frames. Several places may have the same name.
 
     Attributes:
-        names: The distinct names.
-        name: (K,) position in `names` of each place's name.
-        frame: (F,) numbers in the map of the scene frames, one place after the other; each place has at least one.
-        start: (K + 1,) position in `frame` of each place's first frame, and F.
+        names: The P distinct names.
+        name: (K,) index in `names` of the name of each place.
+        frame: (F,) indices in the map of the scene frames, place by place. Each place has at least one frame.
+        start: (K + 1,) index in `frame` of the first frame of each place, then F.
     """
 
     names: Sequence[str]
@@ -53,12 +53,13 @@ class PlaceFrames:
 
     @cached_property
     def place(self) -> np.ndarray:
-        """(F,) index of the place of each frame."""
+        """(F,) index of the place of each scene frame."""
         return np.repeat(np.arange(len(self)), np.diff(self.start))
 
     @cached_property
     def padded(self) -> np.ndarray:
-        """(K, maximum number of frames of a place): the frames of each place; the last one is repeated."""
+        """The scene frames of each place, (K, maximum number of scene frames of a place). The last frame of a place is
+        repeated to fill its row."""
         count = np.diff(self.start)
         return self.frame[self.start[:-1, None] + np.minimum(np.arange(count.max()), count[:, None] - 1)]
 
@@ -80,7 +81,8 @@ class PlaceHypotheses:
         xy_m: (C, 2) float64 position of the query in the world, metres.
         yaw_rad: (C,) float64 heading of the query in the world.
         scale: (C,) float64 factor from the query's ranges to true ranges.
-        likelihood: (H,) float64 log likelihood ratio (nats) of the query's objects, by the localizer's search of poses.
+        likelihood: (H,) float64 log likelihood ratio (nats) of the objects of the query, from the localizer's search
+            over poses.
     """
 
     place: np.ndarray
@@ -109,25 +111,27 @@ class EvidenceModel(Role):
     uses: ClassVar[frozenset[str]] = frozenset()
     """Parts of a panorama that `describe` reads if they are present, of "rgb", "range" and "annotations"."""
     uses_pose: ClassVar[bool] = False
-    """Whether the columns depend on the pose of a hypothesis. Only such evidence compares poses in one place."""
+    """Whether the columns depend on the pose of a hypothesis. Only such evidence distinguishes poses in one place."""
     column_step: ClassVar[int | None] = 1
-    """Turning the panorama by a multiple of this number of pixel columns changes no evidence; None: every turn may."""
+    """If the panorama is rotated by a multiple of this number of pixel columns, the evidence does not change. None: any
+    rotation may change it."""
 
     def describe(self, panorama: Panorama, description: Description) -> Description:
-        """Return the arrays to add to the description of a panorama, of those named in `arrays`.
+        """Return arrays to add to the description of a panorama. Their names must be in `arrays`.
 
         Args:
             panorama: The panorama.
-            description: Arrays of the localizer itself, such as those of the saliency graph.
+            description: The arrays that the localizer computed, such as the arrays of the saliency graph.
         """
         return {}
 
     def join(self, descriptions: Sequence[Description], T_last_view: np.ndarray) -> Description:
-        """Return the arrays of one description of several views of a query. By default, those of the last view.
+        """Return the arrays for the joint description of several views of a query. By default, these are the arrays of
+        the last view.
 
         Args:
             descriptions: The descriptions of V views, in the order in which they were taken.
-            T_last_view: (V, 4, 4) rigid motions that map coordinates of the views to those of the last view.
+            T_last_view: (V, 4, 4) poses of the views in the frame of the last view.
         """
         return self.arrays_of(descriptions[-1])
 
@@ -136,22 +140,23 @@ class EvidenceModel(Role):
         return self.arrays_of(description)
 
     def unpack(self, packed: Description) -> Description:
-        """Return the arrays that were packed, up to the rounding of `pack`."""
+        """Return the arrays of `describe` from packed arrays, up to the rounding of `pack`."""
         return self.arrays_of(packed)
 
     def index(self, descriptions: Sequence[Description], places: PlaceFrames, T_world_pano: np.ndarray) -> None:
         """Prepare the scoring of hypotheses in a map with S reference frames. By default, nothing is prepared.
 
         Args:
-            descriptions: The arrays of `describe` of each reference frame; empty if it returned none.
+            descriptions: The arrays of `describe` for each reference frame; an empty mapping for a frame without such
+                arrays.
             places: The places of the map.
             T_world_pano: (S, 3, 4) poses of the frames.
         """
 
     def open_index(self, packed: Columns, places: PlaceFrames, T_world_pano: np.ndarray) -> None:
-        """Prepare the scoring in a map that was opened. The scores must be the same as after `index`.
+        """Prepare the scoring of hypotheses in a map that was opened. The scores must be the same as after `index`.
 
-        By default, each row is unpacked and indexed. Override it to be fast on large maps.
+        By default, all descriptions are unpacked and passed to `index`. Override this method to open large maps fast.
 
         Args:
             packed: Packed descriptions of the reference frames, mapped into memory.
@@ -162,11 +167,11 @@ class EvidenceModel(Role):
 
     @abstractmethod
     def score(self, description: Description, hypotheses: PlaceHypotheses) -> Mapping[str, np.ndarray]:
-        """Return the columns by name, (H,) float64 and finite each. Must not change its input.
+        """Return a mapping from the name of each column to its values, (H,) float64, finite. Must not change its input.
 
         Args:
-            description: The description of the query, by localizer and evidence.
-            hypotheses: The hypotheses of its place.
+            description: The description of the query, with the arrays of the localizer and of `describe`.
+            hypotheses: The hypotheses of the place of the query.
         """
 
     def arrays_of(self, description: Description) -> Description:

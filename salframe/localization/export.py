@@ -16,10 +16,10 @@ from salframe.panoramas.frames import ReferenceFrame
 
 
 def export_scenes(directory: Path, path: Path) -> None:
-    """Write the reference frames of a map as a Parquet table, one row each.
+    """Write the reference frames of a map to a Parquet file, one row per frame.
 
-    The columns are frame, place, kind, T_world_pano (16 numbers row by row), and each array of the description, as
-    nested lists.
+    The columns are the frame id, the place, the kind (scene or transition), T_world_pano (16 numbers, row by row), and
+    one column of nested lists for each array of the description.
 
     Args:
         directory: The saved map.
@@ -50,7 +50,7 @@ def _read_scenes(parts: MapParts) -> tuple[Sequence[ReferenceFrame], list[Descri
 
 
 def _nested(arrays: Sequence[np.ndarray | None]):
-    """Return arrays with the same number of dimensions as a column of nested lists of their type."""
+    """Return a column of nested lists from arrays with the same type and number of dimensions; None becomes null."""
     import pyarrow as pa
 
     example = next(array for array in arrays if array is not None)

@@ -1,4 +1,4 @@
-"""Fusing the answers of single views to one answer, for localizers that do not join descriptions."""
+"""Fuse the answers to the single views of a query to one answer, for localizers that cannot join descriptions."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from salframe.localization.answers import (
 from salframe.panoramas.geometry import invert_pose
 
 MIN_PROBABILITY = 1e-6
-"""Lower bound of a probability in the product, so that no view alone excludes a place."""
+"""Lower bound of a probability in a product over views, so that a single view cannot exclude a place."""
 
 
 FUSED = "views localized one by one and fused"
-"""Part of the note of an answer that was fused although the views should have been joined."""
+"""Text in the note of an answer whose views should have been joined, but had to be fused."""
 
 
 class Fusion(StrEnum):
@@ -39,17 +39,22 @@ class Fusion(StrEnum):
 def fuse_answers(answers: Sequence[Localization], T_last_view: np.ndarray | None) -> Localization:
     """Fuse the answers of the views of a query. Views are treated as independent.
 
-    If all answers that name a place have probabilities, the probability of a place is proportional to their product.
-    Otherwise the answer with the highest score is returned. The pose comes from the view with the highest probability
-    of the first place, and is moved to the last view. If the motion is unknown, it is the pose of the last view, if the
-    last view is in the first place.
+    If all answers with places have probabilities, the fused probability of a place is proportional to the product of
+    its probabilities in these answers. Otherwise, the fused places are the places of the answer with the highest score.
+
+    The pose comes from the answers whose first place is the first fused place: the pose of the answer with the highest
+    probability (or score) is converted to the pose of the last view. If `T_last_view` is None, only the answer to the
+    last view can give the pose.
+
+    If an answer has the status OUT_OF_MAP, and the fused out-of-map probability exceeds MAX_OUT_OF_MAP_PROBABILITY, the
+    fused answer has the status OUT_OF_MAP and no pose.
 
     Args:
         answers: The answers, at least one, in the order of the views.
-        T_last_view: (V, 4, 4) motions that map coordinates of the views to those of the last view; None: unknown.
+        T_last_view: (V, 4, 4) poses of the views in the frame of the last view; None: unknown.
 
     Returns:
-        The answer, without the notes of the answers. If no answer names a place, the answer of the last view.
+        The fused answer, without notes. If no answer has a place, it is the answer to the last view.
     """
     placed = [number for number, answer in enumerate(answers) if answer.places]
     if not placed:
@@ -80,9 +85,9 @@ def fuse_answers(answers: Sequence[Localization], T_last_view: np.ndarray | None
 
 
 def choose_surest(answers: Sequence[Localization], T_last_view: np.ndarray | None) -> Localization:
-    """Return the surest answer of the views of a query, with its pose moved to the last view.
+    """Return the answer whose first place has the highest probability, with its pose converted to the last view.
 
-    Arguments and result are those of `fuse_answers`.
+    Without probabilities, the answer with the highest score is returned. Arguments are those of `fuse_answers`.
     """
     placed = [number for number, answer in enumerate(answers) if answer.places]
     if not placed:
@@ -100,15 +105,16 @@ def choose_surest(answers: Sequence[Localization], T_last_view: np.ndarray | Non
 
 
 def _certainty(answer: Localization) -> float:
-    """Return the probability of the first place of an answer, or its score where it has no probabilities."""
+    """Return the probability of the first place of an answer, or its score if it has no probability."""
     first = answer.places[0]
     return first.score if first.probability is None else first.probability
 
 
 def _multiply(answers: Sequence[Localization]) -> tuple[tuple[RankedPlace, ...], float]:
-    """Return the places with the products of their probabilities, best first, and the product for out-of-map.
+    """Return the places with the normalized products of their probabilities, best first, and the normalized product of
+    the out-of-map probabilities.
 
-    The frame of a place is taken from the answer with the highest probability of the place.
+    The frame of a place is taken from the answer that gives the place the highest probability.
     """
     log_total: dict[str, float] = {}
     best: dict[str, RankedPlace] = {}
@@ -131,7 +137,11 @@ def _multiply(answers: Sequence[Localization]) -> tuple[tuple[RankedPlace, ...],
 
 
 def _pose(answers: Sequence[Localization], place: str, T_last_view: np.ndarray | None) -> np.ndarray | None:
-    """Return the pose (4, 4) of the last view by the surest answer in a place; None if no answer has a pose."""
+    """Return the pose (4, 4) of the last view in the world; None if no answer gives one.
+
+    It comes from the answer with the highest probability or score of those that have a pose and the first place
+    `place`.
+    """
     rows = [
         number
         for number, answer in enumerate(answers)

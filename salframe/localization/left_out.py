@@ -1,4 +1,4 @@
-"""The rule for reference frames that a method cannot use: the map is built without them if their share is small."""
+"""Reference frames that a method cannot use: if their share is small, the map is built without them."""
 
 from __future__ import annotations
 
@@ -12,16 +12,15 @@ whole places would be missing, and queries there would get a wrong answer."""
 
 
 def check_left_out(left_out: Mapping[str, DataError | InputMissing], num_frames: int) -> None:
-    """Raise where a method cannot use too many of the reference frames of a map.
+    """Raise an error if a method cannot use more than MAX_LEFT_OUT_SHARE of the reference frames of a map.
 
     Args:
-        left_out: The error of each frame that cannot be used, by id. It is one of FRAME_ERRORS.
+        left_out: Mapping from the id of each frame that cannot be used to its error (one of FRAME_ERRORS).
         num_frames: Number of reference frames, including frames that cannot be used.
 
     Raises:
-        InputMissing: More than MAX_LEFT_OUT_SHARE of the frames, or all of them, are left out, and a frame lacks
-            something that the method needs.
-        DataError: As many frames are left out, and no frame lacks something that the method needs.
+        InputMissing: Too many frames are left out, and at least one of them lacks something that the method needs.
+        DataError: Too many frames are left out, all of them for other reasons.
     """
     if len(left_out) <= MAX_LEFT_OUT_SHARE * num_frames:
         return
@@ -37,7 +36,7 @@ def check_left_out(left_out: Mapping[str, DataError | InputMissing], num_frames:
 
 
 def left_out_note(left_out: Mapping[str, DataError | InputMissing]) -> str | None:
-    """Return a note on the reference frames that were left out of a map; None without such frames."""
+    """Return a note on the reference frames that were left out of a map; None if no frame was left out."""
     if not left_out:
         return None
     return f"{len(left_out)} reference frame(s) left out, the first: {next(iter(left_out.values()))}"

@@ -1,4 +1,4 @@
-"""Level the panoramas that localizers describe, and answer with the pose of the camera before levelling."""
+"""Level tilted panoramas before they are described, and convert answers back to the pose of the tilted camera."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from salframe.panoramas.panorama import Panorama
 R_LEVEL_PANO = "R_level_pano"
 """Key in the description of a panorama that was levelled: (3, 3) rotation from its frame to the levelled frame."""
 UPSIDE_DOWN = np.diag([1.0, -1.0, -1.0])
-"""Rotation that levels a camera that hangs upside down."""
+"""(3, 3) rotation that levels a camera that hangs upside down."""
 VERSION = "1"
-"""Changes whenever the levelled panoramas change. It is part of the cache keys of descriptions."""
+"""Version of the levelling, as part of the cache keys of descriptions."""
 
 
 def level_key(localizer: Localizer, frame: ReferenceFrame | QueryFrame) -> dict[str, Any]:
-    """Return the inputs of the levelling other than the panorama, for cache keys; {} if it is off."""
+    """Return the inputs of the levelling other than the panorama, for cache keys; {} if levelling is off."""
     if localizer.level == "off":
         return {}
     rotation = pose_level_rotation(frame.T_world_pano) if isinstance(frame, ReferenceFrame) else None
@@ -40,11 +40,12 @@ def level_key(localizer: Localizer, frame: ReferenceFrame | QueryFrame) -> dict[
 def level_panorama(
     localizer: Localizer, frame: ReferenceFrame | QueryFrame, panorama: Panorama
 ) -> tuple[Panorama, np.ndarray | None]:
-    """Return the panorama of a frame, levelled if it is tilted, and the rotation R_level_pano (3, 3) or None.
+    """Return the panorama of a frame, levelled if it is tilted, and the rotation R_level_pano (3, 3); None if it was
+    not levelled.
 
     A reference frame is levelled by its pose. The tilt of a query is estimated from the images that the localizer uses.
-    So is the tilt of a reference frame with an exactly level pose, which may come from a system that does not measure
-    tilt.
+    If the pose of a reference frame is exactly level, it may come from a system that does not measure tilt. Its tilt is
+    then also estimated from the images.
     """
     if localizer.level == "off":
         return panorama, None
@@ -64,21 +65,21 @@ def upright_frame(localizer: Localizer, frame: ReferenceFrame) -> ReferenceFrame
 
 
 def split_level(description: Description) -> tuple[Description, np.ndarray | None]:
-    """Return the description without the rotation of the levelling, and that rotation (3, 3), None if there is
-    none."""
+    """Return the description without R_LEVEL_PANO, and this rotation (3, 3); None if the panorama was not levelled."""
     if R_LEVEL_PANO not in description:
         return description, None
     return {name: value for name, value in description.items() if name != R_LEVEL_PANO}, description[R_LEVEL_PANO]
 
 
 def level_motions(T_last_view: np.ndarray, rotations: list[np.ndarray | None]) -> np.ndarray:
-    """Return the motions between levelled views, (V, 4, 4).
+    """Return the poses of the levelled views in the frame of the levelled last view, (V, 4, 4).
 
-    Motions in the plane, with a heading and no tilt, are those between levelled views already.
+    If no pose in `T_last_view` has a tilt, the poses are assumed to be those of levelled views, and are returned
+    unchanged.
 
     Args:
-        T_last_view: (V, 4, 4) motions between the views as they were taken.
-        rotations: R_level_pano (3, 3) of each view, None if it was not levelled.
+        T_last_view: (V, 4, 4) poses of the views in the frame of the last view, before levelling.
+        rotations: R_level_pano (3, 3) of each view; None for a view that was not levelled.
     """
     if all(map(may_be_flat, T_last_view)):
         return T_last_view
@@ -88,7 +89,13 @@ def level_motions(T_last_view: np.ndarray, rotations: list[np.ndarray | None]) -
 
 
 def as_it_stood(answer: Localization, rotation: np.ndarray | None) -> Localization:
-    """Return an answer for a levelled panorama as one for the panorama itself, with a note on its tilt."""
+    """Convert the answer to a levelled panorama to an answer with the pose of the tilted camera, and add a note on the
+    tilt.
+
+    Args:
+        answer: The answer to the levelled panorama.
+        rotation: R_level_pano (3, 3); None if the panorama was not levelled.
+    """
     if rotation is None:
         return answer
     note = f"the query was levelled from a tilt of {tilt_deg(rotation):.1f} deg; the pose is that of the tilted camera"
@@ -101,19 +108,22 @@ def as_it_stood(answer: Localization, rotation: np.ndarray | None) -> Localizati
 
 
 def of_turned(description: Description, rotation: np.ndarray) -> Description:
-    """Return the description of a panorama that was turned by a rotation (3, 3), as one of the panorama itself."""
+    """Convert the description of a panorama that was turned by a rotation (3, 3) to a description of the panorama
+    before this turn: combine the rotation with R_LEVEL_PANO."""
     description, level = split_level(description)
     return {**description, R_LEVEL_PANO: rotation if level is None else level @ rotation}
 
 
 def better_answer(first: Localization, second: Localization) -> Localization:
-    """Return the answer with the higher score of two answers by one localizer; the first if they are equal."""
+    """Return the answer whose first place has the higher score; the first answer if the scores are equal. An answer
+    that names no place has the lowest score."""
     scores = [answer.places[0].score if answer.status.names_a_place else -np.inf for answer in (first, second)]
     return second if scores[1] > scores[0] else first
 
 
 def correspond(localizer: Localizer, query: Description, reference: Description) -> PointMatches | NodeMatches | None:
-    """Return the matches of two descriptions by `Localizer.correspond`, in the frames of the panoramas themselves."""
+    """Return the matches of two descriptions by `Localizer.correspond`, in the frames of the panoramas before
+    levelling."""
     (query, query_rotation), (reference, reference_rotation) = split_level(query), split_level(reference)
     matches = localizer.correspond(query, reference)
     turns = [np.eye(3) if rotation is None else rotation for rotation in (query_rotation, reference_rotation)]

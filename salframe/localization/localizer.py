@@ -31,7 +31,7 @@ Description = Mapping[str, np.ndarray]
 
 
 def range_slot() -> Any:
-    """Return the type of a localizer's setting `range`, the range model for panoramas without range."""
+    """Return the type of the setting `range` of a localizer: the range model for panoramas without range."""
     return slot(
         RangeModel.role,
         optional=True,
@@ -41,7 +41,8 @@ def range_slot() -> Any:
 
 
 def posterior_slot() -> Any:
-    """Return the type of a localizer's setting `posterior`, which converts scores to probabilities."""
+    """Return the type of the setting `posterior` of a localizer: the parameters that convert scores to
+    probabilities."""
     help = (
         "parameters that convert scores to probabilities, or the path of a file written by `salframe "
         "fit`; null: answers have no probabilities"
@@ -78,18 +79,20 @@ class Localizer(Role):
     presets = "methods"
     word = "method"
     column_step: ClassVar[int | None] = 1
-    """Rolling the panorama by a multiple of this number of columns rotates the pose and changes nothing else; None: any
-    roll may change the answer, as where views are cut from the panorama at fixed azimuths."""
+    """If the panorama is rotated by a multiple of this number of pixel columns, the pose rotates by the same angle and
+    the answer does not change otherwise. None: any rotation may change the answer, for example because views are cut
+    from the panorama at fixed azimuths."""
     turn_tolerance_m: ClassVar[float] = 1e-4
-    """Maximum deviation of the pose after such a roll, in metres, and in radians (metres at an object 1 m away)."""
+    """Maximum deviation of the pose if the panorama is rotated by a multiple of `column_step`: of the position in
+    metres, and of the heading in radians."""
     range_model: RangeModel | None = None
     """The component that the setting `range` selects."""
     posterior: Posterior | None = None
     """The value of the setting `posterior`."""
     level: str = "auto"
-    """The value of the setting `level`, where the Config has one: whether tilted panoramas are levelled."""
+    """The value of the setting `level`, if the Config has it: whether tilted panoramas are levelled."""
     odometry: OdometryNoise = OdometryNoise()
-    """The value of the setting `odometry`, where the Config has one: the errors of the motion between views."""
+    """The value of the setting `odometry`, if the Config has it: the errors of the motion between views."""
     uses_floors: ClassVar[bool] = False
     """Whether `index` reads `floors`; they are then saved with the map."""
     uses: ClassVar[frozenset[str]] = frozenset()
@@ -126,20 +129,21 @@ class Localizer(Role):
 
     @abstractmethod
     def match(self, description: Description) -> Localization:
-        """Localize a query from its description. If this fails, return a status, and raise no exception."""
+        """Localize a query from its description. If no place is found, return an answer whose status states the reason;
+        do not raise an exception."""
 
     def join(
         self, descriptions: Sequence[Description], T_last_view: np.ndarray, odometry: OdometryNoise
     ) -> Description | None:
-        """Return one description of several views of a query, in the coordinates of the last view.
+        """Join the descriptions of several views of a query to one description in the frame of the last view.
 
-        None (the default): the localizer cannot join these views. Each view is then localized alone, and the
+        Return None (the default) if the localizer cannot join these views. Each view is then localized alone, and the
         probabilities are multiplied.
 
         Args:
             descriptions: The descriptions of V views, in the order in which they were taken.
-            T_last_view: (V, 4, 4) rigid motions that map coordinates of the views to those of the last view.
-            odometry: The errors of these motions.
+            T_last_view: (V, 4, 4) poses of the views in the frame of the last view.
+            odometry: The errors of these poses.
         """
         return None
 
@@ -148,7 +152,7 @@ class Localizer(Role):
         return description
 
     def unpack(self, packed: Description) -> Description:
-        """Return the description that was packed, up to the rounding of `pack`."""
+        """Return the description from packed arrays, up to the rounding of `pack`."""
         return packed
 
     def write_index(self, folder: Path) -> None:
@@ -170,7 +174,8 @@ class Localizer(Role):
         raise NotImplementedError(f"{self.name} overrides write_index and not open_index, expected both or neither")
 
     def describe_identity(self) -> dict[str, Any]:
-        """Return the inputs of `describe` other than the panorama: weights, and settings that are not `match_only`."""
+        """Return everything except the panorama that descriptions depend on: weights, and settings that are not
+        `match_only`."""
         return identity(self.config, describing=True)
 
     def note(self, description: Description) -> str | None:
@@ -182,9 +187,11 @@ class Localizer(Role):
         return ()
 
     def complete(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> Sequence[Description]:
-        """Return the descriptions of the reference frames of a map, completed by those of the other frames.
+        """Complete the descriptions of the reference frames of a map with information from the other frames, and return
+        them.
 
-        A localizer that locates objects by the bearings of several frames does it here. The default completes nothing.
+        A localizer that triangulates objects from their bearings in several frames does so here. The default returns
+        `descriptions` unchanged.
 
         Args:
             descriptions: One description for each frame.
@@ -193,8 +200,8 @@ class Localizer(Role):
         return descriptions
 
     def unfit_for_map(self, description: Description) -> str | None:
-        """Return the reason why a frame with this description cannot be a reference frame, and what to do; None if it
-        can be one."""
+        """Return the reason why a frame with this description cannot be a reference frame, and what to do; None if the
+        frame can be used."""
         return None
 
     def count_objects(self, description: Description) -> int:
@@ -206,8 +213,12 @@ class Localizer(Role):
         return None
 
     def evidence(self, description: Description) -> Evidence | None:
-        """Return, for each place, the values whose weighted sum is its score, in the order of the setting `weights`;
-        None for methods without weights, and for queries without these values."""
+        """Return the evidence for the places of the map: for each hypothesis, the values whose weighted sum is its
+        score.
+
+        The columns are in the order of the setting `weights`. Return None for methods without weights, and for queries
+        without these values.
+        """
         return None
 
     def shown_directions(self, description: Description) -> np.ndarray | None:

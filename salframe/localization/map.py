@@ -54,11 +54,14 @@ from salframe.panoramas.panorama import Annotations, Panorama
 from salframe.panoramas.view import View, motions
 
 MAX_HEIGHTS = 200
-"""Maximum number of reference frames whose heights are compared with that of a query."""
+"""Maximum number of reference frames whose camera heights are used to check queries."""
 
 
 class LocalizationMap:
-    """A map in which a localizer localizes queries: reference frames, their packed descriptions, and floor masks.
+    """A map in which a localizer localizes queries.
+
+    It consists of reference frames (panoramas with known places and poses), their descriptions in packed form, and
+    floor masks.
 
     Create one with `build`, `from_descriptions` or `open`. Use a new localizer for each map: a localizer holds the
     index of one map at a time.
@@ -79,7 +82,14 @@ class LocalizationMap:
         frames: Sequence[ReferenceFrame],
         floors: Sequence[FloorMasks] = (),
     ) -> None:
-        """Create a map without indexing it. Such a map can be changed, merged and saved, but it cannot localize."""
+        """Create a map without indexing it. Such a map can be changed, merged and saved, but it cannot localize.
+
+        Args:
+            localizer: The localizer.
+            packed: The packed description of each reference frame.
+            frames: The reference frames.
+            floors: Floors of the map.
+        """
         self.localizer = localizer
         self._mapped_files: tuple[FileStamp, ...] = ()
         self._folder: Path | None = None
@@ -112,10 +122,10 @@ class LocalizationMap:
             calibrate: Whether to calibrate the posterior of the localizer, if it has one, and if its setting
                 `calibrate` allows it.
             progress: Called as progress(done, total) with numbers of frames.
-            tell: Called with the notes of the localizer on the descriptions, and on the frames that were left out.
+            tell: Called with each note of the localizer on a description, and with a note on frames that were left out.
 
         Raises:
-            DataError: There are no frames, or too many cannot be read.
+            DataError: There are no frames, or too many frames cannot be read.
             InputMissing: The localizer cannot use too many of the frames.
         """
         packed, usable = describe_references(localizer, frames, cache, dataset, progress, tell)
@@ -136,8 +146,9 @@ class LocalizationMap:
         calibrate: bool = False,
         tell: Tell = silent,
     ) -> LocalizationMap:
-        """Index described reference frames, packed and unpacked as in a saved map.
+        """Create a map from descriptions of reference frames, and index it.
 
+        The descriptions are packed and unpacked, so that the map answers like a map that was saved and opened.
         `calibrate` is as in `build`. `tell` is called with notes on objects and frames that are left out. Raises
         InputMissing as `build`.
         """
@@ -153,16 +164,17 @@ class LocalizationMap:
 
     @classmethod
     def open(cls, directory: str | Path, localizer: Localizer | None = None) -> LocalizationMap:
-        """Open a saved map. If the map has an index for the settings of the localizer, it is not indexed again.
+        """Open a saved map. If the folder has no index for the settings of the localizer, the map is indexed again.
 
         The map is calibrated if it was saved with a calibration for these settings.
 
         Args:
             directory: The folder of the map.
-            localizer: A localizer with other settings of matching; None: the localizer of the map.
+            localizer: A localizer with other settings for matching; None: the localizer that the map was saved with.
 
         Raises:
-            DataError: `directory` contains no map, or the map was edited, truncated, or described in another way.
+            DataError: `directory` contains no map, the map was edited or truncated, or the localizer describes
+                panoramas in another way than the localizer of the map.
             UnknownName: The localizer is not installed.
         """
         return read_map(Path(directory), partial(cls.read, localizer=localizer))
@@ -185,7 +197,7 @@ class LocalizationMap:
         if not indexed:
             return opened
         with _blaming(parts.folder, localizer), warnings.catch_warnings():
-            warnings.simplefilter("error", np.exceptions.ComplexWarning)  # complex numbers in place of real ones
+            warnings.simplefilter("error", np.exceptions.ComplexWarning)  # raised for complex saved arrays
             if parts.has_index(localizer):
                 localizer.open_index(parts.index_folder(localizer), packed, frames)
             else:
@@ -206,7 +218,7 @@ class LocalizationMap:
             self.write(parts, with_index=with_index)
 
     def write(self, parts: MapParts, *, with_index: bool = True) -> None:
-        """Write the parts of this map."""
+        """Write the parts of this map: the method, frames, descriptions, floors, the calibration and the index."""
         parts.write_method(self.localizer)
         parts.write_scenes(self._packed, self.frames)
         if self.floors:
@@ -231,11 +243,14 @@ class LocalizationMap:
         return self.calibration
 
     def require_false_accept(self, max_false_accept: float) -> None:
-        """Accept only answers that pass the conformal test at a level, see `Posterior.max_false_accept`.
+        """Accept only answers that pass the conformal test with this maximum false accept rate.
+
+        See `MapCalibration.max_out_of_map_probability`.
 
         Raises:
-            DataError: The map is not calibrated, or too few of its frames were localized without their places.
-            ConfigError: The level is not between 0 and 1.
+            DataError: The localizer computes no probabilities, the map is not calibrated, or the calibration has too
+                few out-of-map answers.
+            ConfigError: `max_false_accept` is not between 0 and 1.
         """
         posterior = self.localizer.posterior
         if posterior is None:
@@ -249,7 +264,8 @@ class LocalizationMap:
         self.localizer.posterior = posterior
 
     def num_bytes(self) -> int:
-        """Return the size of the saved map in bytes, without its index, which can be computed from the rest."""
+        """Return the size of the saved map in bytes, without its index. The index can be computed from the other
+        parts."""
         with TemporaryDirectory() as folder:
             self.save(Path(folder) / "map", with_index=False)
             return folder_bytes(Path(folder))
@@ -264,9 +280,10 @@ class LocalizationMap:
         progress: Callable[[int, int], None] | None = None,
         tell: Tell = silent,
     ) -> None:
-        """Describe more reference frames, which replace all frames of their places, and index the map.
+        """Describe more reference frames, add them to the map, and index the map.
 
-        `floors` are those of the changed map; the other arguments are as in `build`. Raises as `build`.
+        If the map has frames of the same places, the new frames replace them. `floors` are the floors of the map after
+        the change. The other arguments are as in `build`. Raises as `build`.
         """
         packed, usable = describe_references(self.localizer, frames, cache, dataset, progress, tell)
         self._replace({frame.place for frame in frames}, packed, usable, floors)
@@ -274,12 +291,15 @@ class LocalizationMap:
             tell(note)
 
     def remove(self, places: Collection[str], floors: Sequence[FloorMasks] = ()) -> None:
-        """Remove the frames of some places, and index the map. `floors` are those of the changed map."""
+        """Remove the frames of some places, and index the map. `floors` are the floors of the map after the change."""
         self._replace(places, [], [], floors)
 
     def merge(self, others: Sequence[LocalizationMap], floors: Sequence[FloorMasks] = ()) -> None:
-        """Add the frames of maps that were described in the same way, and index the map. `floors` are those of the
-        changed map."""
+        """Add the frames of other maps, and index the map.
+
+        The other maps must have descriptions of the same method and settings. `floors` are the floors of the map after
+        the change.
+        """
         packed = [row for other in others for row in other._packed]
         self._replace((), packed, [frame for other in others for frame in other.frames], floors)
 
@@ -295,9 +315,10 @@ class LocalizationMap:
     ) -> Localization:
         """Localize a frame, a panorama, the images of a panorama, or several views with the motion between them.
 
-        Pass one of: a query, the images of a panorama, or views. The pose of several views is the pose of the last
-        view, or of its base if it has a `position_m`. If the localizer cannot join views, or their motion is unknown,
-        each view is localized alone and the probabilities are multiplied. A note of the answer states this.
+        Pass one of: a query, the images of a panorama, or views. For several views, the pose of the answer is the pose
+        of the last view. If the last view has a `position_m`, it is the pose of the body (such as a robot) on which the
+        camera has this position. If the localizer cannot join views, or their motion is unknown, each view is localized
+        alone and the probabilities are multiplied. A note of the answer states this.
 
         Args:
             query: The frame or panorama.
@@ -309,9 +330,10 @@ class LocalizationMap:
                 a label. The default issues a Python warning.
 
         Raises:
-            InputMissing: The localizer needs other parts. The error names a detector that does not need them.
-            DataError: Both a query and images were passed, the query has a wrong type, an image is malformed, there are
-                no views, or the views have a wrong motion.
+            InputMissing: The query lacks a part that the localizer requires, such as range. The error suggests
+                components that do not need this part.
+            DataError: In any of these cases: both a query and images were passed; the query has a wrong type; an image
+                is malformed; there are no views; the views have a wrong motion.
         """
         if views is not None:
             if any(part is not None for part in (query, rgb, range_m, annotations)):
@@ -329,7 +351,7 @@ class LocalizationMap:
     def _localize(
         self, frames: Sequence[QueryFrame], T_last_view: np.ndarray | None, warn: Callable[[str], object]
     ) -> Localization:
-        """Localize the views of one query, joined where possible. Raises as `localize`."""
+        """Localize the views of one query. The views are joined if possible. Raises as `localize`."""
         views = [self._describe_frame(frame, warn) for frame in frames]
         answer = self.answer_query(self.describe_query(views, T_last_view, warn=warn))
         return replace(answer, floors=self.floors)
@@ -350,11 +372,11 @@ class LocalizationMap:
         *,
         warn: Callable[[str], object] = silent,
     ) -> DescribedQuery:
-        """Return a query of described views. Arguments and errors are those of the function `describe_query`."""
+        """Combine described views to a query. Arguments and errors are those of the function `describe_query`."""
         return describe_query(self.localizer, views, T_last_view, self._camera_z_m, warn)
 
     def describe_detections(self, detections: Detections) -> DescribedView:
-        """Return a described view of the detections of a panorama, such as those of a detector outside of salframe.
+        """Return a described view from the detections of a panorama, for example from a detector outside of salframe.
 
         Args:
             detections: The detections, in the panorama frame. Its z axis points up.
@@ -369,19 +391,19 @@ class LocalizationMap:
             )
         panorama = Panorama("the detections")
         description = self.localizer.describe_detections(detections, panorama)
-        unknown = LevelSurfaces(np.nan, np.nan)  # so that the query is not turned
+        unknown = LevelSurfaces(np.nan, np.nan)  # the query is then not treated as upside down
         return DescribedView(panorama.id, description, unknown, 0.0, lambda: (description, 0.0))
 
     def answer_query(self, query: DescribedQuery, fusion: Fusion = Fusion.JOINED) -> Localization:
         """Localize a described query.
 
-        Views that all seem to be upside down are localized both as they are and turned, and the better answer is
-        returned.
+        If all views seem to be upside down, the query is localized twice: with the original views and with the turned
+        views. The better answer is returned.
 
         Args:
             query: The query.
-            fusion: Whether to join the views where the localizer can, or to fuse the answers to single views. A note
-                says where they are fused although they should be joined.
+            fusion: How to combine several views. If views should be joined but cannot be, their answers are fused, and
+                a note of the answer states the reason.
 
         Raises:
             InvalidAnswer: As `answer`.
@@ -418,8 +440,8 @@ class LocalizationMap:
     def answer(self, description: Description) -> Localization:
         """Localize a query from its description.
 
-        If the localizer has a posterior, it adds probabilities to the answer. A note names the labels of the query that
-        no object of the map has.
+        If the localizer has a posterior, the answer gets probabilities. A note of the answer names the labels of the
+        query that no object of the map has.
 
         Raises:
             InvalidAnswer: `match` did not return a Localization.
@@ -429,7 +451,8 @@ class LocalizationMap:
         return self._answer_level(*split_level(description))
 
     def _answer_level(self, description: Description, rotation: np.ndarray | None) -> Localization:
-        """Localize a description of a panorama that was levelled by a rotation R_level_pano. Raises as `answer`."""
+        """Localize a query from the description of its levelled panorama. `rotation` is R_level_pano (3, 3); None if it
+        was not levelled. Raises as `answer`."""
         if changed := [stamp.path for stamp in self._mapped_files if not stamp.is_current()]:
             raise DataError(f"{changed[0]} was changed while the map was open: open the map again")
         with nullcontext() if self._folder is None else _blaming(self._folder, self.localizer):
@@ -518,8 +541,10 @@ def build_localization(
         dataset: The dataset.
         progress: As in `LocalizationMap.build`.
         tell: As in `LocalizationMap.build`.
-        frames: The reference frames of the dataset with other places; None: those of the dataset.
-        floors: Other floors; None: those of the dataset.
+        frames: Frames that replace the reference frames of the dataset, for example with other place names; None: the
+            reference frames of the dataset.
+        floors: Floors that replace the floors of the dataset; None: the floors of the dataset.
+        calibrate: As in `LocalizationMap.build`.
     """
     describe_ahead(localizer.config, dataset, progress)
     frames = reference_frames(dataset) if frames is None else frames
@@ -541,7 +566,8 @@ def open_map(directory: str | Path, *, max_false_accept: float | None = None) ->
 
     Args:
         directory: The folder of the map.
-        max_false_accept: Replaces the setting `max_false_accept` of the posterior; None: the setting of the map.
+        max_false_accept: Maximum false accept rate, see `LocalizationMap.require_false_accept`; None: the setting of
+            the map.
 
     Raises:
         DataError: `directory` contains no map, or the map was edited or is incomplete.
@@ -555,16 +581,17 @@ def open_map(directory: str | Path, *, max_false_accept: float | None = None) ->
 
 @contextmanager
 def _blaming(folder: Path | None, localizer: Localizer) -> Iterator[None]:
-    """Raise DataError if the localizer cannot index the saved arrays in `folder`, or match with them.
+    """Raise DataError if the localizer fails in the `with` block, because it cannot index the saved arrays in `folder`,
+    or match with them.
 
-    Only the localizer knows which arrays are required, so that its exceptions are the check. They are not part of the
-    message, which names the arrays that are not finite.
+    Only the localizer knows which arrays it requires. Therefore any exception that it raises is treated as a sign of
+    unsuitable arrays. The message of the DataError names the arrays that are not finite.
     """
     try:
         yield
     except (SalframeError, OSError, MemoryError):
         raise
-    except Exception as error:  # libraries have exceptions of their own
+    except Exception as error:  # libraries raise exceptions of many types
         where = "the map" if folder is None else str(folder)
         names = [] if folder is None else find_not_finite(folder)
         hint = f" (not finite: {', '.join(names)})" if names else ""

@@ -62,7 +62,12 @@ class MapParts:
     """The folder with the parts of one map, which are read and written one by one."""
 
     def __init__(self, folder: Path, files: Iterable[str] = ()) -> None:
-        """Use a folder. `files` are the paths in it that map.json lists; other files are not parts of the map."""
+        """Open the parts in a folder.
+
+        Args:
+            folder: The sub-folder that map.json names.
+            files: Paths, relative to `folder`, that map.json lists. Other files are not parts of the map.
+        """
         self.folder = folder
         self._names = frozenset(file.partition("/")[0] for file in files)
 
@@ -85,13 +90,13 @@ class MapParts:
         return read_model(self.folder / name, model)
 
     def write_table(self, name: str, rows: Iterable[Row]) -> None:
-        """Write a part that is a table, row by row, with the memory use of `write_columns`."""
+        """Write a part that is a table. The rows may be a stream, as in `write_columns`."""
         write_columns(self.folder / name, rows)
 
     def read_table(self, name: str, columns: Mapping[str, ArrayKind] | None = None) -> Columns:
         """Read a part that is a table, or map it into memory if it is large.
 
-        Raises DataError on other columns than these (None: any).
+        Raises DataError if the columns of the table differ from `columns` (None: any columns are allowed).
         """
         return read_columns(self.folder / name, columns)
 
@@ -100,16 +105,16 @@ class MapParts:
         write_floors(self.folder, floors)
 
     def mapped_files(self) -> tuple[FileStamp, ...]:
-        """Return the stamps of the files that are memory-mapped and not read, because of their size."""
+        """Return the stamps of the large files, which are memory-mapped and not read."""
         stamps = (FileStamp.of(path) for path in sorted(self.folder.rglob("*.npy")))
         return tuple(stamp for stamp in stamps if stamp.size >= MAX_READ_BYTES)
 
     def read_floors(self) -> tuple[FloorMasks, ...]:
-        """Read the floors of the map; empty if it has no floors. Raises DataError."""
+        """Read the floors of the map; empty if it has no floors. Raises DataError if they are invalid."""
         return read_floors(self.folder) if self.has(FLOORS) else ()
 
     def write_scenes(self, packed: Iterable[Row], frames: Iterable[ReferenceFrame]) -> None:
-        """Write the reference frames without their panoramas, and the packed description of each."""
+        """Write the reference frames, without their panoramas, and the packed description of each frame."""
         self.write_table(FRAMES, map(frame_row, frames))
         self.write_table(SCENES, packed)
 
@@ -129,7 +134,13 @@ class MapParts:
         self.write_json(METHOD, {"version": localizer.version, "localizer": settings, "described_by": described_by})
 
     def read_config(self) -> ComponentConfig:
-        """Read the settings of the localizer. Raises DataError if the map has none, UnknownName, ConfigError."""
+        """Read the settings of the localizer.
+
+        Raises:
+            DataError: The map has no localizer.
+            UnknownName: The localizer is not installed.
+            ConfigError: The settings are invalid.
+        """
         saved = self._read_method().localizer
         if not isinstance(kind := saved.get("kind"), str):
             raise DataError(f"{self.folder / METHOD} names no localizer: build the map again")
@@ -137,7 +148,8 @@ class MapParts:
         return config
 
     def check_method(self, localizer: Localizer) -> None:
-        """Raise DataError unless this localizer describes panoramas in the same way as the map was described."""
+        """Raise DataError if the map was described by another localizer, or by this localizer with other settings,
+        weights or files."""
         saved, directory, name, version = self._read_method(), self.folder.parent, localizer.name, localizer.version
         kind = saved.localizer.get("kind")
         if (kind, saved.version) != (name, version):
@@ -150,7 +162,7 @@ class MapParts:
             )
 
     def index_folder(self, localizer: Localizer) -> Path:
-        """Return the folder for the index of a localizer with these settings."""
+        """Return the folder for the index of a localizer. Its name depends on the settings of the localizer."""
         return self.folder / self._index_name(localizer)
 
     def has_index(self, localizer: Localizer) -> bool:
@@ -166,7 +178,7 @@ class MapParts:
         self.write_json(self._calibration_name(config), calibration.model_dump(mode="json"))
 
     def read_calibration(self, config: ComponentConfig) -> MapCalibration | None:
-        """Read the calibration of a localizer with these settings; None where the map has none. Raises DataError."""
+        """Read the calibration of a localizer with these settings; None if the map has none. Raises DataError."""
         name = self._calibration_name(config)
         return self.read_json(name, MapCalibration) if self.has(name) else None
 
@@ -184,12 +196,13 @@ class MapParts:
 
 
 def _settings_key(config: ComponentConfig) -> str:
-    """Return a digest of the settings of a localizer, for the names of parts that depend on them."""
+    """Return a digest of the settings of a localizer, for the file names of the parts that depend on these settings."""
     return digest(identity(config))[:16]
 
 
 def find_not_finite(folder: Path) -> list[str]:
-    """Return the names of the description arrays in the parts of a map that hold NaN or infinity."""
+    """Return the names of the saved description arrays that contain NaN or infinity. `folder` contains the parts of the
+    map."""
     arrays = {path.name: map_array(path) for path in sorted((folder / SCENES).glob("*.npy"))}
     return [
         f"{SCENES}/{name}" for name, array in arrays.items() if array.dtype.kind == "f" and not np.isfinite(array).all()
@@ -201,8 +214,9 @@ def write_map(directory: Path) -> Iterator[MapParts]:
     """Write the parts of a map in a `with` block; they replace the map in `directory` when the block ends without an
     error.
 
-    The parts are written to a new sub-folder, and map.json, which names it, is replaced in one step: when the process
-    is killed, `directory` contains the old map or the new one. The next call removes the files of killed processes.
+    The parts are written to a new sub-folder. Then map.json, which names this sub-folder, is replaced in one step. If
+    the process is killed, `directory` therefore contains either the old map or the new map. The next call removes the
+    incomplete sub-folders of killed processes.
 
     Raises:
         ConfigError: `directory` contains something other than a map, or another process writes to it.
@@ -230,7 +244,8 @@ def _replace_parts(directory: Path, existed: bool) -> Iterator[MapParts]:
 
 
 def read_map(directory: Path, read: Callable[[MapParts], _Result]) -> _Result:
-    """Return the result of `read` for the parts of a map. It is called again if the map was replaced during the call.
+    """Return the result of `read` for the parts of a map. If the map was replaced during the call and the call failed,
+    `read` is called again with the new parts.
 
     Raises:
         DataError: `directory` contains no map, or a map of another format, or the map was edited or is incomplete.
@@ -268,7 +283,7 @@ def map_labels(directory: str | Path) -> tuple[str, ...]:
 
 
 def map_calibration(directory: str | Path) -> MapCalibration | None:
-    """Return the calibration of a saved map; None where it has none. Raises as `open_map`."""
+    """Return the calibration of a saved map; None if it has none. Raises as `open_map`."""
 
     def read(parts: MapParts) -> MapCalibration | None:
         return parts.read_calibration(parts.read_config()) if parts.has(METHOD) else None
@@ -306,7 +321,8 @@ def _check_files(folder: Path, sha256: Mapping[str, str]) -> None:
 
 
 def _remove_other_parts(directory: Path) -> None:
-    """Remove the parts that map.json does not name, which remain from the previous map and from interrupted builds."""
+    """Remove the sub-folders that map.json does not name. They remain from the previous map and from interrupted
+    builds."""
     try:
         current = _read_manifest(directory).parts
     except DataError:

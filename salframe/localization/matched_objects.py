@@ -21,15 +21,18 @@ class MapObject(NamedTuple):
 
 
 def find_matched_objects(map: LocalizationMap, description: Description, answer: Localization) -> dict[int, MapObject]:
-    """Return the matched objects of the best reference frame of an answer, by the index of the object of the query.
+    """Return the objects of the map that the objects of a query were matched with.
+
+    The objects of the map are those of the best reference frame of the answer.
 
     Args:
         map: The map.
-        description: The description of the view that was localized, or of the last one of several views.
-        answer: The answer.
+        description: The description of the query; of its last view if it has several views.
+        answer: The answer to the query.
 
     Returns:
-        The objects; none if the answer has no places, or the localizer does not match objects.
+        Mapping from the index of an object of the query to the matched object of the map; empty if the answer has no
+        places, or the localizer does not match objects.
     """
     if not answer.places:
         return {}

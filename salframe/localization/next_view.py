@@ -1,4 +1,4 @@
-"""The next view of a camera that was not localized: the largest sector that the query does not show yet."""
+"""Suggest the next view of a camera: the largest azimuth sector that the query does not show."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from salframe.panoramas.geometry import wrap_angle
 
 @dataclass(frozen=True)
 class NextView:
-    """A suggested turn on the spot, after which the camera takes its next view.
+    """A suggested turn of the camera on the spot. The camera takes its next view after this turn.
 
     Attributes:
         turn_deg: Turn in degrees, positive to the left.
@@ -27,11 +27,12 @@ def next_view_of(shown: np.ndarray) -> NextView | None:
     """Return the turn to the middle of the largest sector that a query does not show, in whole degrees.
 
     Args:
-        shown: (V, B) bool, whether each view shows each azimuth bin; the last view is that of the camera now. The bins
-            have equal widths and start at the x axis of the query, counter-clockwise.
+        shown: (V, B) bool, whether each view shows each azimuth bin. The last row is the present view of the camera.
+            The bins have equal widths and start at the x axis of the query, counter-clockwise.
 
     Returns:
-        The turn, of equal sectors to the nearest; None if the views show all directions, or the last view shows none.
+        The turn. If several sectors have the maximum size, the smallest turn is returned. None if the views show all
+        directions, or if the last view shows no direction.
     """
     num_bins = shown.shape[1]
     before = np.flatnonzero(shown.any(0))

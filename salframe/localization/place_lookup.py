@@ -12,9 +12,9 @@ from salframe.panoramas.frames import FrameKind, ReferenceFrame
 
 
 class PlaceLookup:
-    """Finds the place at a position: the nearest region of the floor that the position is on.
+    """Finds the place at a position: the nearest region of the floor below the position.
 
-    Where the position is on no floor, it is the place of the nearest scene frame of the map.
+    If there is no such floor, the place of the nearest scene frame of the map is used.
     """
 
     def __init__(self, floors: Sequence[FloorMasks], frames: Sequence[ReferenceFrame]) -> None:
@@ -32,6 +32,6 @@ class PlaceLookup:
 
     @cached_property
     def _scenes(self) -> tuple[list[str], np.ndarray]:
-        """Places and positions (N, 3) of the scene frames; of all frames where there is no scene frame."""
+        """Places and positions (N, 3) of the scene frames; of all frames if there are no scene frames."""
         scenes = [frame for frame in self._frames if frame.kind is FrameKind.SCENE] or list(self._frames)
         return [frame.place for frame in scenes], np.array([frame.T_world_pano[:3, 3] for frame in scenes])

@@ -15,7 +15,12 @@ from salframe.panoramas.geometry import pose_yaw
 
 
 class PoseStatus(StrEnum):
-    """Whether a pose was estimated, or why not."""
+    """Whether a pose was estimated, or the reason why not.
+
+    TOO_FEW: too few matched nodes or inliers. DEGENERATE: the arrangement of the nodes does not determine a pose.
+    AMBIGUOUS: a different pose has nearly the same support. INCONSISTENT: the matches agree with no common pose.
+    NO_RANGE: the method requires ranges, and the query has none.
+    """
 
     OK = "ok"
     TOO_FEW = "too-few"
@@ -27,16 +32,16 @@ class PoseStatus(StrEnum):
 
 @dataclass(frozen=True)
 class PoseEstimate:
-    """The estimated pose of the query in the reference frame.
+    """The estimated pose of the query in the coordinate frame of the reference panorama.
 
     Attributes:
         T_reference_query: (4, 4) pose; None if `status` is not OK.
-        status: Whether a pose was estimated, or why not.
+        status: Whether a pose was estimated, or the reason why not.
         covariance: (3, 3) covariance of (x_m, y_m, yaw_rad) for SE(2), (6, 6) for SE(3); None if it is unknown.
         inliers: (M,) bool, whether each matched pair is an inlier.
-        runner_up: Ratio of the support of the second best pose to that of this pose, in [0, 1].
-        yaw_rad: Azimuth of the x axis of the query in the reference frame, from the pose, or from directions that
-            determine only the heading; None if it is unknown.
+        runner_up: Support of the second best pose divided by the support of this pose, in [0, 1].
+        yaw_rad: Azimuth of the x axis of the query in the frame of the reference panorama. If there is a pose, it is
+            set to the yaw of the pose. It may also be known without a pose. None if it is unknown.
 
     Raises:
         InvalidAnswer: The status is not a PoseStatus.
@@ -66,26 +71,28 @@ class Positioner(Role):
 
     @property
     def is_equivariant(self) -> bool:
-        """Whether the pose turns with the query. If this is False, the `column_step` of the localizer is None."""
+        """Whether the pose rotates by the same angle as the query. If not, the `column_step` of the localizer is
+        None."""
         return True
 
     @abstractmethod
     def solve(self, query_m: np.ndarray, reference_m: np.ndarray, weights: np.ndarray | None = None) -> PoseEstimate:
-        """Estimate the pose of the query in the reference frame from matched points.
+        """Estimate the pose of the query in the frame of the reference panorama from matched points.
 
         Args:
-            query_m: (M, 3) points in the frame of the query.
-            reference_m: (M, 3) points in the reference frame.
-            weights: (M,) weights; None: equal weights.
+            query_m: (M, 3) points in the frame of the query, in metres.
+            reference_m: (M, 3) matched points in the frame of the reference panorama, in metres.
+            weights: (M,) weights of the matches; None: equal weights.
         """
 
     def resect(self, bearing: np.ndarray, reference_m: np.ndarray) -> PoseEstimate:
-        """Estimate the pose of the query in the reference frame from directions that are matched with points.
+        """Estimate the pose of the query in the frame of the reference panorama from directions that are matched with
+        points.
 
-        The default returns NO_RANGE: override it to support queries without range.
+        The default returns the status NO_RANGE: override it to support queries without range.
 
         Args:
             bearing: (M, 3) unit vectors in the frame of the query.
-            reference_m: (M, 3) points in the reference frame.
+            reference_m: (M, 3) matched points in the frame of the reference panorama, in metres.
         """
         return PoseEstimate(None, PoseStatus.NO_RANGE, None, np.zeros(len(bearing), bool))

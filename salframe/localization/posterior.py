@@ -1,4 +1,4 @@
-"""Convert scores of places to probabilities, including the out-of-map probability, with parameters fitted on tuning
+"""Convert scores of places to probabilities, including the out-of-map probability. The parameters are fitted on tuning
 data."""
 
 from __future__ import annotations
@@ -16,22 +16,25 @@ from salframe.framework.validation import Settings
 from salframe.localization.answers import MAX_OUT_OF_MAP_PROBABILITY, Localization, LocalizationStatus, ranked_places
 
 NUM_OTHERS = 5
-"""Maximum number of places after the first whose mean score the first is compared with."""
+"""Maximum number of places after the first place. The contrast compares the score of the first place with the mean
+score of these places."""
 MAX_LOG_RATIO = 30.0
-"""Maximum logarithm of the likelihood ratio of an answer, which keeps exponentials finite."""
+"""Maximum logarithm of the likelihood ratio of an answer. It keeps exponentials finite."""
 
 
 class Head(Settings):
-    """A model of the contrast of an answer: how much the first place exceeds the others.
+    """A model that computes the probability that a query is in the map from the contrast of its answer.
 
-    Answers to out-of-map queries, and wrong answers to queries in the map, have a contrast with the same mean and
-    deviation. With z the contrast in units of these, the likelihood ratio of a right answer is r = exp(bias + slope z).
-    If a is the accuracy, and queries in the map and out of it are equally frequent, the probability that the query is
-    in the map is (a r + 1 - a) / (a r + 2 - a).
+    The contrast is the difference between the score of the first place and the other scores (`Posterior.contrast`).
+    The model assumes that the contrast has the same mean and standard deviation for out-of-map queries and for wrong
+    answers to queries in the map. z is the contrast minus this mean, divided by this deviation. The likelihood ratio of
+    a correct answer is r = exp(bias + slope z). With the accuracy a, and if queries in the map and out-of-map queries
+    are equally frequent, the probability that the query is in the map is (a r + 1 - a) / (a r + 2 - a).
 
-    Mean, deviation, bias, and accuracy depend on nu = ln(objects of the query / mean number of objects of the scene
-    frames of the map): mean exp(mean_effect nu), deviation exp(deviation_effect nu), bias + bias_effect nu, and the
-    log-odds of the accuracy + accuracy_effect nu.
+    Mean, deviation, bias and accuracy depend on the number of objects of the query, by nu = ln(number of objects of the
+    query / mean number of objects of the scene frames of the map). The mean is multiplied by exp(mean_effect nu), and
+    the deviation by exp(deviation_effect nu). bias_effect nu is added to the bias, and accuracy_effect nu to the
+    log-odds of the accuracy.
     """
 
     absent_mean: float = Field(
@@ -78,15 +81,17 @@ class Head(Settings):
     )
 
     def relative_objects(self, objects: np.ndarray) -> np.ndarray:
-        """Return nu of queries, from their numbers of objects (N,); 0 where either number is unknown (0)."""
+        """Return nu (see the class) for queries with these numbers of objects (N,); 0 if a number of objects is 0,
+        which means unknown."""
         return relative_logarithm(objects, self.objects)
 
     def standardize(self, contrast: np.ndarray, nu: np.ndarray) -> np.ndarray:
-        """Return contrasts (N,) minus the mean of out-of-map queries, in units of their deviation, (N,) float64.
+        """Return z (see the class): contrasts minus the mean contrast of out-of-map queries, divided by its standard
+        deviation, (N,) float64.
 
         Args:
             contrast: (N,) contrasts.
-            nu: (N,) numbers of objects as `relative_objects` returns them.
+            nu: (N,) result of `relative_objects`.
         """
         mean = self.absent_mean * np.exp(self.mean_effect * nu)
         return np.asarray((contrast - mean) / (self.absent_deviation * np.exp(self.deviation_effect * nu)))
@@ -107,10 +112,10 @@ class Head(Settings):
 
 
 class Posterior(Settings):
-    """A model of probabilities from scores.
+    """A model that converts the scores of places to probabilities.
 
     The share of a place is softmax(score / temperature) over the ranked places. The head gives the probability that the
-    query is in one of them. The probability of a place is the product.
+    query is in one of the ranked places. The probability of a place is the product of its share and this probability.
     """
 
     temperature: float = Field(
@@ -147,7 +152,8 @@ class Posterior(Settings):
     )
 
     def contrast(self, scores: np.ndarray) -> float:
-        """Return the contrast of an answer: the first score minus the mean of the next NUM_OTHERS, in temperatures.
+        """Return the contrast of an answer: the first score minus the mean of the next NUM_OTHERS scores, divided by
+        the temperature.
 
         Args:
             scores: (P,) scores of the places, best first, at least one.
@@ -183,7 +189,7 @@ class Posterior(Settings):
 
 
 def read_fitted(part: str, value: Any) -> Any:
-    """Return the value of a setting whose parameters `salframe fit` computes.
+    """Return the value of a setting whose parameters may come from a file written by `salframe fit`.
 
     Args:
         part: Name of the mapping with the parameters in a file of `salframe fit`.
@@ -207,7 +213,7 @@ def read_fitted(part: str, value: Any) -> Any:
     if not isinstance(content, Mapping):
         raise ValueError(f"{value['kind']} has no mapping `{part}`, expected a file that `salframe fit` wrote")
     rest = {key: number for key, number in value.items() if key != "kind"}
-    # A complete mapping comes from a preset: the file replaces it. An incomplete one replaces parameters of the file.
+    # A complete mapping comes from a preset: the file replaces it. Otherwise it changes parameters of the file.
     return content if content.keys() <= rest.keys() else merge(content, rest)
 
 
@@ -218,26 +224,27 @@ def shares(scores: np.ndarray, temperature: float) -> np.ndarray:
 
 
 def log_loss(probability: np.ndarray, outcome: np.ndarray) -> float:
-    """Return the mean negative logarithm of the probability (N,) of outcomes (N,), 0 or 1."""
+    """Return the mean negative log-likelihood of outcomes (N,), 0 or 1. `probability` (N,) is the probability of 1."""
     return float(-np.mean(np.log(np.where(outcome > 0, probability, 1 - probability))))
 
 
 def absent_moments(
     contrast: np.ndarray, nu: np.ndarray, mean_effect: float, deviation_effect: float
 ) -> tuple[float, float]:
-    """Return the mean and the standard deviation at nu = 0 of contrasts (N,), at least one, by maximum likelihood."""
+    """Return the mean and the standard deviation, at nu = 0, of the contrasts (N,) of out-of-map answers, by maximum
+    likelihood. N is at least 1; the other arguments are as in `Head`."""
     scale, spread = np.exp(mean_effect * nu), np.exp(deviation_effect * nu)
     mean = float((contrast * scale / spread**2).sum() / (scale**2 / spread**2).sum())
     return mean, float(np.sqrt(np.mean(((contrast - mean * scale) / spread) ** 2)))
 
 
 def relative_logarithm(objects: np.ndarray, map_objects: np.ndarray | float) -> np.ndarray:
-    """Return ln(objects / map_objects), (N,) float64; 0 where either number is 0, which means unknown."""
+    """Return ln(objects / map_objects), (N,) float64; 0 if one of the numbers is 0, which means unknown."""
     is_known = (np.asarray(objects) > 0) & (np.asarray(map_objects) > 0)
     return np.asarray(np.log(np.where(is_known, objects, 1) / np.where(is_known, map_objects, 1)))
 
 
 def shift_probability(probability: np.ndarray | float, shift: np.ndarray) -> np.ndarray:
-    """Return a probability, or probabilities (N,), whose log-odds are increased by shifts (N,)."""
+    """Return probabilities (N,) after adding shifts (N,) to the log-odds of a probability or of probabilities (N,)."""
     odds = probability * np.exp(np.minimum(shift, MAX_LOG_RATIO))
     return np.asarray(odds / (odds + 1 - probability))

@@ -1,4 +1,4 @@
-"""Fit the posterior of a localizer to answers with truth (docs/explanation/calibration.md)."""
+"""Fit the posterior of a localizer to answers whose true places are known (docs/explanation/calibration.md)."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from salframe.localization.posterior import (
 )
 
 TEMPERATURES = (1e-4, 1e4)
-"""Minimum and maximum temperature, relative to the spread of the scores."""
+"""Minimum and maximum temperature, divided by the standard deviation of the scores."""
 RIDGE = 1e-3
-"""Ridge penalty: factor of the squared slope of the head, per answer, in units of the spread of the contrast. Without
-it, answers that can be separated without an error have no optimal slope."""
+"""Ridge penalty: factor of the squared coefficients of standardized features, per answer. Without the penalty, the
+optimal slope is infinite if the contrast separates correct answers from out-of-map answers without error."""
 
 
 @dataclass(frozen=True, eq=False)
 class ScoredAnswer:
-    """An answer with its truth.
+    """An answer to a query whose true place is known.
 
     Attributes:
         scores: (P,) float64 scores of the places, best first, at least one.
-        true_place: Index of the query's place among them; None if it is not ranked.
-        here: Whether the query's place is in the map.
+        true_place: Index of the true place in `scores`; None if the answer does not rank the true place.
+        here: Whether the true place is in the map.
         map: Name of the map. The contrast is standardized separately for each map.
         objects: Number of objects of the query; 0: unknown.
         map_objects: Mean number of objects of the scene frames of the map; 0: unknown.
@@ -54,12 +54,12 @@ class Fit:
         posterior: The posterior.
         answers: Number of answers.
         place_answers: Number of answers that rank the true place.
-        place_nll_before: Mean negative log-likelihood of the true place in these answers, with temperature 1.
-        place_nll_after: Mean negative log-likelihood of the true place in these answers, with the fitted temperature.
-        here_nll_before: Mean negative log-likelihood of whether the query is in the map, in all answers, with one
-            probability for all of them: the share of queries in the map.
-        here_nll_after: Mean negative log-likelihood of whether the query is in the map, in all answers, with the fitted
-            head.
+        place_nll_before: Mean negative log-likelihood of the true place in the `place_answers`, with temperature 1.
+        place_nll_after: Mean negative log-likelihood of the true place in the `place_answers`, with the fitted
+            temperature.
+        here_nll_before: Mean negative log-likelihood of the truth (query in the map, or not), over all answers. The
+            probability is the same for all answers: the share of queries in the map.
+        here_nll_after: The same mean, with the probabilities of the fitted head.
     """
 
     posterior: Posterior
@@ -74,13 +74,14 @@ class Fit:
 def fit_posterior(answers: Sequence[ScoredAnswer]) -> Fit:
     """Fit temperature and head by maximum likelihood. The result is deterministic.
 
-    Mean and deviation of the head are those of the out-of-map answers. Bias and slope are a logistic regression of the
-    right answers against the out-of-map answers. The effects of the number of objects are fitted to its variation
-    between queries to the same map. Each map has the same weight in the head.
+    The mean and the deviation of the head are computed from the out-of-map answers. Bias and slope are fitted by a
+    logistic regression that separates correct answers from out-of-map answers. The effects of the number of objects are
+    fitted to differences between queries to the same map. Each map has the same weight in the head.
 
     Raises:
-        DataError: All places of each answer have equal scores; there are no queries in the map that are answered
-            correctly, or no out-of-map queries; or the scores of all out-of-map answers are equal.
+        DataError: In any of these cases: no answer ranks the true place of its query; there are no answers to
+            out-of-map queries; in each answer, all places have the same score; all out-of-map answers have the same
+            contrast.
     """
     ranked = [answer for answer in answers if answer.here and answer.true_place is not None]
     num_out_of_map = sum(not answer.here for answer in answers)
@@ -159,8 +160,8 @@ def _fit_head(answers: Sequence[ScoredAnswer], temperature: float) -> Head:
         moments_of_map = {"absent_mean": map_mean, "absent_deviation": map_deviation or deviation}
         rows = map_number == number
         z[rows] = head.model_copy(update=moments_of_map).standardize(contrast[rows], nu[rows])
-    # Given the number of objects, right answers are a (present / absent) times as frequent as out-of-map answers, with
-    # a the accuracy. The ratio of their likelihoods does not depend on this.
+    # For a given number of objects, correct answers are a * (present / absent) times as frequent as out-of-map answers,
+    # where a is the accuracy. The likelihood ratio does not include this factor, which is therefore an offset.
     map_accuracy = np.array([accuracies.get(number, accuracy) for number in map_number])
     frequency = np.maximum(shift_probability(map_accuracy, accuracy_effect * nu), _MIN_ACCURACY)
     weight = _equal_weights(map_number)
@@ -172,13 +173,15 @@ def _fit_head(answers: Sequence[ScoredAnswer], temperature: float) -> Head:
 
 
 _MIN_ACCURACY = 1e-6
-"""Minimum accuracy, whose logarithm is finite."""
+"""Lower bound of an accuracy, so that its logarithm is finite."""
 
 
 def _fit_effects(contrast: np.ndarray, nu: np.ndarray, map_number: np.ndarray) -> tuple[float, float]:
-    """Return `mean_effect` and `deviation_effect` of the contrasts of out-of-map answers, by maximum likelihood of
-    normal distributions whose mean and deviation at nu = 0 are those of each map; 0 where nu does not vary within the
-    maps."""
+    """Return `mean_effect` and `deviation_effect` of the contrasts of out-of-map answers, by maximum likelihood.
+
+    The contrasts are modelled by normal distributions. Each map has its own mean and deviation at nu = 0. Both effects
+    are 0 if nu does not vary within any map.
+    """
     groups = [(contrast[map_number == number], nu[map_number == number]) for number in np.unique(map_number)]
     groups = [(values, own) for values, own in groups if np.ptp(own) > 0]
     if not groups:
@@ -197,9 +200,9 @@ def _fit_effects(contrast: np.ndarray, nu: np.ndarray, map_number: np.ndarray) -
 
 
 _MIN_DEVIATION = 1e-6
-"""Minimum standard deviation of contrasts, whose logarithm is finite."""
+"""Lower bound of the standard deviation of contrasts, so that its logarithm is finite."""
 _FIRST_EFFECTS = np.array([[0.0, 0.0], [0.5, 0.0], [0.0, 0.5]])
-"""The effects that the search starts with."""
+"""Start simplex of the search for `mean_effect` and `deviation_effect`."""
 
 
 def _fit_accuracy(right: np.ndarray, nu: np.ndarray, map_number: np.ndarray) -> tuple[float, dict[int, float]]:
@@ -214,7 +217,7 @@ def _fit_accuracy(right: np.ndarray, nu: np.ndarray, map_number: np.ndarray) -> 
 
 
 def _equal_weights(map_number: np.ndarray) -> np.ndarray:
-    """Return weights (N,) with the sum 1, with which each map has the same weight."""
+    """Return weights (N,) of answers that sum to 1. The weights of the answers of each map have the same sum."""
     weight = 1 / np.bincount(map_number)[map_number]
     return np.asarray(weight / weight.sum())
 
@@ -230,7 +233,7 @@ def _fit_temperature(ranked: Sequence[ScoredAnswer], spread: float) -> float:
 
 
 def _place_nll(ranked: Sequence[ScoredAnswer], temperature: float) -> float:
-    """Return the mean negative logarithm of the share of the true place."""
+    """Return the mean negative logarithm of the share of the true place, see `Posterior`."""
     total = 0.0
     for answer in ranked:
         power = answer.scores / temperature

@@ -48,8 +48,8 @@ def prepare(
         overrides: Settings as "METHOD.KEY=value", "data.KEY=value" or "engine.KEY=value".
         engine: As in `find_dataset`.
         progress: As in `find_dataset`.
-        tell: Called with notes: the components that `auto` selected, changes of pictures by their XMP, and the warnings
-            of `data_notes`.
+        tell: Called with notes: the components that `auto` selected, changes of pictures because of their XMP metadata,
+            and the warnings of `data_notes`.
 
     Raises:
         SalframeError: A name or a setting is wrong, or the data are missing or malformed.

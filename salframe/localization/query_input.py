@@ -1,4 +1,4 @@
-"""The input of `LocalizationMap.localize` as a frame whose panorama is loaded and has the parts that are needed."""
+"""Convert the input of `LocalizationMap.localize` to a frame whose panorama is loaded."""
 
 from __future__ import annotations
 

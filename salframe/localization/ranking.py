@@ -13,10 +13,12 @@ from salframe.panoramas.frames import FrameKind, ReferenceFrame
 def rank_places(
     frames: Sequence[ReferenceFrame], scores: np.ndarray, T_world_query: np.ndarray | None = None
 ) -> tuple[RankedPlace, ...]:
-    """Return the places of scored frames, best first, each with its best frame. Ties are in the order of the frames.
+    """Return the places of scored frames, best first, each with its best frame. Equal scores keep the order of the
+    frames.
 
-    If the best frame is a transition frame and the pose is known, the scene frame nearest to the pose is ranked first,
-    with the same score. A doorway is between places, and the pose determines the place of the query.
+    A transition frame stands in a doorway between two places. If the best frame is a transition frame and the pose is
+    known, the pose decides between the places: the scene frame nearest to the pose is ranked first, with the same
+    score.
 
     Args:
         frames: The K reference frames.

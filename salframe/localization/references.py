@@ -1,4 +1,4 @@
-"""Describe the reference frames of a map, and leave out those that a localizer cannot use."""
+"""Describe the reference frames of a map, and leave out the frames that a localizer cannot use."""
 
 from __future__ import annotations
 
@@ -59,9 +59,9 @@ class CompletedReferences:
     """Reference frames that a localizer can use.
 
     Attributes:
-        descriptions: Their completed descriptions.
+        descriptions: The completed descriptions of the frames.
         frames: The frames.
-        left_out: The error of each frame that cannot be used, by id.
+        left_out: Mapping from the id of each frame that cannot be used to its error.
         notes: Remarks for the user.
     """
 
@@ -74,7 +74,8 @@ class CompletedReferences:
 def complete_references(
     localizer: Localizer, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]
 ) -> CompletedReferences:
-    """Complete the descriptions of reference frames by each other, and leave out those that cannot be in a map.
+    """Complete the descriptions of reference frames (`Localizer.complete`), and leave out the frames that cannot be in
+    a map.
 
     Args:
         localizer: The localizer.

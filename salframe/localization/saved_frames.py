@@ -20,15 +20,15 @@ _NAME = ArrayKind("U", ())
 FRAME_COLUMNS = {"id": _NAME, "place": _NAME, "kind": _NAME, "pose": ArrayKind("f", (None,))}
 """Columns of a table of frames."""
 _LEVEL, _TILTED = 5, 12
-"""Length of the two formats of a pose. Level: x, y, z, cosine and sine of the yaw, for an upright panorama. Tilted: the
-first three rows of the matrix."""
+"""Number of values in the two formats of a pose. Level, for an upright panorama: x, y, z, cosine and sine of the yaw.
+Tilted: the first three rows of the pose matrix."""
 
 
 class SavedFrames(Sequence[ReferenceFrame]):
     """The S reference frames of a saved map, each created when it is first read.
 
     Attributes:
-        is_scene: (S,) bool, whether each frame is in a room, and not in a doorway.
+        is_scene: (S,) bool, whether each frame is a scene frame (in a room) and not a transition frame (in a doorway).
 
     Raises:
         DataError: A frame has an unknown kind, or a pose that is not a rigid motion.
@@ -42,7 +42,8 @@ class SavedFrames(Sequence[ReferenceFrame]):
         self.is_scene = (kinds == FrameKind.SCENE)[rows.columns["kind"].values]
 
     def poses(self, low: int = 0, high: int | None = None) -> np.ndarray:
-        """Return the first three rows of the poses of the frames low to high - 1 (default: all), (N, 3, 4) float64."""
+        """Return the poses of the frames from `low` to `high` - 1 (default: all frames), (N, 3, 4) float64: the first
+        three rows of each pose matrix."""
         high = len(self) if high is None else min(high, len(self))
         numbers, start = self._columns["pose"].values, self._columns["pose"].start[low : high + 1]
         first, is_level = start[:-1], np.diff(start) == _LEVEL
@@ -81,7 +82,7 @@ class SavedFrames(Sequence[ReferenceFrame]):
                 raise DataError(f"{rows.folder}: the pose of {frame} is not a rigid motion: build the map again")
 
     def _are_rigid(self, low: int, high: int) -> np.ndarray:
-        """Return whether the pose of each of the frames low to high - 1 is a rigid motion, (high - low,) bool."""
+        """Return whether each pose of the frames from `low` to `high` - 1 is a rigid motion, (high - low,) bool."""
         numbers, start = self._columns["pose"].values, self._columns["pose"].start[low : high + 1]
         first, is_level = start[:-1], np.diff(start) == _LEVEL
         rigid, (cos, sin) = np.zeros(len(first), bool), (numbers[first[is_level] + axis] for axis in (3, 4))
@@ -102,7 +103,7 @@ def frame_row(frame: ReferenceFrame) -> Row:
 
 
 def _pose_numbers(T_world_pano: np.ndarray) -> np.ndarray:
-    """Return the numbers that restore the first three rows of a pose (3, 4) bit by bit."""
+    """Return the numbers that a pose (3, 4) is stored as: 5 numbers if they restore the pose exactly, otherwise 12."""
     level = np.concatenate([T_world_pano[:, 3], T_world_pano[:2, 0]])
     return level if np.array_equal(_level_poses(level[None])[0], T_world_pano) else T_world_pano.ravel()
 

@@ -1,4 +1,4 @@
-"""Reads a description of a room in words: objects with their numbers, and their order around the speaker."""
+"""Parse a description of a room in words: the objects, how many there are, and their order around the speaker."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ class Direction(StrEnum):
 
 @dataclass(frozen=True)
 class Mention:
-    """An object that a description names.
+    """An object that a description mentions.
 
     Attributes:
-        word: The words of the description.
+        word: The words for the object in the description.
         label: The object label; None if the words are not known.
         count: Number of such objects; None: at least one.
         is_absent: Whether the description says that there is no such object.
@@ -58,7 +58,13 @@ class Mention:
 
 @dataclass(frozen=True)
 class Relation:
-    """The order of two mentioned objects: indices of mentions, such as first left of second."""
+    """The stated order of two objects of a description, such as "first is left of second".
+
+    Attributes:
+        first: Index of the first object in `TextQuery.mentions`.
+        direction: The order.
+        second: Index of the second object in `TextQuery.mentions`.
+    """
 
     first: int
     direction: Direction
@@ -67,12 +73,12 @@ class Relation:
 
 @dataclass(frozen=True)
 class TextQuery:
-    """A description that was read.
+    """A parsed description.
 
     Attributes:
-        mentions: The objects that it names.
-        relations: Their order.
-        notes: Words that were read as other words, and words that are not known, one line each.
+        mentions: The objects that the description mentions.
+        relations: The stated orders of two objects.
+        notes: Remarks on replaced, ignored and unknown words, one line each.
     """
 
     mentions: tuple[Mention, ...]
@@ -81,16 +87,16 @@ class TextQuery:
 
 
 def read_text(text: str, labels: Sequence[str], vectors: WordVectors | None = None) -> TextQuery:
-    """Read a description such as "red sofa, two plants left of the bed".
+    """Parse a description such as "red sofa, two plants left of the bed".
 
-    Commas and "and" separate objects. An object has a number ("two plants"), or "no". Two objects may be in the order
-    "left of", "right of" or "opposite". Words are compared through the vocabulary. If the vocabulary lacks a word, its
-    nearest word is used.
+    Commas and "and" separate objects. An object may have a number ("two plants") or "no". "left of", "right of" or
+    "opposite" states the order of two objects. Synonyms are replaced by their name in the vocabulary. A word that is
+    neither in the vocabulary nor in `labels` is replaced by the nearest word of the vocabulary.
 
     Args:
         text: The description, in English.
-        labels: The object labels of the map, which are known in addition to the vocabulary.
-        vectors: The vectors of words; None: those of the package wordllama.
+        labels: The object labels of the map. They are valid words, like the words of the vocabulary.
+        vectors: Word vectors that determine the nearest word; None: the vectors of the package wordllama.
 
     Raises:
         DataError: The text is longer than MAX_CHARACTERS, or names no object.
@@ -118,14 +124,14 @@ def read_text(text: str, labels: Sequence[str], vectors: WordVectors | None = No
 
 
 class _Reader:
-    """Reads the words of objects, and collects notes."""
+    """Parses the phrases of a description, and collects notes."""
 
     def __init__(self, labels: frozenset[str], vectors: WordVectors) -> None:
         self._labels, self._vectors = labels, vectors
         self.notes: list[str] = []
 
     def mention(self, phrase: str) -> Mention | None:
-        """Return the object that a phrase names; None for a phrase without a word for an object."""
+        """Return the object that a phrase mentions; None if the phrase has no word for an object."""
         words = re.findall(r"[^\W_]+(?:['-][^\W_]+)*", phrase)
         is_absent = any(word in _NEGATIONS for word in words)
         count = _count(words)
@@ -159,7 +165,7 @@ class _Reader:
 
 
 def _count(words: Sequence[str]) -> int | None:
-    """Return the number in the words of an object; None for an article or no number."""
+    """Return the number of objects that the words state; None if they state no number, as in "a chair"."""
     for number, word in enumerate(words):
         two = " ".join(words[number : number + 2])
         if word.isdecimal() and len(word) < 4:

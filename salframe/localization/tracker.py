@@ -1,4 +1,4 @@
-"""The role `tracker`: a belief on the pose of a moving camera, from answers to single queries and odometry."""
+"""The role `tracker`: estimates the pose of a moving camera from answers of a localizer and odometry."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from salframe.panoramas.geometry import is_rigid
 
 
 class TrackStatus(StrEnum):
-    """Whether a tracker knows the pose of the camera, or why not."""
+    """Whether a tracker knows the pose of the camera. LOST: it does not know the pose. OUT_OF_MAP: the camera is
+    probably outside of the map."""
 
     TRACKING = "tracking"
     LOST = "lost"
@@ -26,21 +27,21 @@ class TrackStatus(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class TrackedPose:
-    """The belief of a tracker. A program uses place and pose if the status is TRACKING.
+    """The belief of a tracker: its present estimate. Use place and pose only if the status is TRACKING.
 
     Attributes:
         status: Whether the tracker knows the pose.
         place: Name of the place; None before the first answer with a pose. With the status LOST or OUT_OF_MAP, place
-            and pose are the best guess.
+            and pose are only the best guess.
         T_world_pano: (4, 4) float64 pose of the camera, a rigid motion; None where `place` is None.
-        covariance: (3, 3) float64 covariance of (x_m, y_m, yaw_rad), in the axes of the world; None where it is unknown
-            or there is no pose.
+        covariance: (3, 3) float64 covariance of (x_m, y_m, yaw_rad), in the axes of the world; None if it is unknown or
+            there is no pose.
         support: Evidence for the pose, not negative; larger is better. Its unit depends on the tracker.
 
     Raises:
-        InvalidAnswer: The status is not a TrackStatus; TRACKING has no place or pose; only one of place and
-            pose is None; the pose is not a rigid motion; the covariance has another shape, or is not finite, symmetric
-            and positive semidefinite; or the support is negative or NaN.
+        InvalidAnswer: In any of these cases: the status is not a TrackStatus; the status is TRACKING and there is no
+            pose; only one of place and pose is None; the pose is not a rigid motion; the covariance has another shape,
+            or is not finite, symmetric and positive semidefinite; the support is negative or NaN.
     """
 
     status: TrackStatus
@@ -79,22 +80,23 @@ class TrackedPose:
 class Tracker(Role):
     """Tracks the pose of a moving camera, from the answers of a localizer to its images and from odometry.
 
-    Call `move` with the motion up to a query, then `observe` with the answer to this query. Where an answer arrives
-    late, call `move` with the later motion after `observe`. A tracker holds the belief of one camera. `open_tracker`
-    creates one for a map.
+    Call `move` with the motion since the previous query, then `observe` with the answer to the present query. If the
+    camera moves before the answer arrives, call `observe` first, and then `move` with this later motion. A tracker
+    holds the belief on one camera. `open_tracker` creates a tracker for a map.
     """
 
     role = "tracker"
     find_place: Callable[[np.ndarray], str] | None = None
-    """Returns the place at a position (3,), set by `open_tracker`; None: the place is that of an answer."""
+    """Function that returns the name of the place at a position (3,). `open_tracker` sets it. None: the place of an
+    answer is used."""
 
     @abstractmethod
     def move(self, odometry: np.ndarray | None) -> None:
         """Update the belief by a motion.
 
         Args:
-            odometry: (4, 4) rigid motion: the pose after the motion in the frame of the pose before. None where the
-                motion is unknown, for example where odometry was dropped.
+            odometry: (4, 4) rigid motion: the pose of the camera after the motion, in the camera frame before the
+                motion. None if the motion is unknown, for example because odometry messages were lost.
 
         Raises:
             DataError: The motion is not rigid.
@@ -102,7 +104,8 @@ class Tracker(Role):
 
     @abstractmethod
     def observe(self, answer: Localization) -> None:
-        """Update the belief by the answer to a query at the present pose. A failed answer is an observation too."""
+        """Update the belief by the answer to a query at the present pose. Pass failed answers too: a failure is also
+        evidence."""
 
     @abstractmethod
     def belief(self) -> TrackedPose:

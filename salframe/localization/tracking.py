@@ -32,8 +32,9 @@ NUM_VIEWS = 5
 """Default number of the latest views that are localized together. Chosen on `house-42`, seeds 100 and 101."""
 
 MOTION_DECIMALS = 12
-"""Number of decimals of the motions between views. Motions that are equal up to rounding errors, such as those of a bag
-and of a request, are then equal. Joined views can amplify a rounding error of 1e-16 m to 1e-5 m."""
+"""Number of decimals to which motions between views are rounded. A motion from a ROS bag and the same motion from an
+HTTP request may differ by rounding errors; after rounding to this number of decimals, they are equal. Joining views can
+amplify a rounding error of 1e-16 m to 1e-5 m."""
 
 
 def open_tracker(map: LocalizationMap, tracker: ComponentConfig | str | None = None) -> Tracker:
@@ -69,7 +70,7 @@ class ViewWindow:
         self._views: list[tuple[DescribedView, np.ndarray]] = []
 
     def move(self, odometry: np.ndarray | None) -> None:
-        """Update the window by a motion, as in `Tracker.move`. After an unknown motion, it is empty."""
+        """Update the window by a motion, as in `Tracker.move`. An unknown motion (None) removes all views."""
         if odometry is None:
             self._views = []
             return
@@ -77,7 +78,7 @@ class ViewWindow:
         self._views = [(view, back @ T_present_view) for view, T_present_view in self._views]
 
     def localize(self, view: DescribedView) -> Localization:
-        """Add a view, and return the answer to the views of the window.
+        """Add a view, and localize all views of the window together.
 
         Raises:
             InvalidAnswer: As `LocalizationMap.answer_query`.
@@ -94,9 +95,9 @@ class TrackStep:
 
     Attributes:
         pose: The belief after the step.
-        answer: The answer to the latest views; None where the view could not be used.
-        error: Why the view could not be used.
-        description: The description of the view; None where it could not be used.
+        answer: The answer to the latest views; None if the view could not be used.
+        error: The reason why the view could not be used; None if it was used.
+        description: The description of the view; None if the view could not be used.
     """
 
     pose: TrackedPose
@@ -119,7 +120,7 @@ class TrackedCamera:
             num_views: Number of the latest views that are localized together.
 
         Raises:
-            ConfigError: There are no views.
+            ConfigError: `num_views` is less than 1.
             UnknownName: As `open_tracker`.
         """
         self._map, self._tracker = map, open_tracker(map, tracker)
@@ -128,12 +129,12 @@ class TrackedCamera:
     def step(self, view: Panorama | QueryFrame, odometry: np.ndarray | None = None) -> TrackStep:
         """Move the camera, localize its view, and return the belief on its pose.
 
-        A view that cannot be used changes nothing but the motion.
+        If the view cannot be used, the belief is updated only by the motion.
 
         Args:
             view: The panorama at the present pose.
-            odometry: (4, 4) motion since the last step: the present pose in the frame of the last pose. None where it
-                is unknown, and in the first step.
+            odometry: (4, 4) motion since the last step: the present pose of the camera, in the camera frame of the last
+                step. None if it is unknown, and in the first step.
 
         Raises:
             DataError: The motion is not rigid.
@@ -173,7 +174,7 @@ class Track:
     def to_tum(self) -> str:
         """Return the trajectory in the format of the TUM RGB-D benchmark: lines `t_s x y z qx qy qz qw`, in metres.
 
-        It has the steps with the status `tracking`. A comment at the start has the number of steps that are left out.
+        Only steps with the status `tracking` are written. A comment at the start states the number of other steps.
         """
         poses = [
             (float(t_s), step.pose.T_world_pano)
@@ -188,7 +189,7 @@ class Track:
         return {"sequence": self.name, "steps": [_step_json(t_s, frame, step) for t_s, frame, step in rows]}
 
     def __str__(self) -> str:
-        """A line for each step: time, status, place and pose, or why the frame could not be used."""
+        """A line for each step: time, status, place and pose, and the reason if the frame could not be used."""
         lines = []
         for t_s, frame, step in zip(self.t_s, self.frames, self.steps, strict=True):
             pose = step.pose.T_world_pano
@@ -201,7 +202,7 @@ class Track:
         return "\n".join(lines)
 
     def write(self, folder: str | Path) -> None:
-        """Write `trajectory.tum` and `track.json` into a folder, which is created where it is missing."""
+        """Write `trajectory.tum` and `track.json` into a folder. The folder is created if it is missing."""
         write_text(Path(folder) / "trajectory.tum", self.to_tum())
         write_json(Path(folder) / "track.json", self.to_json())
 
@@ -217,18 +218,18 @@ def track(
 ) -> Track:
     """Track the camera of a sequence of views.
 
-    Truth in the recording is not used. A frame that cannot be used affects only its own step.
+    True poses in the recording are not used. A frame that cannot be used affects only its own step.
 
     Args:
         map: The map.
         recording: The views, or the folder or recording that `read_sequence` reads them from.
-        sequence: Name of the sequence of a folder; None: the only one.
+        sequence: Name of the sequence in a folder; None: the only sequence.
         tracker: As in `open_tracker`.
         num_views: As in `TrackedCamera`.
         progress: Called as progress(done, total) with numbers of frames.
 
     Raises:
-        ConfigError: As `read_sequence`, or there are no views.
+        ConfigError: As `read_sequence`, or `num_views` is less than 1.
         DataError: As `read_sequence`.
         UnknownName: As `read_sequence`, or there is no such tracker.
     """

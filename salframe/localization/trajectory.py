@@ -14,7 +14,7 @@ TUM_CONVENTIONS = (
 
 
 def tum_lines(poses: Iterable[tuple[float, np.ndarray]], notes: Sequence[str] = ()) -> str:
-    """Return a trajectory as lines `t_s x y z qx qy qz qw`, after comments with the conventions and notes.
+    """Return a trajectory as lines `t_s x y z qx qy qz qw`, preceded by comments with the conventions and the notes.
 
     Args:
         poses: Times in seconds and poses T_world_pano (4, 4).

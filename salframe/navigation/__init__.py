@@ -1,2 +1,3 @@
-"""Closed-loop navigation (docs/how-to/navigate.md#what-the-agent-knows-and-does): an agent takes a panorama, localizes,
-turns towards the next node and walks. It is stopped by walls and misled by wrong answers of the localizer."""
+"""Simulated closed-loop navigation (docs/how-to/navigate.md#what-the-agent-knows-and-does): an agent takes a panorama,
+localizes itself, turns towards the next node and walks. Walls stop the agent, and wrong answers of the localizer
+mislead it."""

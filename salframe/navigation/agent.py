@@ -1,4 +1,4 @@
-"""The agent: its estimated pose, and its next move. It never learns its true pose."""
+"""The agent: its estimated pose, and its next move. The agent never receives its true pose."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from salframe.panoramas.geometry import pose_yaw, wrap_angle
 from salframe.topology.topological_map import MapEdge
 
 MIN_SAVING_M = 1.0
-"""Minimum saving in length for which the agent takes a path without a safety margin."""
+"""Minimum saving in length, in metres, for which the agent takes a path without a safety margin to walls."""
 SAME_OBSTACLE_M = 0.3
-"""Collisions within this distance count as collisions with the same obstacle."""
+"""Collisions within this distance of each other, in metres, are treated as collisions with the same obstacle."""
 
 
 class Move(NamedTuple):
-    """A turn, then a walk straight ahead, or a ride by stairs or a lift.
+    """A turn and a walk straight ahead, or the use of stairs or of a lift.
 
     Attributes:
         turn_rad: Turn in radians, positive to the left.
         length_m: Length of the walk in metres.
-        stairs: Edge of the stairs or lift to take instead; None: a walk.
+        stairs: Edge of the stairs or lift to take; None: the agent walks.
     """
 
     turn_rad: float
@@ -37,9 +37,9 @@ class Located(NamedTuple):
     """The answer to the panorama that an agent has taken.
 
     Attributes:
-        answer: The answer. Where the localizer gave a place only, its pose is the position of the reference frame with
-            the heading by odometry.
-        frame: Id of this reference frame; None where the localizer gave a pose, or failed.
+        answer: The answer. If the localizer returned a place and no pose, the pose of this answer consists of the
+            position of the reference frame and the heading by odometry.
+        frame: Id of this reference frame; None if the localizer returned a pose, or failed.
     """
 
     answer: Localization
@@ -47,11 +47,12 @@ class Located(NamedTuple):
 
 
 class Agent:
-    """An agent that walks to a node along the shortest path from its estimated position, with a safety margin to walls
-    unless that path is much longer.
+    """An agent that walks to a node along the shortest path from its estimated position.
 
-    It walks from the best guess of its tracker, even where the tracker is lost: the next answers correct it. Before it
-    walks on an answer that is not accepted, it turns on the spot to the next view that the answer proposes.
+    The path has a safety margin to walls. If a path without the margin is shorter by more than MIN_SAVING_M, the agent
+    takes the shorter path. The agent uses the best guess of its tracker even if the tracker is lost, because later
+    answers correct the guess. If an answer is not accepted, the agent first turns on the spot to the next view that the
+    answer suggests.
     """
 
     def __init__(
@@ -70,13 +71,13 @@ class Agent:
             guide: Shortest paths in the building.
             goal: Id of the goal node.
             yaw_rad: Initial heading in the world.
-            arrival_m: Length of the remaining path at which the agent reports its arrival.
-            rng: Generator of the moves without a path.
+            arrival_m: Maximum length of the remaining path, in metres, at which the agent reports its arrival.
+            rng: Random generator for the moves of an agent that has no path.
             tracker: Tracker of the pose.
             max_turns: Maximum number of turns on the spot at a position.
         """
         self.yaw_rad = yaw_rad
-        """Heading in the world by odometry alone, from the known initial heading."""
+        """Heading in the world: the known initial heading, updated by odometry only."""
         self._tracker = tracker
         self._last_frame: str | None = None
         self._initial_guides: tuple[Guide, ...] = (guide.roomy, guide)
@@ -90,14 +91,15 @@ class Agent:
 
     @property
     def pose(self) -> np.ndarray | None:
-        """The estimated T_world_pano (4, 4), None before the first localization."""
+        """The estimated T_world_pano (4, 4); None before the first localization."""
         return self._tracker.belief().T_world_pano
 
     def add_localization(self, located: Located) -> None:
-        """Update the agent by a localization of the present position.
+        """Update the agent by the localization at its present position.
 
-        A place without a pose is used only if its reference frame differs from the previous one. If the frame is the
-        same, odometry is the better estimate of the position in the place.
+        If the localizer returned a place and no pose, the localization is used only if its reference frame differs from
+        the reference frame of the previous localization. If both are the same, odometry gives a better estimate of the
+        position.
         """
         self._answer = located.answer
         is_repeated = located.frame is not None and located.frame == self._last_frame
@@ -110,7 +112,7 @@ class Agent:
         """Update the agent after a move.
 
         Args:
-            odometry: (4, 4), the motion measured by odometry: the pose after it in the frame of the pose before.
+            odometry: (4, 4) motion measured by odometry: the pose after the move, in the agent frame before the move.
             stopped: Whether an obstacle stopped the move, or there were no stairs to take.
         """
         self._tracker.move(odometry)
@@ -127,12 +129,11 @@ class Agent:
             self._off_path = False
 
     def decide(self) -> Move | None:
-        """Return the next move, None if the agent estimates that it has arrived.
+        """Return the next move; None if the agent estimates that it has arrived.
 
-        Where the last answer is not accepted, it first turns on the spot. After a collision with an obstacle of its
-        chart, or where there are no stairs to take, which means that the agent was off its path, it steps aside before
-        it tries again. Without a pose, or
-        without a path from there, it moves to look from another position.
+        If the last answer is not accepted, the agent first turns on the spot. If it collided with an obstacle that its
+        chart contains, or did not find the stairs, it was not on its path; it then steps aside and tries again. If it
+        has no pose, or no path from its pose, it makes a random move to take a panorama from another position.
         """
         self._takes_stairs = False
         turn_rad = self._next_turn_rad()
@@ -157,7 +158,7 @@ class Agent:
         return Move(turn_rad, min(float(np.linalg.norm(leg)), chart.max_move_m))
 
     def _next_turn_rad(self) -> float | None:
-        """Return the turn to the next view; None where the agent does not turn on the spot."""
+        """Return the turn on the spot to the next view, in radians; None if the agent does not turn on the spot."""
         answer = self._answer
         if answer is None or answer.accepted is not False or self._num_turns == self._max_turns:
             return None
@@ -165,8 +166,11 @@ class Agent:
         return None if view is None else float(np.radians(view.turn_deg))
 
     def _way(self, position_m: np.ndarray) -> Way | None:
-        """Return the best path. Where the recorded collisions leave none, their positions were wrong, and they are
-        dropped."""
+        """Return the best path; None if there is no path.
+
+        If there is no path, the positions of the recorded collisions are assumed to be wrong, and the collisions are
+        removed from the charts.
+        """
         ways = []
         for guide, penalty_m in zip(self._guides, (0.0, MIN_SAVING_M), strict=True):
             try:

@@ -1,4 +1,5 @@
-"""An agent's knowledge of a building: the topological map, where it can walk straight, and its collisions."""
+"""Charts: the knowledge of an agent about a building. A chart has the topological map, the clear floor, and the
+collisions of the agent."""
 
 from __future__ import annotations
 
@@ -17,59 +18,62 @@ from salframe.topology.grid import FloorGrid, cell, nearest_pixel, sees
 from salframe.topology.topological_map import MapEdge, MapNode, TopologicalMap
 
 ROOM_M = 0.07
-"""Safety margin that is added to the agent's radius where possible, because an agent deviates slightly from its
-path."""
+"""Safety margin in metres that is added to the radius of the agent if possible, because an agent deviates slightly from
+its path."""
 AHEAD_M, CLEAR_M = 0.1, 0.30
-"""If the masks show a clearance of at least CLEAR_M at the point AHEAD_M ahead of the agent, the agent collided with an
-obstacle that is missing in the masks."""
+"""If an agent collides, and the floor masks show a clearance of at least CLEAR_M metres at the point AHEAD_M metres
+ahead of the agent, it is assumed that the masks do not contain the obstacle."""
 BUMP_M, BUMP_AHEAD_M = 0.2, 0.3
-"""Radius of the disc that an agent avoids after such a collision, and the distance of its centre ahead of the agent.
-Larger obstacles need several collisions."""
+"""Radius of the disc that an agent avoids after a collision with an obstacle that the masks do not contain, and
+distance of the centre of the disc ahead of the agent, in metres. A larger obstacle causes several collisions."""
 
 
 class Chart(ABC):
-    """Knowledge of a building. Positions are those of agents. Points of the map lie on the floor below."""
+    """Knowledge of an agent about a building.
+
+    The position of an agent is the position of its camera. Points of the map lie on the floor.
+    """
 
     map: TopologicalMap
     max_move_m: ClassVar[float]
     """Maximum length of a walk before the agent takes the next panorama."""
     aside_m: ClassVar[float]
-    """Length of a step aside where the agent cannot continue."""
+    """Length in metres of a step aside, which an agent takes if it cannot continue."""
 
     @abstractmethod
     def reach(self, position_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:
         """Return the lengths of straight walks from a position to points.
 
         Args:
-            position_m: (3,), position of the agent.
-            points_m: (N, 3).
+            position_m: (3,) position of the agent in the world.
+            points_m: (N, 3) points in the world.
 
         Returns:
-            (N,), in metres, inf where a straight walk is impossible.
+            (N,) lengths in metres, inf where a straight walk is impossible.
         """
 
     def spot(self, position_m: np.ndarray) -> np.ndarray:
-        """Return the position (3,) where an agent with this estimated position must be; by default the same, for charts
-        in which an agent may be anywhere."""
+        """Return the position (3,) that an agent with this estimated position is assumed to have. A chart in which
+        agents can be only at certain positions returns the nearest of these. The default returns `position_m`."""
         return position_m
 
     def roomy(self) -> Chart:
-        """Return the chart of the walkable area with a safety margin. Parts of the building may be out of reach in
-        it."""
+        """Return the chart with a safety margin to walls. In this chart, parts of the building may be out of reach. The
+        default returns the chart itself."""
         return self
 
     def stopped(self, T_world_pano: np.ndarray, again: bool) -> Chart:
-        """Return the chart after a collision ahead of the agent; the same chart where the collision adds nothing.
+        """Return the chart after a collision ahead of the agent; the same chart if the collision adds no knowledge.
 
         Args:
-            T_world_pano: (4, 4), estimated pose of the agent.
-            again: Whether there was a collision near this position before.
+            T_world_pano: (4, 4) estimated pose of the agent.
+            again: Whether the agent has collided near this position before.
         """
         return self
 
 
 class FloorChart(Chart):
-    """The masks of the floors of a building, and discs around collisions that the agent avoids.
+    """The masks of the floors of a building, and discs around the obstacles of collisions, which the agent avoids.
 
     Args:
         map: The topological map of the floors.
@@ -86,8 +90,8 @@ class FloorChart(Chart):
         self._floors = [grid.floor for grid in grids]
 
     def reach(self, position_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:
-        """See Chart. A position that is not clear, which estimates may be, is replaced by the nearest clear pixel of
-        its floor."""
+        """See Chart. If the estimated position is not clear, the nearest clear pixel of its floor is used in its
+        place."""
         number = nearest_floor(self._floors, position_m)
         grid = self._grids[number]
         lengths_m = np.full(len(points_m), np.inf)
@@ -104,8 +108,8 @@ class FloorChart(Chart):
 
     def stopped(self, T_world_pano: np.ndarray, again: bool) -> FloorChart:
         """See Chart. A first collision near a wall or obstacle of the masks may result from a small deviation from the
-        path, and changes nothing. Other collisions are with obstacles that are not in the masks; the edges of the map
-        are computed again around them."""
+        path, and changes nothing. For any other collision, an obstacle that is not in the masks is assumed: a disc
+        around it is blocked, and the edges of the map are computed again."""
         number = nearest_floor(self._floors, T_world_pano[:3, 3])
         grid, yaw_rad = self._grids[number], pose_yaw(T_world_pano)
         ahead = np.array([np.cos(yaw_rad), np.sin(yaw_rad)])
@@ -121,8 +125,8 @@ class FloorChart(Chart):
         return self._restrict(free)
 
     def _restrict(self, free: Sequence[np.ndarray]) -> FloorChart:
-        """Return the chart with the clear pixels of each floor that are free, the map's nodes on them, and new
-        edges."""
+        """Return the chart whose clear pixels on each floor are limited to a mask of `free`, (rows, columns) bool.
+        Nodes on other pixels are removed, and the edges are computed again."""
         grids = [copy(grid) for grid in self._grids]
         for grid, mask in zip(grids, free, strict=True):
             grid.clear = grid.clear & mask
@@ -130,16 +134,19 @@ class FloorChart(Chart):
 
 
 def nearest_floor(floors: Sequence[FloorMasks], position_m: np.ndarray) -> int:
-    """Return the index of the floor that an agent is on; where no mask covers its position (3,), of the highest floor
-    below it, or of the lowest floor. `floors` are sorted by height."""
+    """Return the index of the floor that an agent at a position (3,) is on.
+
+    If no mask covers the position, return the highest floor below it; the lowest floor if there is none. `floors` are
+    sorted by height.
+    """
     number = find_floor(floors, position_m)
     below = [index for index, floor in enumerate(floors) if floor.z_m <= position_m[2]]
     return max(below, default=0) if number is None else number
 
 
 def _rebuild(map: TopologicalMap, grids: Sequence[FloorGrid]) -> TopologicalMap:
-    """Return the map with its nodes on clear pixels of the grids, edges over clear pixels, and the stairs and lifts
-    whose ends are left."""
+    """Return the map without nodes on pixels that are not clear, with new edges over clear pixels, and with the stairs
+    and lifts whose ends remain."""
     floors = floor_numbers(map.floors, np.array([node.xyz_m for node in map.nodes]))
     nodes: list[MapNode] = []
     edges: list[MapEdge] = []

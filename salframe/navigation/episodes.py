@@ -1,4 +1,4 @@
-"""Episodes: start and goal of an agent, drawn at random or read from a file."""
+"""Episodes: the start and the goal of an agent, drawn at random or read from a file."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MAX_EPISODES = 100_000
 NumEpisodes = Annotated[int, Field(ge=1, le=MAX_EPISODES)]
 """Number of random episodes."""
 TRIES = 100
-"""Number of random starts and goals that are tried for an episode."""
+"""Maximum number of random pairs of start and goal that are tried for an episode."""
 
 
 @dataclass(frozen=True)
@@ -30,11 +30,11 @@ class Episode:
     """An episode: an agent walks from a start to a goal.
 
     Attributes:
-        number: Number of the episode, which seeds its noise.
-        world: Id of the world.
-        start: T_world_pano at the start, 16 numbers row by row.
+        number: Number of the episode. It is a part of the seed of the noise.
+        world: Id of the world (building).
+        start: T_world_pano (4, 4) at the start, 16 numbers row by row.
         goal: Id of the goal node.
-        shortest_m: Length of the shortest path along the map.
+        shortest_m: Length in metres of the shortest path along the map.
     """
 
     number: int
@@ -45,7 +45,7 @@ class Episode:
 
 
 class EpisodeRequest(Settings):
-    """An episode as requested in a file."""
+    """An episode in a file of episodes."""
 
     start: str | tuple[float, float] = Field(
         description="start of the episode: id of a node of the map, or x and y in the world frame (m)"
@@ -66,25 +66,27 @@ class EpisodeRequest(Settings):
 
 
 class Site(NamedTuple):
-    """A world, and the guide on its chart."""
+    """A world, and the guide (shortest paths) on its chart."""
 
     world: World
     guide: Guide
 
 
 def draw_episodes(sites: Mapping[str, Site], count: int, seed: int) -> tuple[list[Episode], list[str]]:
-    """Generate random episodes from a uniform pose in a region to a scene node of another region.
+    """Generate random episodes. The start is a uniformly random pose in a region. The goal is a scene node of another
+    region.
 
     Args:
-        sites: Site of each world id.
-        count: Number of episodes, distributed evenly over the worlds.
+        sites: Mapping from the id of each world to its site.
+        count: Number of episodes to generate, distributed evenly over the worlds. An episode for which TRIES attempts
+            fail is left out.
         seed: Random seed.
 
     Returns:
-        The episodes, and a message for each world in which none can be drawn.
+        The episodes, and a message for each world in which no episode can be generated.
 
     Raises:
-        DataError: No world allows an episode.
+        DataError: No episode can be generated in any world.
     """
     worlds: list[str] = []
     left_out = []
@@ -107,7 +109,7 @@ def draw_episodes(sites: Mapping[str, Site], count: int, seed: int) -> tuple[lis
 
 
 def _draw(site: Site, rng: np.random.Generator, number: int) -> Episode | None:
-    """Return a random episode; None if TRIES attempts fail, or the world has no place to start at."""
+    """Return a random episode; None if TRIES attempts fail, or no start is possible in the world."""
     world, guide = site
     for _ in range(TRIES):
         try:
@@ -146,15 +148,15 @@ def read_episode_requests(path: Path) -> tuple[EpisodeRequest, ...]:
 def place_episodes(
     requests: Sequence[EpisodeRequest], sites: Mapping[str, Site], seed: int
 ) -> tuple[list[Episode], list[str]]:
-    """Convert requested episodes.
+    """Convert the episodes of a file to episodes with a start pose, and check that they can be walked.
 
     Args:
-        requests: The requested episodes.
-        sites: Site of each world id.
-        seed: Random seed of headings that are not requested.
+        requests: The episodes of the file.
+        sites: Mapping from the id of each world to its site.
+        seed: Random seed of the headings that the file does not state.
 
     Returns:
-        The episodes that can be walked, and a message for each that cannot.
+        The episodes that can be walked, and a message for each other episode.
 
     Raises:
         DataError: No episode can be walked.

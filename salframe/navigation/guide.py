@@ -1,4 +1,4 @@
-"""Shortest paths along a chart's map, from any position to a node."""
+"""Shortest paths along the map of a chart, from any position to a node."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from salframe.topology.planner import Planner
 from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap
 
 REACHED_M = 0.1
-"""Distance at which a corner of the path counts as reached."""
+"""Maximum distance in metres from a corner of the path at which the corner is treated as reached."""
 ENTERED_M = 0.3
-"""Distance at which the start of stairs or of a lift counts as reached."""
+"""Maximum distance in metres from the start of stairs or of a lift at which the agent takes them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,8 +27,8 @@ class Way:
 
     Attributes:
         length_m: Length in metres.
-        corners_m: (K, 3), corners on the floor. The first is the node where the path enters the map, the last is the
-            goal.
+        corners_m: (K, 3) corners of the path on the floor. The first corner is the node where the path enters the map.
+            The last corner is the goal.
         edges: The K - 1 edges between the corners.
     """
 
@@ -50,7 +50,8 @@ class Way:
 
 
 class Guide:
-    """A planner, with this configuration, on the map of a chart, for positions between its nodes."""
+    """Plans paths on the map of a chart. A path may start between the nodes of the map. `planner` is the configuration
+    of the planner."""
 
     def __init__(self, chart: Chart, planner: ComponentConfig) -> None:
         self.chart, self.planner = chart, planner
@@ -92,8 +93,8 @@ class Guide:
 
 
 def straighten(map: TopologicalMap) -> TopologicalMap:
-    """Return the map with a node at each corner of its edges, so that all edges are straight and an agent can enter an
-    edge at its corners."""
+    """Return the map with an additional node at each corner of its edges. All edges are then straight, and a path can
+    enter an edge at its corners."""
     nodes, edges = list(map.nodes), []
     z_m = {node.id: node.xyz_m[2] for node in nodes}
     for edge in map.edges:

@@ -1,4 +1,4 @@
-"""Localizes an agent by a panorama: converts a localizer's answer to a pose in the world."""
+"""Localize an agent by the panoramas that it takes."""
 
 from __future__ import annotations
 
@@ -22,17 +22,19 @@ from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 from salframe.panoramas.geometry import invert_pose, pose_2d, pose_yaw, wrap_angle
 
 ASTRAY_RAD = np.radians(45.0)
-"""Maximum error of the heading by odometry within an episode; a pose that differs by more is rejected."""
+"""Maximum error, in radians, of the heading by odometry within an episode. A pose of the localizer whose heading
+differs more from odometry is rejected."""
 
 
 def see_place(world: World, T_world_pano: np.ndarray, yaw_rad: float, turn: np.ndarray | None = None) -> Located:
-    """Return the localization of an agent with perfect place recognition, without a localizer.
+    """Simulate perfect place recognition without a localizer.
 
-    The agent is localized at the nearest node of the map, transition nodes included, to which it could walk straight.
+    The agent is localized at the nearest node of the map to which it can walk straight. If there is no such node, it is
+    localized at the nearest node.
 
     Args:
         world: The world.
-        T_world_pano: (4, 4), true pose of the agent.
+        T_world_pano: (4, 4) true pose of the agent.
         yaw_rad: Heading by odometry.
         turn: As in `Sight.look`; not used.
     """
@@ -50,12 +52,12 @@ def see_place(world: World, T_world_pano: np.ndarray, yaw_rad: float, turn: np.n
 class Sight:
     """Localizes agents in worlds with a localizer.
 
-    Without `positioning`, or where the localizer returns no pose, the agent gets the position of the reference frame of
-    the best place.
+    Without `positioning`, or if the localizer returns no usable pose, the agent gets the position of the reference
+    frame of the best place.
 
     Args:
         localizer: The localizer.
-        dataset: The content_key under which descriptions of reference frames are cached.
+        dataset: The `content_key` of the dataset, for the cache of descriptions of reference frames.
         positioning: Whether to use the poses of the localizer.
     """
 
@@ -69,17 +71,18 @@ class Sight:
 
     @property
     def warning(self) -> str | None:
-        """A warning on reference frames that were left out, None if there is none."""
+        """A warning on reference frames that were left out; None if no frame was left out."""
         return left_out_note(self._left_out)
 
     def look(self, world: World, T_world_pano: np.ndarray, yaw_rad: float, turn: np.ndarray | None = None) -> Located:
-        """Localize an agent. The views that it took from its position, while it turned, are localized together.
+        """Localize an agent. All views that the agent took since its last walk are localized together.
 
         Args:
             world: The world.
-            T_world_pano: (4, 4), true pose of the agent, at which the panorama is taken.
-            yaw_rad: Heading by odometry, used where the localizer returns no pose.
-            turn: (4, 4) measured motion since the last panorama, if the agent only turned; None: it walked.
+            T_world_pano: (4, 4) true pose of the agent, where the panorama is taken.
+            yaw_rad: Heading by odometry, used if the localizer returns no pose.
+            turn: (4, 4) measured motion since the last panorama, if the agent only turned on the spot; None if it
+                walked.
         """
         map = self._map_of(world.references(T_world_pano), world.chart.map.floors)
         panorama = world.observe(T_world_pano)
@@ -99,8 +102,8 @@ class Sight:
         return Located(replace(answer, T_world_query=pose, covariance=None, status=LocalizationStatus.OK), frame)
 
     def _map_of(self, frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks]) -> LocalizationMap:
-        """Return the map of these frames and floors. Each frame is described once; frames that cannot be used are left
-        out. Raises MethodFailed if these are too many."""
+        """Return the map of these frames and floors. Each frame is described only once. Frames that cannot be used are
+        left out. If they are too many, raises MethodUnavailable or MethodFailed."""
         usable = [frame for frame in frames if self._describe(frame) is not None]
         if self._map is not None and [frame.id for frame in usable] == list(self._frames):
             return self._map
@@ -116,7 +119,7 @@ class Sight:
         self._map = LocalizationMap.from_descriptions(
             self._localizer, descriptions, usable, floors, calibrate=self._map is None
         )
-        self._map.calibration = self._map.calibration or calibration  # maps of one building differ in few frames
+        self._map.calibration = self._map.calibration or calibration  # the same calibration for all maps of a building
         return self._map
 
     def _describe(self, frame: ReferenceFrame) -> Description | None:

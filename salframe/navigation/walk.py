@@ -1,5 +1,5 @@
-"""Runs an episode in closed loop: take a panorama, localize, decide, turn and walk, until the agent reports its arrival
-or has used its budget of panoramas."""
+"""Run an episode in closed loop: take a panorama, localize, decide, turn and walk. The episode ends when the agent
+reports its arrival, or when it has taken the maximum number of panoramas."""
 
 from __future__ import annotations
 
@@ -24,22 +24,23 @@ from salframe.navigation.world import World
 from salframe.panoramas.geometry import pose_2d, pose_yaw
 
 SUCCESS_M = 0.5
-"""Maximum remaining path length at which an agent that reports its arrival has succeeded."""
+"""Maximum length of the remaining path, in metres, at which the reported arrival of an agent is a success."""
 LOOSER_M = {"success_1m": 1.0, "success_3m": 3.0}
-"""Larger limits than SUCCESS_M, by key of an episode's row; R2R and REVERIE use 3 m."""
+"""Larger limits than SUCCESS_M in metres, by the key in the row of an episode. R2R and REVERIE use 3 m."""
 
 Row = dict[str, Any]
 
 
 class EpisodeStatus(StrEnum):
-    """The end of an episode: the agent reported its arrival, or used its budget of panoramas."""
+    """How an episode ended: the agent reported its arrival, or it took the maximum number of panoramas."""
 
     ARRIVED = "arrived"
     OUT_OF_BUDGET = "out of budget"
 
 
 class NavigationConfig(Settings):
-    """Settings of navigation, the same for every method of a run. All errors are normally distributed."""
+    """Settings of navigation, the same for every method of a run. The noise of turns and of lengths is normally
+    distributed."""
 
     planner: slot(  # type: ignore[valid-type]
         "planner", default_of("navigation_planner"), description="planner that computes the routes of the agent"
@@ -81,16 +82,22 @@ class NavigationConfig(Settings):
 
 
 Look = Callable[[np.ndarray, float, np.ndarray | None], Located]
-"""look(T_world_pano, yaw_rad, turn): return the localization of a panorama taken at this true pose. `yaw_rad` is the
-heading by odometry. `turn` (4, 4) is the measured motion since the last panorama, if the agent only turned; else
-None."""
+"""Function look(T_world_pano, yaw_rad, turn) that localizes an agent. Its arguments are as in `Sight.look`, without
+`world`."""
 
 
 def walk(site: Site, look: Look, episode: Episode, config: NavigationConfig, seed: int) -> Row:
-    """Run an episode and return its row.
+    """Run an episode, and return its measurements as a row of the results.
 
-    Noise depends on the seed and the episode only, so all methods get the same noise. The agent knows its initial
-    heading, but not its initial position.
+    The noise depends only on the seed and the episode, so that all methods get the same noise. The agent knows its
+    initial heading, but not its initial position.
+
+    Args:
+        site: The world of the episode, and the guide on its chart.
+        look: Function that localizes the agent.
+        episode: The episode.
+        config: Settings of navigation.
+        seed: Random seed of the noise.
     """
     world, guide = site
     rng = np.random.default_rng([seed, 2, episode.number])
@@ -160,14 +167,16 @@ def walk(site: Site, look: Look, episode: Episode, config: NavigationConfig, see
 
 
 def _slip(world: World, T_world_pano: np.ndarray, bearing_rad: float, length_m: float) -> np.ndarray:
-    """Return the pose after an agent slips with the same heading; a wall stops the slip."""
+    """Return the pose (4, 4) after an agent slipped. `bearing_rad` is the direction of the slip relative to its
+    heading. The heading does not change, and a wall stops the slip."""
     slipped, _ = world.move(T_world_pano, bearing_rad, length_m)
     x, y, z = slipped[:3, 3]
     return pose_2d(x, y, pose_yaw(T_world_pano), z)
 
 
 def _odometry(before: np.ndarray, after: np.ndarray, turn_error_rad: float, scale: float) -> np.ndarray:
-    """Return the motion that odometry measures, in the frame of the pose before: rotated by an error, and scaled."""
+    """Return the motion (4, 4) that odometry measures between two poses, in the frame of the pose `before`: the true
+    motion rotated by an error, with a scaled length."""
     c, s = np.cos(turn_error_rad), np.sin(turn_error_rad)
     x, y, z = before[:3, :3].T @ (after[:3, 3] - before[:3, 3])
     return pose_2d(
@@ -176,7 +185,7 @@ def _odometry(before: np.ndarray, after: np.ndarray, turn_error_rad: float, scal
 
 
 def _remaining_m(guide: Guide, position_m: np.ndarray, goal: str) -> float:
-    """Return the remaining path length, inf where no path leads to the goal."""
+    """Return the length of the remaining path in metres; inf if no path leads to the goal."""
     try:
         return guide.way(position_m, goal).length_m
     except NoRoute:

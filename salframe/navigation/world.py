@@ -1,4 +1,4 @@
-"""The world of an agent: its true pose, the panoramas taken there, and the effects of its moves."""
+"""Simulated worlds: the panorama at each true pose of an agent, and the effects of its moves."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from salframe.topology.grid import FloorGrid, cell
 from salframe.topology.topological_map import MapEdge, MapNode, TopologySettings
 
 _PACE_M = 0.01
-"""Step at which a walk is tested for collisions."""
+"""Step in metres at which a walk is tested for collisions."""
 STAIRS_M = 1.0
-"""Maximum distance from the node at which stairs or a lift begin, for an agent that takes them."""
+"""Maximum distance in metres from the start of stairs or of a lift at which an agent can take them."""
 
 
 class World(ABC):
@@ -34,7 +34,7 @@ class World(ABC):
 
     Attributes:
         id: Id of the world.
-        chart: The chart of the building that agents receive.
+        chart: The chart (knowledge of the building) that agents receive.
     """
 
     def __init__(self, id: str, chart: Chart) -> None:
@@ -46,7 +46,7 @@ class World(ABC):
         """Return a node of the map.
 
         Raises:
-            UnknownName: There is no such node. The message names the closest one.
+            UnknownName: There is no such node. The message suggests the most similar name.
         """
         if name not in self._nodes:
             raise UnknownName(f"{self.id}: {unknown('node', name, list(self._nodes))}")
@@ -76,7 +76,7 @@ class World(ABC):
         """
 
     def joined(self, start: np.ndarray, goal: np.ndarray) -> bool:
-        """Return whether an agent with complete knowledge could walk from one pose to another."""
+        """Return whether there is a walkable path between two poses (4, 4). The default returns True."""
         return True
 
     @abstractmethod
@@ -84,16 +84,16 @@ class World(ABC):
         """Return a random pose of an agent in a region, uniform over position and heading.
 
         Raises:
-            DataError: No pose is in a region.
+            DataError: An agent fits nowhere in a region.
         """
 
     @abstractmethod
     def region(self, T_world_pano: np.ndarray) -> str:
-        """Return the region at a pose, "" if there is none."""
+        """Return the name of the region at a pose; "" if there is no region."""
 
     @abstractmethod
     def references(self, T_world_pano: np.ndarray) -> Sequence[ReferenceFrame]:
-        """Return the reference frames that a panorama taken at this pose is compared with."""
+        """Return the reference frames of the map in which a panorama at this pose is localized."""
 
     @abstractmethod
     def observe(self, T_world_pano: np.ndarray) -> Panorama:
@@ -101,7 +101,8 @@ class World(ABC):
 
     @abstractmethod
     def move(self, T_world_pano: np.ndarray, turn_rad: float, length_m: float) -> tuple[np.ndarray, bool]:
-        """Return the pose after an agent turned and walked straight ahead, and whether an obstacle stopped it."""
+        """Return the pose (4, 4) after an agent turned and then walked straight ahead, and whether an obstacle stopped
+        it."""
 
     def take_stairs(self, T_world_pano: np.ndarray, edge: MapEdge) -> tuple[np.ndarray, bool]:
         """Return the pose after an agent took stairs or a lift, and whether it failed, because there are none at the
@@ -110,16 +111,17 @@ class World(ABC):
 
 
 class FloorWorld(World):
-    """Floors of a dataset that can render, connected by stairs and lifts. The agent is a disc with the map's robot
-    radius; it walks on clear floor, and walls and obstacles stop it.
+    """Floors of a dataset that can render panoramas, connected by stairs and lifts.
+
+    The agent is a disc with the robot radius of the map. It walks on clear floor. Walls and obstacles stop it.
 
     Args:
         id: Id of the world.
         dataset: The dataset that renders panoramas.
         floors: The masks that the chart is built from.
-        frames: The reference frames taken on the floors, from which the chart is built too.
-        actual: The masks that stop the agent, in the order of `floors`. They are the masks of the building that
-            `observe` shows, which may have changed since it was mapped.
+        frames: The reference frames on the floors, from which the chart is also built.
+        actual: The masks whose walls and obstacles stop the agent, in the order of `floors`. They show the building as
+            rendered by `observe`, which may have changed after it was mapped.
         connections: The stairs and lifts between the floors.
     """
 
@@ -240,7 +242,7 @@ class FloorWorld(World):
 
 
 class NavigableDataset(Dataset):
-    """A dataset that defines its worlds. For other datasets that can render, each floor is a world."""
+    """A dataset that defines its own worlds. For any other dataset that can render panoramas, each floor is a world."""
 
     @abstractmethod
     def worlds(self) -> Sequence[World]:
@@ -266,7 +268,7 @@ def floor_worlds(dataset: Dataset, actual: Sequence[FloorMasks] | None = None) -
 
     Args:
         dataset: The dataset.
-        actual: As in FloorWorld, in the order of `dataset.floors()`; None for the same masks as the dataset's.
+        actual: As in FloorWorld, in the order of `dataset.floors()`; None: the masks of the dataset.
 
     Raises:
         DataError: The dataset has no floor, or a floor has no reference frame.

@@ -1,1 +1,1 @@
-"""An HTTP service that localizes queries in an open map. It needs the extra `serve`."""
+"""An HTTP service that localizes queries in a map. It needs the optional packages of `salframe[serve]`."""

@@ -1,4 +1,4 @@
-"""Access rules of the service: host names, origins of pages, and a token."""
+"""Access rules of the service: accepted host names, accepted origins of web pages, and a token."""
 
 from __future__ import annotations
 
@@ -22,15 +22,16 @@ SECURITY_HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cross-Origin-Opener-Policy": "same-origin",
 }
-"""Headers of every response. No other site may embed the page, and the page loads nothing from elsewhere."""
+"""Headers of every response. They forbid other sites to embed the page, and forbid the page to load anything from other
+sites."""
 PUBLIC_FOLDER = "/page/"
 PUBLIC_PATHS = ("/", "/api", "/health", "/favicon.ico")
-"""Paths that need no token: the static pages and whether the service runs. They show nothing of the map."""
+"""Paths that need no token: the static pages, and the state of the service. They contain no data of the map."""
 _LOOPBACK_NAMES = ("localhost", "127.0.0.1", "::1")
 
 
 def is_loopback(host: str) -> bool:
-    """Return whether a host name or address can be reached from this machine only."""
+    """Return whether a host name or address can only be reached from this machine."""
     if host in _LOOPBACK_NAMES:
         return True
     try:
@@ -44,10 +45,10 @@ class AccessRules:
     """Access rules of the service.
 
     Attributes:
-        token: Token that requests must send; None: no token.
-        hosts: Names in the header Host that are accepted; empty: any. On a loopback address, this prevents other sites
-            from reaching the service by DNS rebinding.
-        origins: Origins of pages of other sites that may use the service.
+        token: Token that requests must send; None: no token is needed.
+        hosts: Accepted names in the header Host; empty: all names are accepted. On a loopback address, this check
+            prevents other sites from reaching the service by DNS rebinding.
+        origins: Origins of other sites whose pages may use the service.
     """
 
     token: str | None = None
@@ -56,19 +57,21 @@ class AccessRules:
 
     @classmethod
     def of_address(cls, host: str, token: str | None, origins: Sequence[str]) -> AccessRules:
-        """Return the rules of a service that listens on an address."""
+        """Return the rules of a service that listens on the address `host`. If it is a loopback address, only loopback
+        names are accepted in the header Host."""
         hosts = tuple(dict.fromkeys((host, *_LOOPBACK_NAMES))) if is_loopback(host) else ()
         return cls(token, hosts, tuple(origins))
 
     def accepts_token(self, token: object) -> bool:
-        """Return whether a token is right, or none is needed. The time does not depend on the token."""
+        """Return whether a token is correct, or no token is needed. The comparison takes the same time for every
+        token."""
         if self.token is None:
             return True
         received = token.encode("utf-8", "surrogatepass") if isinstance(token, str) else b""
         return hmac.compare_digest(received, self.token.encode())
 
     def accepts_header(self, headers: Headers) -> bool:
-        """Return whether the header Authorization has the right token, or none is needed."""
+        """Return whether the header Authorization has the correct token, or no token is needed."""
         kind, _, token = headers.get("authorization", "").partition(" ")
         return self.accepts_token(token.strip() if kind.lower() == "bearer" else None)
 
@@ -105,7 +108,7 @@ class AccessRules:
 
 
 class Access:
-    """Middleware that applies the rules and adds SECURITY_HEADERS to each response."""
+    """Middleware that applies the access rules, and adds SECURITY_HEADERS to each response."""
 
     def __init__(self, app: ASGIApp, rules: AccessRules) -> None:
         self._app, self._rules = app, rules
@@ -128,7 +131,7 @@ class Access:
         except Problem as problem:
             if is_websocket:
                 await receive()
-                await send({"type": "websocket.close", "code": 1008})  # before it is accepted: HTTP status 403
+                await send({"type": "websocket.close", "code": 1008})  # closed before it is accepted: HTTP status 403
             else:
                 await problem_response(problem)(scope, receive, send_secured)
             return

@@ -1,4 +1,4 @@
-"""The HTTP interface of the service."""
+"""The HTTP interface of the service: its paths and their handlers."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ from salframe.serving.work import WorkPool
 
 PAGE = Path(__file__).with_name("page")
 REFRESH_S = 1.0
-"""Interval at which the service looks for changes of the map and for idle sessions."""
+"""Interval in seconds at which the service checks whether the map has changed and whether sessions are idle."""
 _Result = TypeVar("_Result")
 _Fields = TypeVar("_Fields", bound=UploadFields)
 WithObjects = Annotated[bool, Query(description="list the objects of the query and those that they were matched with")]
@@ -69,7 +69,7 @@ WithPicture = Annotated[bool, Query(description="return the image as the server 
 
 
 class Service:
-    """The state of the service: the map, the pool, the sessions and the metrics."""
+    """The state of the service: the map, the pool of worker threads, the sessions and the metrics."""
 
     def __init__(self, maps: MapHolder, limits: ServiceLimits, rules: AccessRules) -> None:
         self.maps, self.limits, self.rules = maps, limits, rules
@@ -80,9 +80,10 @@ class Service:
         )
 
     async def run(self, call: Callable[[ServedMap], _Result]) -> _Result:
-        """Return the result of a call with the current map, in a thread of the pool.
+        """Run a call with the current map in a thread of the pool, and return its result.
 
-        If the files of the map have changed during the call, so that it failed, it is repeated with the new version.
+        If the call fails because the files of the map changed during the call, it is repeated with the new version of
+        the map.
         """
         return await self.pool.run(partial(self._with_map, call))
 
@@ -97,7 +98,8 @@ class Service:
 
     @asynccontextmanager
     async def upload(self, request: Request, model: type[_Fields]) -> AsyncIterator[tuple[_Fields, FormData]]:
-        """Receive a multipart body, and remove its files at the end. Raises Problem 503 where there are too many."""
+        """Receive a multipart body, and remove its files at the end. Raises Problem 503 if too many bodies are received
+        at the same time."""
         if self._num_uploads >= self.limits.max_uploads:
             raise Problem(
                 HTTPStatus.SERVICE_UNAVAILABLE,
@@ -124,10 +126,10 @@ class Service:
         """Return the answer to a query as JSON.
 
         Args:
-            read: Reads the query, in the pool too.
+            read: Function that reads the query. It is called in a thread of the pool.
             objects: As `with_objects` in `describe_answer`.
             picture: As `with_picture` in `describe_answer`.
-            answer_view: Answers the described query; None: it is localized alone.
+            answer_view: Function that returns the answer to the described query; None: `localize_view`.
         """
 
         def localize(served: ServedMap) -> dict[str, Any]:
@@ -143,7 +145,7 @@ class Service:
         return content
 
     async def watch(self) -> None:
-        """Open the map again whenever it changes, and end idle sessions."""
+        """Run forever: open the map again when its files change, and end idle sessions."""
         while True:
             await asyncio.sleep(REFRESH_S)
             self.sessions.expire()
@@ -156,7 +158,7 @@ def create_app(maps: MapHolder, limits: ServiceLimits, rules: AccessRules) -> AS
     Args:
         maps: The open map.
         limits: The limits of the service.
-        rules: Who may use the service.
+        rules: The access rules of the service.
     """
     service = Service(maps, limits, rules)
 
@@ -298,9 +300,10 @@ def _add_map(app: FastAPI, service: Service) -> None:
 
 
 class Measured:
-    """Middleware that counts requests, measures their time, and ends the exceptions of the app.
+    """Middleware that counts requests, measures their time, and catches the exceptions of the app.
 
-    The handlers of the app have answered them. The server would close the connection, and with it the next request.
+    When the app raises an exception, its handlers have usually sent a response already. If the exception reached the
+    server, the server would close the connection, and later requests on this connection would fail.
     """
 
     def __init__(self, app: ASGIApp, metrics: ServiceMetrics) -> None:
@@ -324,13 +327,13 @@ class Measured:
             if not is_answered:
                 await problem_response(error)(scope, receive, send_noted)
         finally:
-            path = getattr(scope.get("route"), "path", "other")  # the template, of which there are few
+            path = getattr(scope.get("route"), "path", "other")  # the template, to limit the number of labels
             self._metrics.requests.labels(path, _method(scope["method"]), str(status)).inc()
             self._metrics.request_s.labels(path).observe(time.perf_counter() - start)
 
 
 def _matrix(motion: Motion) -> np.ndarray:
-    """Return a motion as a matrix (4, 4): the pose after the motion in the frame before it."""
+    """Return a motion as a matrix (4, 4): the pose after the motion, in the frame before the motion."""
     return pose_2d(motion.x_m, motion.y_m, float(np.radians(motion.yaw_deg)), motion.z_m)
 
 

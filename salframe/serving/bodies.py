@@ -1,4 +1,4 @@
-"""Request bodies of limited size that must arrive in limited time."""
+"""Limits on the size of request bodies and on the time in which they must arrive."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from salframe.serving.problems import Problem, problem_response
 
 
 class BodyLimits:
-    """Middleware that refuses bodies that are too large, compressed, or sent too slowly."""
+    """Middleware that rejects request bodies that are too large, compressed, or sent too slowly."""
 
     def __init__(self, app: ASGIApp, limits: ServiceLimits) -> None:
         self._app, self._limits = app, limits

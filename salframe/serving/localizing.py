@@ -1,4 +1,4 @@
-"""Localizes a query of a request, and describes its objects in the answer."""
+"""Localize the query of a request, and write the answer and the objects of the query as JSON."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from salframe.serving.served_map import ServedMap
 from salframe.serving.uploads import ServedQuery
 
 MAX_PICTURE_WIDTH = 1280
-"""Maximum width of the picture in an answer."""
+"""Maximum width of the picture in an answer, in pixels."""
 _JPEG_QUALITY = 80
 
 
@@ -29,9 +29,9 @@ class ServedView:
     """A described view of a query.
 
     Attributes:
-        query: The query.
-        view: The described view, without its panorama.
-        notes: Notes on the images and warnings, one line each.
+        query: The query, without its panorama.
+        view: The described view.
+        notes: Notes on the images, and warnings, one line each.
     """
 
     query: ServedQuery
@@ -43,7 +43,7 @@ def describe_view(localization: LocalizationMap, query: ServedQuery) -> ServedVi
     """Describe a query.
 
     Raises:
-        InputMissing: The localizer needs other parts.
+        InputMissing: The query lacks a part that the localizer requires.
         DataError: An image is malformed.
     """
     notes = list(query.notes)
@@ -53,13 +53,14 @@ def describe_view(localization: LocalizationMap, query: ServedQuery) -> ServedVi
         view = localization.describe_detections(query.detections or Detections.empty())
     turned = localization.describe_query([view], warn=lambda note: notes.append(str(note))).turned
     description = turned[0] if turned else view.description
-    # A view that is not upside down alone is never turned, so that its panorama is not needed any more.
+    # Replace the function that describes the rotated panorama by its result, so that the panorama can be freed.
     view = replace(view, describe_turned=lambda: (description, 0.0))
     return ServedView(replace(query, panorama=None), view, tuple(dict.fromkeys(notes)))
 
 
 def localize_view(localization: LocalizationMap, described: ServedView) -> Localization:
-    """Return the answer to one view. Its pose is that of the base where the camera has a position on a robot."""
+    """Return the answer to one view. If the query states the position of the camera on a robot, the pose of the answer
+    is the pose of the base of the robot."""
     answer = localization.answer_query(localization.describe_query([described.view]))
     return answer.moved(described.query.position_m)
 
@@ -79,9 +80,9 @@ def describe_answer(
         served: The map.
         described: The view.
         answer: The answer.
-        seconds: Time of the computation.
-        with_objects: Whether to list the objects of the view and those that they were matched with.
-        with_picture: Whether to return the image as the server placed it.
+        seconds: Computing time of the answer.
+        with_objects: Whether to list the objects of the view, and the objects of the map that they were matched with.
+        with_picture: Whether to include the image as the server read it.
     """
     content = answer_json(answer)
     content["notes"] = [*described.notes, *content["notes"]]
@@ -94,7 +95,8 @@ def describe_answer(
 
 
 def _objects(localization: LocalizationMap, described: ServedView, answer: Localization) -> dict[str, Any]:
-    """Return the objects of a view whose description is a saliency graph, and the edges between them."""
+    """Return the objects of a view and the edges between them, as JSON. Both are empty if the description of the view
+    is not a saliency graph."""
     query = described.query
     description = described.view.describe_turned()[0]
     objects = described_objects(description)
@@ -129,7 +131,7 @@ def _objects(localization: LocalizationMap, described: ServedView, answer: Local
 
 
 def _picture(rgb: np.ndarray) -> str:
-    """Return an image (H, W, 3) uint8 as the data URL of a JPEG, reduced to MAX_PICTURE_WIDTH."""
+    """Return an image (H, W, 3) uint8 as the data URL of a JPEG, with a width of at most MAX_PICTURE_WIDTH."""
     import cv2
 
     height, width = rgb.shape[:2]

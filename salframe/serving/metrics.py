@@ -14,10 +14,11 @@ class ServiceMetrics:
     """Counters and times of the service.
 
     Attributes:
-        requests: Number of requests by path template, method and status.
-        request_s: Time from the headers of a request to the end of its answer, by path template.
-        localize_s: Time of the computation of an answer.
-        answers: Number of answers by status.
+        requests: Number of requests by path template, method and HTTP status.
+        request_s: Time in seconds from the arrival of the headers of a request to the end of its response, by path
+            template.
+        localize_s: Computing time of an answer in seconds.
+        answers: Number of answers by status of the localization.
     """
 
     def __init__(
@@ -43,5 +44,5 @@ class ServiceMetrics:
             Gauge(name, help, registry=self._registry).set_function(value)
 
     def text(self) -> bytes:
-        """Return the metrics in the text format."""
+        """Return the metrics in the text format of Prometheus."""
         return generate_latest(self._registry)

@@ -1,4 +1,4 @@
-"""The OpenAPI description of bodies that the service reads itself, with examples."""
+"""OpenAPI schemas and examples of the request bodies that the service parses itself, without FastAPI."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _DETECTIONS = [
     {"label": "bed", "centroid_m": [1.6, 0.9, -1.2], "size_m": [2.0, 1.5, 0.6], "yaw_deg": 90.0},
     {"label": "lamp", "score": 0.8, "centroid_m": [-1.2, 1.5, -0.4], "size_m": [0.3, 0.3, 0.5]},
 ]
-"""Detections of the examples for maps without objects."""
+"""Detections in the examples, if the map has no objects."""
 
 
 def _reference(model: type[BaseModel]) -> dict[str, str]:
@@ -33,7 +33,12 @@ def _reference(model: type[BaseModel]) -> dict[str, str]:
 
 
 def _body(fields: type[BaseModel] | None, content: type[BaseModel]) -> dict[str, Any]:
-    """Return the description of a body: JSON, or an image with text fields."""
+    """Return the OpenAPI description of a request body.
+
+    Args:
+        fields: Model of the text fields of a multipart body with images; None: no multipart body is accepted.
+        content: Model of a JSON body.
+    """
     kinds: dict[str, Any] = {JSON: {"schema": _reference(content)}}
     if fields is not None:
         files = {name: {"type": "string", "format": "binary"} for name in FILES}
@@ -51,8 +56,8 @@ METRICS: dict[int | str, dict[str, Any]] = {200: {"content": {"text/plain": {"sc
 
 
 def add_schemas(app: FastAPI, served: ServedMap) -> None:
-    """Add the schemas of bodies that the service reads itself, and examples for a map, to the OpenAPI description of an
-    app."""
+    """Add the schemas of request bodies that the service parses itself to the OpenAPI description of an app. Add
+    examples from the map."""
     generate = app.openapi
 
     def describe() -> dict[str, Any]:
@@ -71,8 +76,8 @@ def add_schemas(app: FastAPI, served: ServedMap) -> None:
 
 
 def _examples(served: ServedMap) -> dict[str, Any]:
-    """Return an example of the JSON body of each path: objects of the first place of the map, and a route from there to
-    the last place."""
+    """Return an example of the JSON body for each path: objects of the first place of the map, and a route from the
+    first place to the last place."""
     detections, first = _DETECTIONS, find_places(served.localization)
     names = list(first) or ["bedroom"]
     if first:

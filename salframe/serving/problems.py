@@ -1,4 +1,4 @@
-"""Errors as RFC 9457 problem details: one sentence each, without paths of the host."""
+"""Error responses as RFC 9457 problem details. Each error is one sentence, and contains no folders of the server."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ from salframe.framework.errors import (
 
 MEDIA_TYPE = "application/problem+json"
 MAX_DETAIL = 600
-"""Maximum number of characters of a detail."""
+"""Maximum number of characters of the detail (the error message) of a problem."""
 _FOLDERS = re.compile(r"(?<![\w/.:])(?:~|\.{1,2})?/(?:[^\s/'\",;:()]+/)+|(?<!\w)[A-Za-z]:\\(?:[^\s\\'\",;:()]+\\)+")
-"""Folders of an absolute or relative path, before the name of its file."""
+"""Pattern of the folders in an absolute or relative path, before the name of the file."""
 _DETAILS = {
     HTTPStatus.NOT_FOUND: "there is no such path: the page /api lists the paths of the service",
     HTTPStatus.METHOD_NOT_ALLOWED: "the path does not support this method: the page /api lists the methods",
 }
-"""Details of errors of the framework."""
+"""Details of errors that FastAPI raises."""
 _log = logging.getLogger("salframe.serving")
 
 
@@ -45,8 +45,8 @@ class Problem(Exception):
     Attributes:
         status: HTTP status.
         detail: One sentence: what is wrong, the value received, and what was expected.
-        retry_after_s: Seconds after which the client may try again; None: trying again does not help.
-        headers: Further headers of the response.
+        retry_after_s: Time in seconds after which the client may try again; None: trying again does not help.
+        headers: Additional headers of the response, including Retry-After.
     """
 
     def __init__(
@@ -65,10 +65,10 @@ class Problem(Exception):
 
 
 def problem_of(error: BaseException) -> Problem:
-    """Return the problem of an exception.
+    """Convert an exception to a problem.
 
-    An error in the input is reported to the client. Any other exception is written to the log, and the client receives
-    the status 500 without its message.
+    The message of an error in the input is sent to the client. Any other exception is written to the log. For an
+    exception that is not a SalframeError, the client receives the status 500 without the message.
     """
     if isinstance(error, Problem):
         return error
@@ -93,7 +93,7 @@ def problem_of(error: BaseException) -> Problem:
 
 
 def problem_json(problem: Problem) -> dict[str, Any]:
-    """Return the members of RFC 9457, section 3.1."""
+    """Return a problem as JSON, with the members of RFC 9457, section 3.1."""
     return {
         "type": "about:blank",
         "title": problem.status.phrase,
@@ -103,12 +103,12 @@ def problem_json(problem: Problem) -> dict[str, Any]:
 
 
 def hide_folders(text: str) -> str:
-    """Return a message in one line of limited length in which paths are reduced to the names of their files."""
+    """Return a message as one line of limited length. Paths are shortened to the names of their files."""
     return shorten(_FOLDERS.sub("", one_line(text)), MAX_DETAIL)
 
 
 def problem_response(error: BaseException) -> JSONResponse:
-    """Return the response of an exception."""
+    """Return the HTTP response for an exception."""
     problem = problem_of(error)
     return JSONResponse(
         problem_json(problem), status_code=problem.status, headers=problem.headers, media_type=MEDIA_TYPE

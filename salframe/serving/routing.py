@@ -1,4 +1,4 @@
-"""Routes of requests: from a pose, a place or a reference frame to a place or a point."""
+"""Plan the route of a request: from a pose, a place or a reference frame to a place or a point."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def plan_route(served: ServedMap, start: RouteStart, goal: RouteGoal) -> dict[st
     """Return the shortest route as JSON.
 
     Raises:
-        Problem: 409 where the map has no topology, or no route starts at this pose.
+        Problem: 409 if the map has no topology, or if no route can start at this pose or frame.
         NoRoute: Start and goal are not connected.
         UnknownName: There is no such node or place.
         DataError: The point is on no floor.
@@ -55,7 +55,7 @@ def _position(pose: StartPose) -> np.ndarray:
 
 
 def _node_of_frame(topology: TopologicalMap, frame: str) -> str:
-    """Return the id of the node of a reference frame. Raises Problem 409 where it has none."""
+    """Return the id of the node of a reference frame. Raises Problem 409 if the frame has no node."""
     for node in topology.nodes:
         if frame in node.frames:
             return node.id
@@ -66,7 +66,7 @@ def _node_of_frame(topology: TopologicalMap, frame: str) -> str:
 
 
 def _line(topology: TopologicalMap, route: Route) -> list[list[float]]:
-    """Return the corners (x, y, z) of a route."""
+    """Return the corners (x, y, z) of a route in the world frame, in metres."""
     xyz_m = {node.id: node.xyz_m for node in topology.nodes}
     line = [list(xyz_m[route.nodes[0]])]
     for leg in route.legs:

@@ -1,4 +1,4 @@
-"""Starts the service: opens the map, then the port, and finishes requests before it ends."""
+"""Run the service: open the map, open the port, and finish all requests before the end."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from salframe.serving.served_map import MapHolder
 from salframe.serving.streams import MAX_MESSAGE_BYTES
 
 MAX_HEADER_BYTES = 1 << 14
-"""Maximum size of the headers of a request."""
+"""Maximum size of the headers of a request, in bytes."""
 MAX_WAITING_CONNECTIONS = 1024
-"""Maximum number of connections that wait to be accepted."""
+"""Maximum number of connections that wait to be accepted (the backlog of the socket)."""
 
 
 def serve_map(
@@ -41,10 +41,10 @@ def serve_map(
         folder: The map folder.
         host: Address to listen on.
         port: Port to listen on; 0: a free port.
-        token: Token that requests must send; None: no token.
-        origins: Origins of pages of other sites that may use the service.
-        limits: The limits; None: the defaults.
-        tell_url: Called with the URL of the service when it can receive requests.
+        token: Token that requests must send; None: no token is needed.
+        origins: Origins of other sites whose pages may use the service.
+        limits: The limits of the service; None: the default limits.
+        tell_url: Called with the URL of the service after the port was opened.
 
     Raises:
         DataError: The folder contains no map that can localize.
@@ -62,7 +62,7 @@ def serve_map(
 
 
 def make_server(maps: MapHolder, limits: ServiceLimits, rules: AccessRules) -> uvicorn.Server:
-    """Return a server of a map, which runs with `run(sockets=...)` until its `should_exit` is set."""
+    """Return a server of a map. Start it with `run(sockets=...)`. It runs until its attribute `should_exit` is True."""
     config = uvicorn.Config(
         create_app(maps, limits, rules),
         http=_timed_protocol(limits.headers_s),
@@ -87,7 +87,7 @@ def listen(host: str, port: int) -> socket.socket:
     """
     try:
         family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        # asyncio disables Nagle's algorithm, which would delay answers by 40 ms, for sockets with this protocol only.
+        # Nagle's algorithm would delay answers by 40 ms. asyncio disables it only for sockets with this protocol.
         listener = socket.socket(family, kind, socket.IPPROTO_TCP)
         try:
             if os.name == "posix":
@@ -111,7 +111,7 @@ def _url(host: str, port: int) -> str:
 
 
 def _timed_protocol(headers_s: float) -> type[H11Protocol]:
-    """Return a protocol that closes connections whose headers do not arrive in time."""
+    """Return a protocol class that closes a connection if the headers of a request do not arrive in time."""
 
     class TimedProtocol(H11Protocol):
         _timer: asyncio.TimerHandle | None = None

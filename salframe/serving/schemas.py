@@ -1,4 +1,4 @@
-"""Bodies of requests and answers, as in the OpenAPI description."""
+"""Models of the bodies of requests and answers. The OpenAPI description contains them."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import Annotated, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 MAX_NAME = 200
-"""Maximum length of a name or label."""
+"""Maximum number of characters of a name or label."""
 MAX_COORDINATE_M = 1e6
-"""Maximum magnitude of a coordinate in a request."""
+"""Maximum magnitude of a coordinate in a request, in metres."""
 _Metres = Annotated[float, Field(ge=-MAX_COORDINATE_M, le=MAX_COORDINATE_M)]
 _Size = Annotated[float, Field(ge=0, le=MAX_COORDINATE_M)]
 _Vector = Annotated[list[_Metres], Field(min_length=3, max_length=3)]
@@ -18,16 +18,16 @@ _Angle = Annotated[float, Field(ge=-360, le=360)]
 
 
 class RequestBody(BaseModel):
-    """Base of the bodies of requests, which have no unknown keys and finite numbers of limited size.
+    """Base of the bodies of requests. Unknown keys, infinity and NaN are not allowed.
 
-    Unlike those of `Settings`, all limits are fields of pydantic, which checks them in compiled code.
+    All limits are constraints of pydantic fields, because pydantic checks such constraints in fast compiled code.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class DetectedObject(RequestBody):
-    """An object in the frame of the panorama: x ahead, y left, z up. It has a position, or a direction only."""
+    """An object in the panorama frame (x ahead, y left, z up). It has either a position and a size, or a direction."""
 
     label: str = Field(min_length=1, max_length=MAX_NAME)
     score: float = Field(1.0, ge=0, le=1)
@@ -169,7 +169,7 @@ class StartPose(RequestBody):
 
 
 class RouteStart(RequestBody):
-    """Start of a route: exactly one of these fields. Without a pose, an answer starts at its best reference frame."""
+    """Start of a route: exactly one of these fields. If an answer has no pose, use its best reference frame."""
 
     pose: StartPose | None = None
     place: str | None = Field(None, max_length=MAX_NAME, description="name of a place or node")

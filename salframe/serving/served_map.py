@@ -1,4 +1,4 @@
-"""The open map of the service, and its replacement after the files have changed."""
+"""The open map of the service. It is replaced when the files of the map change."""
 
 from __future__ import annotations
 
@@ -25,20 +25,22 @@ from salframe.topology.topological_map import TopologicalMap
 MAX_PLACES_WITH_OBJECTS = 500
 """Maximum number of places whose objects are listed in the GeoJSON of the map."""
 WARM_HEIGHT = 256
-"""Height of the panorama that is localized before the service starts."""
+"""Height in pixels of the panorama that is localized once before the service starts."""
 _log = logging.getLogger("salframe.serving")
 
 
 @dataclass(frozen=True, eq=False)
 class ServedMap:
-    """One version of the map. A request that started with this version also finishes with it, even if
-    a newer version was opened.
+    """One version of the map.
+
+    A request uses the same version from start to end, even if a newer version is opened meanwhile. If the request fails
+    because the files were replaced, it is repeated with the newer version.
 
     Attributes:
         name: Name of the map folder.
         localization: The localization map.
-        topology: The topological map; None where the map has none.
-        stamp: Stamp of map.json, which changes with every version.
+        topology: The topological map; None if the map has none.
+        stamp: Stamp (size and modification time) of map.json. It is different for every version.
     """
 
     name: str
@@ -48,7 +50,7 @@ class ServedMap:
 
     @classmethod
     def open(cls, folder: Path) -> ServedMap:
-        """Open a map and localize one query in it, so that the first request is as fast as later ones.
+        """Open a map, and localize one query in it, so that the first request is as fast as later requests.
 
         Raises:
             DataError: The folder contains no map that can localize.
@@ -62,7 +64,7 @@ class ServedMap:
 
     @property
     def version(self) -> str:
-        """Identifies this version of the map: the modification time of map.json in nanoseconds."""
+        """Identifier of this version of the map: modification time (in nanoseconds) and size of map.json."""
         return f"{self.stamp.modified_ns}-{self.stamp.size}"
 
     @cached_property
@@ -74,7 +76,7 @@ class ServedMap:
         return json.dumps(collection, allow_nan=False, separators=(",", ":")).encode()
 
     def _warm(self) -> None:
-        """Load what the first query needs: the detector with an image, and the matching with a reference frame."""
+        """Load everything that the first query needs: localize an image without objects, and a reference frame."""
         try:
             self.localization.localize(_gray_panorama(), warn=silent)
             if len(self.localization.frames):
@@ -85,7 +87,7 @@ class ServedMap:
 
 
 def _gray_panorama() -> Panorama:
-    """Return a panorama with all parts and without objects."""
+    """Return a grey panorama with colour, range and an empty list of annotated objects."""
     shape = WARM_HEIGHT, 2 * WARM_HEIGHT
     return Panorama(
         "warm-up",
@@ -96,13 +98,13 @@ def _gray_panorama() -> Panorama:
 
 
 class MapHolder:
-    """Holds the current version of a map, and opens the next one when the files have changed.
+    """Holds the current version of a map, and opens the next version when the files have changed.
 
     Attributes:
         current: The current version.
-        num_reloads: Number of versions that were opened after the first one.
-        failure: Why the changed map could not be opened, in one line; None: there was no failure. The previous version
-            remains current.
+        num_reloads: Number of versions that were opened after the first version.
+        failure: The reason why the changed map could not be opened, in one line; None: there was no failure. After a
+            failure, the previous version remains current.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -115,21 +117,22 @@ class MapHolder:
     failure: str | None
 
     def has_changed(self, served: ServedMap) -> bool:
-        """Return whether the files of a version of the map were replaced."""
+        """Return whether the files of the map were replaced after this version was opened."""
         try:
             return _stamp(self._folder) != served.stamp
         except DataError:
             return True
 
     def refresh(self) -> ServedMap:
-        """Return the current version of the map. Open the files first if they have changed.
+        """Return the current version of the map. If the files have changed, open the new version first.
 
-        Returns the previous version if they cannot be opened. This is slow after a change: call it in a thread.
+        If the new version cannot be opened, the previous version is returned. Opening a map is slow: call this method
+        in a thread.
         """
         with self._lock:
             try:
                 stamp = _stamp(self._folder)
-            except DataError as error:  # between two versions, or removed
+            except DataError as error:  # the map is being replaced, or was removed
                 self.failure = str(error)
                 return self.current
             if stamp in (self.current.stamp, self._failed_stamp):
@@ -154,7 +157,7 @@ def _read_parts(parts: MapParts) -> tuple[LocalizationMap, TopologicalMap | None
 
 
 def _stamp(folder: Path) -> FileStamp:
-    """Return the stamp of map.json. Raises DataError where it is missing."""
+    """Return the stamp of map.json. Raises DataError if the file is missing."""
     try:
         return FileStamp.of(folder / MAP)
     except OSError as error:

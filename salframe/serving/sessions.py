@@ -1,4 +1,4 @@
-"""Sessions: the belief of the service on the pose of a moving robot, from its views and its odometry."""
+"""Sessions: each tracks the pose of one moving robot from its views and its odometry."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from salframe.serving.served_map import ServedMap
 
 
 class Session:
-    """One robot, whose observations are applied one after the other.
+    """The session of one robot. Its observations are processed one after the other.
 
     Attributes:
-        id: Secret that names the session.
-        tracker: The tracker of the robot's base.
-        t_s: Time of the last observation, None before the first.
+        id: Secret identifier of the session.
+        tracker: The tracker of the pose of the base of the robot.
+        t_s: Time of the last observation in seconds; None before the first observation.
         num_observations: Number of observations.
-        belief: The belief after the last observation, as JSON.
-        used_s: Time of the last use by the clock of `time.monotonic`.
-        lock: Held while an observation is applied.
-        listeners: Queues that receive each new belief, and None at the end of the session.
+        belief: The belief (estimated pose and status) after the last observation, as JSON.
+        used_s: Time of the last use, by `time.monotonic`.
+        lock: Lock that is held while an observation is processed.
+        listeners: Queues of the open streams. They receive each new belief, and None at the end of the session.
     """
 
     def __init__(self, id: str, served: ServedMap) -> None:
@@ -52,7 +52,7 @@ class Session:
         self.belief = self._describe_belief(None)
 
     def check_time(self, t_s: float) -> None:
-        """Raise Problem 409 unless a time is later than that of the last observation."""
+        """Raise Problem 409 if a time is not later than the time of the last observation."""
         if self.t_s is not None and t_s <= self.t_s:
             raise Problem(
                 HTTPStatus.CONFLICT,
@@ -67,19 +67,19 @@ class Session:
         The latest views are localized together, as in `salframe track`.
 
         Args:
-            served: The map. If it is not the map of the last view, the earlier views are forgotten.
+            served: The map. If it is another version than for the last view, the earlier views are discarded.
             described: The view.
             t_s: Time of the view in seconds.
             odometry: (4, 4) motion of the base since the last observation; None: unknown.
 
         Returns:
-            The answer to the latest views. Its pose is that of the base.
+            The answer to the latest views. Its pose is the pose of the base of the robot.
 
         Raises:
-            Problem: The time is not later than that of the last observation.
+            Problem: The time is not later than the time of the last observation.
             DataError: The files of the map were changed during the call. The session stays unchanged.
         """
-        with self._mutex:  # a request that ran out of time may still be at work
+        with self._mutex:  # the thread of a request that exceeded its time limit may still run
             self.check_time(t_s)
             if self._served is not served:
                 self._use_map(served)
@@ -92,9 +92,9 @@ class Session:
         return answer
 
     def _localize(self, served: ServedMap, described: ServedView, odometry: np.ndarray | None) -> Localization:
-        """Return the answer to the latest views. After an error, the earlier views are forgotten."""
+        """Return the answer to the latest views. After an error, the earlier views are discarded."""
         position_m, between = described.query.position_m, None
-        if odometry is not None:  # the motion of the camera, whose axes are those of the base
+        if odometry is not None:  # compute the motion of the camera; its axes are parallel to the base
             between = translation(-self._position_m) @ odometry @ translation(position_m)
         try:
             self._window.move(between)
@@ -135,7 +135,7 @@ class Session:
         self._notify(None)
 
     def _notify(self, belief: dict[str, Any] | None) -> None:
-        """Put a belief in the queues of the listeners, each of which holds the latest one only."""
+        """Put a belief into the queue of each listener. A queue holds only the latest belief."""
         for listener in self.listeners:
             if listener.full():
                 listener.get_nowait()
@@ -143,7 +143,7 @@ class Session:
 
 
 class SessionStore:
-    """The sessions of the service, a limited number of them. A session without observations ends after some time."""
+    """The sessions of the service. Their number is limited. A session that is not used for some time ends."""
 
     def __init__(self, limits: ServiceLimits) -> None:
         self._limits = limits
@@ -153,7 +153,7 @@ class SessionStore:
         return len(self._sessions)
 
     def create(self, served: ServedMap) -> Session:
-        """Return a new session in a map. Raises Problem 503 where there are too many."""
+        """Return a new session in a map. Raises Problem 503 if there are too many sessions."""
         self.expire()
         if len(self._sessions) >= self._limits.max_sessions:
             oldest_s = min(session.used_s for session in self._sessions.values())
@@ -167,7 +167,7 @@ class SessionStore:
         return session
 
     def get(self, id: str) -> Session:
-        """Return a session and note its use. Raises Problem 404 where there is none."""
+        """Return a session, and record its use. Raises Problem 404 if there is no session with this id."""
         self.expire()
         session = self._sessions.get(id)
         if session is None:
@@ -180,7 +180,7 @@ class SessionStore:
         return session
 
     def end(self, id: str) -> None:
-        """End a session. Raises Problem 404 where there is none."""
+        """End a session. Raises Problem 404 if there is no session with this id."""
         self.get(id).close()
         del self._sessions[id]
 

@@ -14,9 +14,9 @@ from salframe.serving.problems import Problem
 from salframe.serving.sessions import Session, SessionStore
 
 MAX_MESSAGE_BYTES = 4096
-"""Maximum size of a message of a client."""
+"""Maximum size of a message from a client, in bytes."""
 TOKEN_S = 5.0
-"""Maximum time to send the token."""
+"""Maximum time in which a client must send the token, in seconds."""
 POLICY, TRY_AGAIN, GOING_AWAY = 1008, 1013, 1001
 """Close codes of RFC 6455, section 7.4, and of the IANA registry."""
 
@@ -24,9 +24,16 @@ POLICY, TRY_AGAIN, GOING_AWAY = 1008, 1013, 1001
 async def stream_belief(
     socket: WebSocket, session_id: str, sessions: SessionStore, rules: AccessRules, limits: ServiceLimits
 ) -> None:
-    """Send the belief of a session as JSON: now, and after each observation.
+    """Send the belief of a session as JSON, once at the start and after each observation.
 
-    Without the header Authorization, the client sends its token in the first message: {"token": "..."}.
+    If a client cannot set the header Authorization, it sends the token in its first message: {"token": "..."}.
+
+    Args:
+        socket: The WebSocket.
+        session_id: Id of the session.
+        sessions: The sessions of the service.
+        rules: The access rules of the service.
+        limits: The limits of the service.
     """
     await socket.accept()
     try:

@@ -1,4 +1,4 @@
-"""Queries of requests: an uploaded panorama or photograph, or detections as JSON."""
+"""Read the query of a request: an uploaded panorama or photograph, or detections as JSON."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ _Model = TypeVar("_Model", bound=BaseModel)
 
 @dataclass(frozen=True, eq=False)
 class ServedQuery:
-    """A query, read and checked.
+    """A query that was read and checked.
 
     Attributes:
-        panorama: The panorama; None where the query has only detections.
-        detections: Detections; None where there is a panorama.
-        camera: The camera of a photograph; None otherwise.
-        rgb: (H, W, 3) uint8, the image as it was placed; None for detections.
+        panorama: The panorama; None if the query consists of detections.
+        detections: The detections; None if the query is a panorama or photograph.
+        camera: The camera of a photograph; None for other queries.
+        rgb: (H, W, 3) uint8, the uploaded image as it was read; None if there is no colour image.
         notes: Notes on the images, one line each.
     """
 
@@ -56,7 +56,8 @@ class ServedQuery:
 
     @property
     def position_m(self) -> np.ndarray:
-        """Position of the camera in the base frame of the robot, (3,) float64."""
+        """Position of the camera in the base frame of the robot, in metres, (3,) float64; the origin if it is
+        unknown."""
         return np.zeros(3) if self.camera is None else self.camera.position_m
 
 
@@ -95,7 +96,7 @@ class ObservationFields(UploadFields):
 
 
 _JSON_FIELDS = ("range_missing", "camera", "odometry")
-"""Text fields that hold JSON."""
+"""Names of the text fields that contain JSON."""
 
 
 def content_type(request: Request) -> str:
@@ -117,7 +118,8 @@ async def read_json_body(request: Request, model: type[_Model], limits: ServiceL
     """Return the validated JSON body of a request.
 
     Raises:
-        Problem: 400 for invalid JSON, 413 for a large body, 415 for another type, 422 for a wrong content.
+        Problem: 400 if the body is not JSON, 413 if it is too large, 415 if it has another media type, 422 if its
+            content is invalid.
     """
     if content_type(request) != JSON:
         raise Problem(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, f"the body is {MULTIPART}, expected {JSON}")
@@ -133,10 +135,11 @@ async def read_json_body(request: Request, model: type[_Model], limits: ServiceL
 
 
 async def read_form(request: Request, model: type[_Model]) -> tuple[_Model, FormData]:
-    """Return the validated text fields and the files of a multipart body. The caller closes the form.
+    """Return the validated text fields of a multipart body, and the form with its files. The caller closes the form.
 
     Raises:
-        Problem: 400 for an invalid body, 422 for wrong fields.
+        HTTPException: 400 for a malformed body.
+        Problem: 400 for a JSON field that is not JSON, 422 for invalid fields.
     """
     form = await request.form(max_files=len(FILES), max_fields=MAX_FIELDS, max_part_size=MAX_FIELD_BYTES)
     try:
@@ -147,10 +150,10 @@ async def read_form(request: Request, model: type[_Model]) -> tuple[_Model, Form
 
 
 def open_upload(fields: UploadFields, form: FormData, limits: ServiceLimits) -> ServedQuery:
-    """Read the images of a multipart query with the readers for files.
+    """Read the images of a multipart query in the same way as image files.
 
     Raises:
-        Problem: 413 for images with too many pixels.
+        Problem: 413 for an image with too many pixels.
         DataError: There is no image, or an image is malformed.
     """
     files = {name: part for name in FILES if isinstance(part := form.get(name), UploadFile)}
@@ -165,7 +168,7 @@ def open_upload(fields: UploadFields, form: FormData, limits: ServiceLimits) -> 
 
 
 def to_detections(objects: Sequence[DetectedObject], limits: ServiceLimits) -> ServedQuery:
-    """Return a query of detections.
+    """Return a query that consists of detections.
 
     Raises:
         Problem: 413 for too many objects.
@@ -216,7 +219,8 @@ def _read_images(fields: UploadFields, image: Path | None, range_image: Path | N
 
 
 def _store(source: BinaryIO, path: Path, limits: ServiceLimits) -> Path:
-    """Write an upload to a file, and check its number of pixels by its header."""
+    """Write an uploaded image to a file, and check the number of pixels in the header of the image. Raises Problem 413
+    if there are too many."""
     from PIL import Image
 
     source.seek(0)
@@ -225,7 +229,7 @@ def _store(source: BinaryIO, path: Path, limits: ServiceLimits) -> Path:
     try:
         with Image.open(path, formats=("JPEG", "PNG")) as picture:
             width, height = picture.size
-    except Exception:  # Pillow raises many types of exceptions; the reader describes what is wrong
+    except Exception:  # Pillow raises many types of exceptions; the image reader reports the error later
         return path
     if width * height > limits.max_pixels:
         raise Problem(
@@ -236,7 +240,7 @@ def _store(source: BinaryIO, path: Path, limits: ServiceLimits) -> Path:
 
 
 def _text_fields(form: FormData) -> dict[str, Any]:
-    """Return the text fields of a form, those with JSON parsed."""
+    """Return the text fields of a form. The fields that contain JSON are parsed."""
     fields: dict[str, Any] = {}
     for name, value in form.multi_items():
         if isinstance(value, UploadFile) != (name in FILES):

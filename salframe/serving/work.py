@@ -1,4 +1,4 @@
-"""A bounded pool of threads for the work of requests."""
+"""A pool of threads with a limited queue, in which requests are processed."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from salframe.serving.problems import Problem
 
 _Result = TypeVar("_Result")
 _WEIGHT = 0.1
-"""Weight of a new duration in the mean duration of requests."""
+"""Weight of the latest duration in the moving mean of the durations of requests."""
 
 
 class WorkPool:
-    """Runs calls in threads. Calls beyond the size of its queue are refused.
+    """Runs calls in threads. If the queue is full, further calls are rejected.
 
-    A call that takes too long is answered with an error, and keeps its thread until it ends. Its inputs are bounded, so
-    that it does end.
+    If a call takes too long, the client receives an error, and the call occupies its thread until it ends. It does end,
+    because the size of its inputs is limited.
     """
 
     def __init__(self, limits: ServiceLimits) -> None:
@@ -46,10 +46,10 @@ class WorkPool:
             )
 
     async def run(self, call: Callable[[], _Result]) -> _Result:
-        """Return the result of a call that runs in a thread.
+        """Run a call in a thread, and return its result.
 
         Raises:
-            Problem: The queue is full, or the call did not end in time.
+            Problem: 503 if the queue is full, or if the call did not end in time.
         """
         self.check_room()
         self._num_pending += 1

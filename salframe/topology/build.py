@@ -1,4 +1,4 @@
-"""Builds the topological map from floor masks and reference frames (docs/how-to/maps.md#what-the-map-is-made-of)."""
+"""Build the topological map from floor masks and reference frames (docs/how-to/maps.md#what-the-map-is-made-of)."""
 
 from __future__ import annotations
 
@@ -31,27 +31,28 @@ def build_topology(
     settings: TopologySettings | None = None,
     sources: TopologySources | None = None,
 ) -> TopologicalMap:
-    """Build the topological map of floors: transition nodes from the masks, scene nodes from reference frames, and
-    edges between nodes with a line of sight over clear floor.
+    """Build the topological map of a building from its floor masks and reference frames.
 
-    A scene node is placed at each frame of kind "scene"; a frame of kind "transition" is assigned to the transition
-    node near it. Without scene frames, or with `choose`, each region has one scene node, at its clear pixel with the
-    largest clearance. Nodes that are connected by clear floor, but not by lines of sight, get edges along the shortest
-    paths over clear floor.
+    Transition nodes are placed in the doorways of the masks. A scene node is placed at each frame of kind "scene". A
+    frame of kind "transition" is assigned to the transition node near it. If there are no scene frames, or with the
+    setting `choose`, each region has one scene node, at its pixel with the largest clearance.
+
+    Clear floor is the floor where the robot fits. Edges join nodes with a line of sight over clear floor. Nodes that
+    are connected by clear floor, but not by lines of sight, get edges along shortest paths.
 
     Args:
         floors: The masks of the floors.
         frames: The reference frames.
-        settings: Settings of the map, by default `TopologySettings()`.
-        sources: Where the floors come from, by default from floor masks.
+        settings: Settings of the map; None: `TopologySettings()`.
+        sources: Where the floors come from; None: from floor masks.
 
     Returns:
-        The map. Its `notes` list the edges that were added, the frames that were moved or left out, and the regions and
-        nodes that are out of reach.
+        The map. Its `notes` list the edges along shortest paths, the frames that were moved or left out, and the
+        regions and nodes that are out of reach.
 
     Raises:
-        DataError: There is no floor, two floors that touch have the same height, a floor has no region, two nodes have
-            the same name, or a frame has no pose.
+        DataError: In any of these cases: there is no floor; two floors that touch have the same height; no region of a
+            floor has free floor; two nodes have the same name.
     """
     if not floors:
         raise DataError("a topological map needs floor masks, received none: the dataset has no floors")
@@ -82,7 +83,7 @@ def build_topology(
 def _split_by_floor(
     frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks], notes: list[str]
 ) -> list[list[ReferenceFrame]]:
-    """Return the frames of each floor."""
+    """Return the frames of each floor. Append a note for each frame that is on no floor."""
     check_heights(floors)
     frames_by_floor: list[list[ReferenceFrame]] = [[] for _ in floors]
     for frame in frames:
@@ -138,7 +139,7 @@ class _FloorMap:
         self._positions.append(pixel)
 
     def _add_scenes(self, frames: Sequence[ReferenceFrame]) -> None:
-        """Add a scene node at the position of each frame; frames on the same pixel share a node."""
+        """Add a scene node at the position of each frame. Frames on the same pixel share a node."""
         frames_at: dict[tuple[int, int], list[tuple[ReferenceFrame, np.ndarray]]] = {}
         for frame in frames:
             pixel = self._snap(frame)
@@ -150,8 +151,11 @@ class _FloorMap:
             self._add(frame.id, NodeKind.SCENE, pixel, (region,), tuple(other.id for other, _ in entries))
 
     def _snap(self, frame: ReferenceFrame) -> np.ndarray | None:
-        """Return the clear pixel position nearest to a frame, within the region of the frame's place where the floor
-        has that region; None if it is farther than `snap_m`."""
+        """Return the position (row, column) of the node of a frame; None if it is farther than `snap_m` from the frame.
+
+        It is the position of the frame, if the floor is clear there. Otherwise it is the centre of the nearest clear
+        pixel, in the region of the place of the frame if the floor has this region.
+        """
         grid, max_distance_m = self._grid, self._settings.snap_m
         labels = [label for label, name in self._names.items() if name == frame.place]
         position = grid.to_pixel(frame.T_world_pano[:2, 3])
@@ -168,7 +172,8 @@ class _FloorMap:
         return pixel
 
     def _choose_scenes(self, frames: Sequence[ReferenceFrame]) -> None:
-        """Add a scene node at the pixel of each region with the largest clearance; it gets all frames of its place."""
+        """Add one scene node for each region, at its pixel with the largest clearance. All frames of the place are
+        assigned to this node."""
         clear = np.where(self._grid.clear, self._grid.clearance_m, -1.0)
         for label, name in self._names.items():
             clearance_m = np.where(self._grid.label == label, clear, -1.0)
@@ -228,8 +233,8 @@ class _FloorMap:
         self._note_unreachable(components(len(positions), connections))
 
     def _note_unreachable(self, component: np.ndarray) -> None:
-        """Note the regions and nodes that cannot be reached from the main connected part of the floor, which has the
-        largest number of regions."""
+        """Append notes on the regions and nodes that cannot be reached from the main part of the floor. The main part
+        is the connected component with the largest number of regions."""
         parts = [
             {name for node, c in zip(self.nodes, component, strict=True) if c == part for name in node.regions}
             for part in range(int(component.max()) + 1)

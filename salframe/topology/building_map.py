@@ -38,8 +38,8 @@ class BuildingMap:
     """The map of a building.
 
     Attributes:
-        localization: The localization map, None for data without reference frames.
-        topology: The topological map; None if the data have no floors or the topology was disabled.
+        localization: The localization map; None for data without reference frames.
+        topology: The topological map; None if the data have no usable floors, or the topology was disabled.
     """
 
     localization: LocalizationMap | None
@@ -54,8 +54,8 @@ class BuildingMap:
 
 
 def by_place(frames: Iterable[ReferenceFrame]) -> list[ReferenceFrame]:
-    """Return frames sorted by place and id, so that a topology does not depend on the changes by which its map was
-    made."""
+    """Return frames sorted by place and id. A topology thus does not depend on the order in which frames were added to
+    the map."""
     return sorted(frames, key=lambda frame: (frame.place, frame.id))
 
 
@@ -88,20 +88,21 @@ def build_map(
         topology: whether to build the topology of the floors.
         central_nodes: place one scene node in the widest part of each region, instead of one at each reference frame.
         calibrate: whether to calibrate the probabilities of the method with the reference frames.
-        floor_map: YAML file of a robot's occupancy map (`read_map_server`), whose free space is used where the dataset
+        floor_map: YAML file of the occupancy map of a robot (`read_map_server`). Its free space is used if the dataset
             has no floor masks.
         data_dir: folder with the files of the dataset.
         overrides: settings, "key.path=value" each; settings of data and engine start with "data." and "engine.".
-        engine: name of the component that renders and describes.
+        engine: name of the engine, which distributes the rendering and the description of panoramas.
         progress: called with the name of the step, the number of items done and their total number.
         tell: called with messages for the user, one line each.
 
     Raises:
         ConfigError: `output` holds something other than a map, or `central_nodes` or `floor_map` was combined with
             `topology=False`.
-        DataError: `floor_map` cannot be read, the data have neither reference frames nor usable floors, or no usable
-            floors with `central_nodes` or `floor_map`.
-        RequirementMissing: A package that derives floors is not installed, with `central_nodes` or `floor_map`.
+        DataError: `floor_map` cannot be read, or the data have no usable floors. Missing floors are an error only if
+            `central_nodes` or `floor_map` was passed, or if the data have no reference frames.
+        RequirementMissing: `central_nodes` or `floor_map` was passed, and a package that derives floors is not
+            installed.
         InputMissing: None of the components that `auto` may select can run.
     """
     output = Path(output)
@@ -154,9 +155,11 @@ def plan_floors(
     Args:
         dataset: The prepared dataset.
         frames: Its reference frames.
-        localizer: The localizer of the map. The objects that it finds name regions where the frames have no places.
+        localizer: The localizer of the map. If the frames have no places, the objects in its descriptions determine the
+            names of the regions.
         progress: As in `build_map`.
-        space: The free space of the only storey, such as that of a robot's map; None: from the range images.
+        space: The free space of the only storey, for example from the occupancy map of a robot; None: it is computed
+            from the range images.
 
     Raises:
         DataError: No floors can be derived from the frames.
@@ -187,12 +190,12 @@ class Whereabouts:
 
     Attributes:
         localization: The answer of the localizer.
-        node: The nearest node; without a pose on a floor, the node of the best reference frame. None in a map without
-            topology, and if the answer is not accepted.
-        distance_m: Walking distance to the node, None without a pose.
-        heading_rad: Azimuth of the panorama's x axis in the world frame, None without a pose.
-        route: The route to the goal, where a goal was passed and can be reached.
-        no_route: Why there is no route, where a goal was passed.
+        node: Id of the node nearest to the estimated position. If there is no pose on a floor, id of the node of the
+            best reference frame. None if the map has no topology, or if the answer is not accepted.
+        distance_m: Walking distance to the node in metres; None without a pose.
+        heading_rad: Azimuth of the x axis of the panorama in the world frame; None without a pose.
+        route: The route to the goal; None if no goal was passed, or there is no route.
+        no_route: The reason why there is no route to the goal; None if there is a route, or no goal was passed.
     """
 
     localization: Localization
@@ -213,9 +216,9 @@ def ask_map(
 ) -> Whereabouts:
     """Localize a query with a saved map, find the nearest node, and plan the route to a node, place or sign.
 
-    The route begins at the estimated pose, in the node `here`. Without a pose, it begins at the node of the best
-    reference frame. If there is no route, the answer has the reason: the goal is unknown or cannot be reached, the map
-    has no topology, or the answer is not accepted.
+    The route begins at the estimated position, which becomes the node `here`. Without a pose, it begins at the node of
+    the best reference frame. If there is no route, the answer states the reason: the goal is unknown or cannot be
+    reached, the map has no topology, or the answer of the localizer is not accepted.
 
     Args:
         directory: folder of the map.

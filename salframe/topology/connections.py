@@ -1,4 +1,4 @@
-"""Stairs and lifts, which connect the storeys of a map."""
+"""Connections: stairs and lifts between the storeys of a map."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ def read_connections(path: Path) -> list[Connection]:
 
 
 def connect_storeys(topology: TopologicalMap, connections: Iterable[Connection]) -> TopologicalMap:
-    """Return a map with an edge for each connection, in addition to those that it has.
+    """Return a map with additional edges, one for each connection.
 
-    If an end is a place with several nodes, the edge joins the two nodes that are nearest to each other in top view.
-    Another connection of the same two nodes is replaced.
+    If an end is a place with several nodes, the edge joins the two nodes that are nearest to each other in top view. If
+    the map already has a connection between the same two nodes, the new connection replaces it.
 
     Args:
         topology: The map.
@@ -68,9 +68,10 @@ def connect_storeys(topology: TopologicalMap, connections: Iterable[Connection])
 
 
 def connect_by_walks(topology: TopologicalMap, frames: Sequence[ReferenceFrame]) -> TopologicalMap:
-    """Return a map with a connection for each recorded walk between its storeys, and a note for each.
+    """Return a map with a connection, and a note, for each recorded walk between its storeys.
 
-    The shortest walk between two places counts. Walks whose ends have no node are left out.
+    If there are several walks between two places, the shortest walk is used. Walks whose ends have no node are left
+    out.
 
     Args:
         topology: The map.
@@ -97,7 +98,8 @@ def connect_by_walks(topology: TopologicalMap, frames: Sequence[ReferenceFrame])
 
 
 def restore_connections(topology: TopologicalMap, connections: Iterable[Connection]) -> TopologicalMap:
-    """Return a map with known connections. Those whose ends the map does not have are dropped, with a note."""
+    """Add known connections to a map, such as those from before it was computed again. A connection with an end that the
+    map does not have is dropped, and a note states this."""
     for connection in connections:
         try:
             topology = connect_storeys(topology, [connection])
@@ -110,7 +112,7 @@ def restore_connections(topology: TopologicalMap, connections: Iterable[Connecti
 
 
 def apart_note(floors: Sequence[FloorMasks], edges: Sequence[MapEdge]) -> str | None:
-    """Return a note about floors that no edge connects, None if all are connected."""
+    """Return a note about floors that no edge connects; None if all floors are connected."""
     pairs = np.array([edge.storeys for edge in edges if edge.storeys], int).reshape(-1, 2) - 1
     count = len(set(components(len(floors), pairs).tolist()))
     if count == 1:

@@ -21,9 +21,9 @@ from salframe.topology.storeys import storeys
 from salframe.topology.topological_map import PartSource, TopologySources
 
 NUM_HEIGHT_FRAMES = 30
-"""Maximum number of frames per storey that the height of the floor is measured in."""
+"""Maximum number of frames per storey from which the height of the floor is measured."""
 NUM_SAMPLES = 5
-"""Number of frames that are read to find out whether the frames have range."""
+"""Number of frames that are read to check whether the frames have range."""
 NUM_LISTED = 3
 """Number of frames to name in a note."""
 
@@ -47,7 +47,7 @@ class FloorPlan:
 
 @dataclass(frozen=True, eq=False)
 class _Storey:
-    """The frames of a storey, their positions (N, 2), the height of the floor, and the free space."""
+    """The frames of a storey, their positions (N, 2) in the world, the height z_m of the floor, and the free space."""
 
     frames: tuple[ReferenceFrame, ...]
     xy_m: np.ndarray
@@ -56,7 +56,8 @@ class _Storey:
 
 
 def has_places(frames: Sequence[ReferenceFrame]) -> bool:
-    """Return whether frames have places. An import without places makes each frame a place, named by its id."""
+    """Return whether frames have places. In data that were imported without places, the place of each frame is its
+    id."""
     return any(frame.place != frame.id for frame in frames)
 
 
@@ -70,18 +71,20 @@ def derive_floors(
 
     Storeys are clusters of camera heights. The free space of a storey is an occupancy grid of the range images
     (`OccupancyGrid`). Its regions grow from the places of the frames of kind "scene" (`grow_regions`). If the frames
-    have no places, regions are split where the free space narrows (`split_regions`) and named by their objects
-    (`name_regions`). Frames whose places are their ids have no places if two of them stand in one such region.
+    have no places (the place of each frame is its id), regions are split where the free space narrows (`split_regions`)
+    and named by their objects (`name_regions`). If no such region contains two frames, the ids are used as places.
 
     Args:
         frames: The reference frames.
-        labels: Returns the labels of the objects in a frame, which name the regions of frames without places.
+        labels: Function that returns the labels of the objects in a frame. They determine the names of the regions if
+            the frames have no places. None: no labels are known.
         progress: Called as progress(done, total) with numbers of frames.
-        space: The free space of the only storey, such as that of a robot's map; None: from the range images.
+        space: The free space of the only storey, for example from the occupancy map of a robot; None: it is computed
+            from the range images.
 
     Raises:
-        DataError: A free space was passed for frames on several storeys, the frames have no range, no free floor was
-            seen, or a storey is too large for one grid.
+        DataError: In any of these cases: a free space was passed for frames on several storeys; the frames have no
+            range; no frame shows free floor; a storey is too large for one grid.
         RequirementMissing: scikit-image is not installed.
     """
     if space is None and not any(panorama.range_m is not None for _, panorama in load_samples(frames, NUM_SAMPLES)):
@@ -129,15 +132,15 @@ def extend_floors(
     sources: TopologySources,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[FloorMasks, ...]:
-    """Extend derived floors by reference frames, without the range images that the floors were derived from.
+    """Extend derived floors by new reference frames. The range images of the map are not needed.
 
-    The free space of the new frames is added to the stored one, unless the stored one is that of a map file. All
-    regions grow again from the places of the frames.
+    The free space of the new frames is added to the free space of the map. If the free space of the map comes from a
+    map file, it does not change. All regions grow again from the places of the frames.
 
     Args:
         floors: The derived floors.
-        frames: The reference frames that remain from the map. They need no range.
-        added: The new reference frames. A place of theirs replaces the place of the same name.
+        frames: The reference frames of the map that remain. They need no range.
+        added: The new reference frames. A new place replaces a place of the map with the same name.
         sources: Where the floors come from.
         progress: Called as progress(done, total) with numbers of new frames.
 
@@ -174,7 +177,7 @@ def extend_floors(
 
 
 def _unite(floor: FloorMasks, other: FloorMasks) -> FloorMasks:
-    """Return the floor with the free space of both floors, which have the same resolution, and without regions."""
+    """Return a floor with the free space of two floors, without regions. Both floors must have the same resolution."""
     size_m = floor.resolution_m
     corners_m = np.array([one.origin_m for one in (floor, other)])
     left_m, top_m = float(corners_m[:, 0].min()), float(corners_m[:, 1].max())
@@ -206,7 +209,8 @@ def _find_storeys(
     progress: Callable[[int, int], None] | None,
     notes: list[str],
 ) -> list[_Storey]:
-    """Return the storeys with their free space, lowest first. `space` is that of a single storey, None if unknown."""
+    """Return the storeys with their free space, lowest first. `space` is the free space of a single storey; None: it is
+    computed from the range images."""
     levels = []
     groups = storeys(np.array([frame.T_world_pano[2, 3] for frame in frames]))
     if space is not None and len(groups) > 1:
@@ -242,9 +246,10 @@ def _listed(ids: Sequence[str]) -> str:
 
 
 def _scan(frames: Sequence[ReferenceFrame], xy_m: np.ndarray, z_m: float, count: _Count, notes: list[str]) -> FreeSpace:
-    """Return the free space of a storey from its frames, at positions xy_m (N, 2), and note those without range.
+    """Return the free space of a storey from its frames at positions xy_m (N, 2). Append a note on frames without
+    range.
 
-    Frames that cannot be read are left out; the localizer reports them.
+    Frames that cannot be read are left out. The localizer reports them later.
     """
     grid, without_range = OccupancyGrid(xy_m, z_m), []
     for frame in frames:
@@ -265,8 +270,8 @@ def _scan(frames: Sequence[ReferenceFrame], xy_m: np.ndarray, z_m: float, count:
 
 
 def _floor_height(frames: Sequence[ReferenceFrame]) -> float:
-    """Return the height of the floor below cameras in the world frame, in metres: the median over frames that see it,
-    or USUAL_M below the cameras where none does."""
+    """Return the height of the floor below cameras, in the world frame in metres: the median over the frames that show
+    the floor. If no frame shows the floor, the floor is assumed USUAL_M below the cameras."""
     heights_m = []
     for frame, panorama in load_samples(frames, NUM_HEIGHT_FRAMES):
         height_m = None if panorama.range_m is None else camera_height(panorama.range_m)

@@ -10,14 +10,14 @@ from salframe.topology.topological_map import MapEdge
 
 
 def sight_pairs(grid: FloorGrid, pixels: np.ndarray) -> np.ndarray:
-    """Return the pairs i < j of positions with a line of sight over clear floor.
+    """Return the pairs of positions with a line of sight over clear floor.
 
     Args:
         grid: The floor.
         pixels: (N, 2) float64 positions (row, column).
 
     Returns:
-        (E, 2) int64.
+        (E, 2) int64, indices i < j of the positions of each pair.
     """
     first, second = np.triu_indices(len(pixels), 1)
     visible = sees(grid.clear, pixels[first], pixels[second])
@@ -25,7 +25,8 @@ def sight_pairs(grid: FloorGrid, pixels: np.ndarray) -> np.ndarray:
 
 
 def components(count: int, pairs: np.ndarray) -> np.ndarray:
-    """Return the connected component of each of `count` nodes connected by pairs (E, 2), (count,) int."""
+    """Return the index of the connected component of each of `count` nodes, (count,) int. The pairs (E, 2) of node
+    indices are connected."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
@@ -34,7 +35,14 @@ def components(count: int, pairs: np.ndarray) -> np.ndarray:
 
 
 def make_edge(grid: FloorGrid, start: str, end: str, corners: np.ndarray) -> MapEdge:
-    """Return the edge along corners (K, 2), pixels (row, column); a straight edge for two corners."""
+    """Return the edge between two nodes along a path.
+
+    Args:
+        grid: The floor.
+        start: Id of the first node.
+        end: Id of the second node.
+        corners: (K, 2) corners of the path as (row, column), including both ends. Two corners give a straight edge.
+    """
     path = grid.to_metres(corners)
     x, y = path[-1] - path[0]
     length_m = float(np.hypot(*np.diff(path, axis=0).T).sum())
@@ -43,20 +51,20 @@ def make_edge(grid: FloorGrid, start: str, end: str, corners: np.ndarray) -> Map
 
 
 def joining_paths(grid: FloorGrid, pixels: np.ndarray, component: np.ndarray) -> list[tuple[int, int, np.ndarray]]:
-    """Return the shortest paths that connect the components of nodes where clear floor does: their minimum spanning
-    tree.
+    """Return shortest paths over clear floor that connect components of nodes, as far as clear floor connects them.
 
-    Candidates are the paths through the borders between the neighbourhoods of nodes, where a neighbourhood is the set
-    of pixels with the shortest walking distance to its node. A path of the tree crosses no other neighbourhood.
+    The paths form a minimum spanning tree of the components. The neighbourhood of a node contains the pixels from which
+    this node has the shortest walking distance. Only paths between two nodes whose neighbourhoods touch are considered,
+    so that a path does not cross the neighbourhood of a third node.
 
     Args:
         grid: The floor.
         pixels: (N, 2) float64 positions (row, column) of the nodes.
-        component: (N,), the component of each node.
+        component: (N,) int, the component of each node.
 
     Returns:
-        Paths (i, j, corners) from node i to node j over clear floor, straight between corners (K, 2), pixels
-        (row, column).
+        Paths (i, j, corners) from node i to node j. `corners` (K, 2) are positions (row, column); a path is straight
+        between its corners.
     """
     from scipy import ndimage
     from scipy.sparse.csgraph import dijkstra
@@ -95,7 +103,7 @@ def joining_paths(grid: FloorGrid, pixels: np.ndarray, component: np.ndarray) ->
 
 
 def _spanning_paths(first: np.ndarray, second: np.ndarray, length: np.ndarray, count: int) -> list[int]:
-    """Return the positions of the paths between components (first < second) that form the minimum spanning tree."""
+    """Return the indices of the paths between components (first < second) that form the minimum spanning tree."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import minimum_spanning_tree
 
@@ -110,7 +118,7 @@ def _spanning_paths(first: np.ndarray, second: np.ndarray, length: np.ndarray, c
 
 
 def _trace(before: np.ndarray, pixel: int) -> list[int]:
-    """Return the pixels from a pixel back to its nearest node."""
+    """Return the pixels on the shortest path from a pixel to its nearest node."""
     line = [pixel]
     while before[line[-1]] >= 0:
         line.append(int(before[line[-1]]))
@@ -118,7 +126,8 @@ def _trace(before: np.ndarray, pixel: int) -> list[int]:
 
 
 def _pull_straight(clear: np.ndarray, line: np.ndarray) -> np.ndarray:
-    """Return the corners (K, 2) of a line (L, 2) after each corner is connected to the farthest visible point."""
+    """Return the corners (K, 2) of a straightened line (L, 2): after each corner, the next corner is the last point of
+    the line that is visible from it."""
     corners = [0]
     while corners[-1] < len(line) - 1:
         ahead = np.arange(corners[-1] + 1, len(line))

@@ -1,4 +1,4 @@
-"""Exports a map to other programs, in the format that the suffix of the file names."""
+"""Export a map for other programs. The suffix of the file selects the format."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from salframe.topology.topological_map import TopologicalMap
 
 
 def export_map(directory: str | Path, path: str | Path, anchor: GeoAnchor | None = None) -> tuple[Path, ...]:
-    """Write a map for other programs, in the format of the file's suffix.
+    """Write a map to a file for other programs. The suffix of the file selects the format.
 
     - .json: the places with their frames and objects, and a JSON schema beside it.
     - .geojson: floors, places, objects, nodes and edges.
@@ -41,7 +41,7 @@ def export_map(directory: str | Path, path: str | Path, anchor: GeoAnchor | None
 
     Raises:
         ConfigError: The file has another suffix, or an anchor was passed for another format.
-        DataError: The map has no such part.
+        DataError: The map lacks the part that the format needs.
     """
     directory, path = Path(directory), Path(path)
     if path.suffix not in _WRITERS:
@@ -95,8 +95,11 @@ def _write_parquet(directory: Path, path: Path) -> tuple[Path, ...]:
 
 
 def _write_graphml(directory: Path, path: Path) -> tuple[Path, ...]:
-    """Write nodes with kind, x_m, y_m, z_m, regions and frames, and edges with kind, length_m, azimuth_deg and path_m;
-    lists are joined by ';'."""
+    """Write the topology as GraphML.
+
+    Nodes have the attributes kind, x_m, y_m, z_m, regions and frames. Edges have the attributes kind, length_m,
+    azimuth_deg and path_m. Lists are joined by ';'.
+    """
     import networkx as nx
 
     topology = open_topology(directory)

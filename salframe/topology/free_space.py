@@ -11,25 +11,29 @@ from salframe.panoramas.floors import MAX_PIXELS
 from salframe.panoramas.geometry import equirectangular_rays
 
 RESOLUTION_M = 0.05
-"""Size of a cell."""
+"""Size of a grid cell in metres."""
 BAND_M = 0.15, 1.8
-"""Heights above the floor between which a surface is an obstacle. Lower surfaces are floor."""
+"""Minimum and maximum height above the floor, in metres, of a surface that is an obstacle. Lower surfaces are floor."""
 TALL_M = 1.5, 2.2
-"""Heights above the floor at which a surface makes an obstacle a wall or tall furniture."""
+"""Minimum and maximum height above the floor, in metres, of a surface that makes its cell a tall obstacle: a wall or
+tall furniture."""
 MAX_RANGE_M = 8.0
-"""Maximum horizontal distance of the surfaces in use. Beyond it, neighbouring pixels are more than a cell apart."""
+"""Maximum horizontal distance, in metres, of the surfaces in use. Beyond it, neighbouring pixels are more than a cell
+apart."""
 SELF_M = 0.3
-"""Horizontal distance from the camera within which surfaces are ignored: the tripod, the robot or the person."""
+"""Horizontal distance from the camera, in metres, within which surfaces are ignored: they belong to the tripod, the
+robot or the person with the camera."""
 LOG_ODDS_OCCUPIED, LOG_ODDS_FREE = 1.4, -0.7
-"""Change of the log odds of a cell for each panorama that sees a surface in it, or that sees through it. They
-correspond to probabilities of 0.80 and 0.33."""
+"""Changes of the log odds of a cell, for each panorama that shows a surface in the cell, and for each panorama that
+shows the cell to be empty. They correspond to probabilities of 0.80 and 0.33."""
 MAX_LOG_ODDS = 5.0
-"""Limit of the log odds of a cell, in both directions."""
+"""Maximum magnitude of the log odds of a cell."""
 MAX_HOLE_M2 = 0.5
-"""Maximum area of an unseen part of the floor that counts as a low obstacle, such as the shadow of a chair."""
+"""Maximum area, in square metres, of an unseen part of the floor that is treated as a low obstacle. Such a part is, for
+example, hidden by a chair."""
 SLIVER_M = 0.35
-"""Maximum width of an unseen strip of floor that counts as walkable: the shadow of an obstacle, between what two
-panoramas see. Wider unseen parts may hold an obstacle."""
+"""Maximum width, in metres, of an unseen strip of floor that is treated as walkable. Such a strip lies between the
+areas that two panoramas show. A wider unseen part may contain an obstacle."""
 MAX_ROWS = 512
 """Maximum number of rows of a range image after subsampling."""
 
@@ -42,8 +46,8 @@ class FreeSpace:
         walkable: (rows, columns) bool, cells without an obstacle.
         low: (rows, columns) bool, cells with an obstacle that is not tall, such as a chair, and cells of small
             areas that no panorama shows.
-        origin_m: World (x, y) of the upper left corner.
-        resolution_m: Size of a cell.
+        origin_m: World (x, y) of the upper left corner, in metres.
+        resolution_m: Size of a cell in metres.
     """
 
     walkable: np.ndarray
@@ -53,20 +57,22 @@ class FreeSpace:
 
     @property
     def floor(self) -> np.ndarray:
-        """(rows, columns) bool, floor with and without low obstacles: what walls and tall furniture enclose."""
+        """(rows, columns) bool, walkable cells and low obstacles: the floor that walls and tall furniture enclose."""
         return self.walkable | self.low
 
     def cells(self, xy_m: np.ndarray) -> np.ndarray:
-        """Return the (row, column) of positions (N, 2), (N, 2) int. They may be outside the grid."""
+        """Return the cells (row, column), (N, 2) int, of world positions (x, y) in metres, (N, 2). The cells may lie
+        outside of the grid."""
         return _cells(xy_m, self.origin_m, self.resolution_m)
 
 
 class OccupancyGrid:
     """An occupancy grid of one storey, to which panoramas are added.
 
-    A cell is an obstacle if a panorama sees a surface in the height band above it. A cell is free if a panorama sees
-    the floor in it, or if it lies before the nearest obstacle in its direction: every line from the camera to a point
-    above such a cell is unobstructed, so the whole height band above it is empty.
+    A panorama votes for an obstacle in a cell if it shows a surface between the heights BAND_M above the cell. It votes
+    for a free cell if it shows the floor in the cell, or if the cell lies between the camera and the nearest obstacle
+    in its direction. Above such a cell, all lines of sight are unobstructed, so that the space between the heights
+    BAND_M is empty. The votes are summed as log odds.
     """
 
     def __init__(self, camera_xy_m: np.ndarray, z_m: float) -> None:
@@ -133,8 +139,8 @@ class OccupancyGrid:
         num_directions: int,
         camera_xy_m: np.ndarray,
     ) -> np.ndarray:
-        """Return the cells before the nearest obstacle of each direction, (rows, columns) bool. In a direction without
-        an obstacle, they end at the farthest floor."""
+        """Return the cells between the camera and the nearest obstacle in each direction, (rows, columns) bool. In a
+        direction without an obstacle, these cells end at the farthest visible floor."""
         import cv2
 
         turn = np.arctan2(offset_m[:, 1], offset_m[:, 0]) / (2 * np.pi) % 1
@@ -146,7 +152,7 @@ class OccupancyGrid:
         reach_m = np.where(np.isfinite(nearest_m), nearest_m, farthest_m)
         azimuth = (np.arange(num_directions) + 0.5) * 2 * np.pi / num_directions
         corners_m = camera_xy_m + reach_m[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], 1)
-        # fillPoly also fills the cells on the outline; the pixel centre is at an integer.
+        # fillPoly also fills the cells on the outline. In OpenCV, pixel centres have integer coordinates.
         pixels = (corners_m - self.origin_m) / (RESOLUTION_M, -RESOLUTION_M) - 0.5
         filled = np.zeros(self._log_odds.shape, np.uint8)
         cv2.fillPoly(filled, [np.round(pixels * 16).astype(np.int32)], 1, shift=4)
@@ -159,10 +165,11 @@ class OccupancyGrid:
         return row, column
 
     def free_space(self, camera_xy_m: np.ndarray) -> FreeSpace:
-        """Return the free space that is connected with a camera, cropped.
+        """Return the free space that is connected with a camera position, cropped to its extent.
 
         Args:
-            camera_xy_m: (N, 2) positions of cameras. The cells within SELF_M of them are free.
+            camera_xy_m: (N, 2) positions of cameras in the world frame. Cells within SELF_M of a camera are free if no
+                surface was seen in them.
         """
         import cv2
         from scipy import ndimage
@@ -188,7 +195,8 @@ class OccupancyGrid:
 
 
 def _slivers(walkable: np.ndarray, unseen: np.ndarray, tall: np.ndarray) -> np.ndarray:
-    """Return the unseen cells between walkable cells at most SLIVER_M apart, but not the inside of walls."""
+    """Return the unseen cells in gaps of at most SLIVER_M between walkable cells, (rows, columns) bool. Cells in or
+    near walls are excluded."""
     import cv2
 
     size = round(SLIVER_M / RESOLUTION_M)
@@ -199,7 +207,7 @@ def _slivers(walkable: np.ndarray, unseen: np.ndarray, tall: np.ndarray) -> np.n
 
 
 def _small_parts(mask: np.ndarray, max_area_m2: float) -> np.ndarray:
-    """Return the connected parts of a mask up to a maximum area."""
+    """Return the mask without its connected parts that are larger than a maximum area."""
     from scipy import ndimage
 
     parts, _ = ndimage.label(mask)
@@ -207,6 +215,6 @@ def _small_parts(mask: np.ndarray, max_area_m2: float) -> np.ndarray:
 
 
 def _cells(xy_m: np.ndarray, origin_m: tuple[float, float], resolution_m: float = RESOLUTION_M) -> np.ndarray:
-    """Return the (row, column) of positions (N, 2), (N, 2) int."""
+    """Return the cells (row, column), (N, 2) int, of world positions (x, y) in metres, (N, 2)."""
     column, row = np.floor((xy_m - origin_m) / (resolution_m, -resolution_m)).astype(int).T
     return np.stack([row, column], 1)

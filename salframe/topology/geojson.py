@@ -91,13 +91,15 @@ def map_geojson(
     - `floor`: outline of the free floor of a storey, with its height `z_m`.
     - `region`: outline of a place on a floor, with `place` and `z_m`.
     - `place`: position of the first scene frame of a place, with `place`.
-    - `object`: footprint of an object seen from that frame, with `label`, `place` and the height `z_m` of its centre.
-    - `node` and `edge`: those of the topology.
+    - `object`: footprint of an object in the first scene frame of its place, with `label`, `place` and the height `z_m`
+      of its centre.
+    - `node`: position of a node of the topology.
+    - `edge`: path of an edge of the topology.
 
     Args:
         name: Name of the map.
-        localization: The localization map; None where the map has none.
-        topology: The topological map; None where the map has none.
+        localization: The localization map; None if the map has none.
+        topology: The topological map; None if the map has none.
         anchor: Geographic anchor of the world frame; None: the coordinates are metres.
         max_places_with_objects: Maximum number of places whose objects are listed; None: all.
     """
@@ -125,7 +127,7 @@ def map_geojson(
 
 
 def _geographic(coordinates: Any, anchor: GeoAnchor) -> Any:
-    """Return nested coordinates in metres as longitude and latitude. Heights remain."""
+    """Convert nested coordinates (x, y) in metres to longitude and latitude. Heights are not changed."""
     if not isinstance(coordinates[0], float):
         return [_geographic(part, anchor) for part in coordinates]
     x, y, *height = coordinates
@@ -149,12 +151,18 @@ def _topology_features(topology: TopologicalMap) -> Iterator[dict[str, Any]]:
 
 
 def geojson_feature(geometry: str, coordinates: Any, **properties: Any) -> dict[str, Any]:
-    """Return a GeoJSON feature of a geometry with coordinates in metres and properties."""
+    """Return a GeoJSON feature.
+
+    Args:
+        geometry: Type of the geometry, such as "Point".
+        coordinates: Nested coordinates in metres.
+        properties: Properties of the feature.
+    """
     return {"type": "Feature", "geometry": {"type": geometry, "coordinates": coordinates}, "properties": properties}
 
 
 def find_places(localization: LocalizationMap) -> dict[str, ReferenceFrame]:
-    """Return the first scene frame of each place by its name."""
+    """Return a mapping from the name of each place to its first scene frame."""
     first: dict[str, ReferenceFrame] = {}
     for frame in localization.frames:
         if frame.kind is FrameKind.SCENE:
@@ -163,13 +171,13 @@ def find_places(localization: LocalizationMap) -> dict[str, ReferenceFrame]:
 
 
 def graph_of_reference(localization: LocalizationMap, frame_id: str) -> SaliencyGraph | None:
-    """Return the saliency graph of a reference frame; None where its description is not a graph."""
+    """Return the saliency graph of a reference frame; None if its description is not a saliency graph."""
     _, description = localization.reference(frame_id)
     return graph_from_arrays(description) if description.keys() >= GRAPH_ARRAYS else None
 
 
 def _object_features(localization: LocalizationMap, frame: ReferenceFrame, place: str) -> Iterator[dict[str, Any]]:
-    """Yield the objects of a reference frame whose description is a saliency graph."""
+    """Yield the objects of a reference frame; none if its description is not a saliency graph."""
     graph = graph_of_reference(localization, frame.id)
     if graph is None:
         return
@@ -192,15 +200,16 @@ def _floor_features(floor: FloorMasks) -> Iterator[dict[str, Any]]:
 
 
 def mask_outlines(floor: FloorMasks, mask: np.ndarray) -> list[list[list[list[float]]]]:
-    """Return the polygons of a mask in world coordinates, rounded to millimetres: an outer ring and its holes each."""
+    """Return the polygons of a mask in world coordinates, rounded to millimetres. Each polygon is an outer ring and its
+    holes."""
     return [[_rounded(ring) for ring in polygon] for polygon in floor_outlines(floor, mask)]
 
 
 def _closed(corners: np.ndarray) -> list[list[float]]:
-    """Return the ring of corners (K, 2), whose last position is its first."""
+    """Return the closed ring of corners (K, 2): its last position equals its first position."""
     return _rounded(np.vstack([corners, corners[:1]]))
 
 
 def _rounded(ring: np.ndarray) -> list[list[float]]:
-    """Return positions (K, 2) in millimetres precision."""
+    """Return positions (K, 2) in metres, rounded to millimetres."""
     return ring.round(3).tolist()  # type: ignore[no-any-return]

@@ -1,5 +1,5 @@
-"""The pixels of a floor: where a robot fits, the region of each pixel, lines of sight, and the graph for shortest
-paths."""
+"""The pixels of a floor: the pixels where a robot fits, the region of each pixel, lines of sight, and the graph for
+shortest paths."""
 
 from __future__ import annotations
 
@@ -14,18 +14,20 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
 _CROSSINGS_AT_ONCE = 4_000_000
-"""Number of crossings of columns that are tested at once, which limits memory."""
+"""Number of crossings of lines and pixel columns that are tested at once. It limits memory."""
 
 
 class FloorGrid:
-    """The masks of a floor for a robot of a radius. Positions are pixels (row, column), with pixel centres at +0.5.
+    """The pixels of a floor, for a robot with the radius `robot_radius_m`.
+
+    Positions are (row, column) in pixels. The centre of the first pixel is (0.5, 0.5).
 
     Attributes:
-        floor: The masks.
+        floor: The masks of the floor.
         walkable: (rows, columns) bool, free floor without obstacles.
-        clearance_m: (rows, columns) float64, distance from the pixel's centre to the nearest blocked pixel.
-        clear: (rows, columns) bool, walkable pixels whose clearance is at least the radius (exact along the axes of the
-            pixels).
+        clearance_m: (rows, columns) float64, distance from the centre of each pixel to the nearest blocked pixel (exact
+            along rows and columns).
+        clear: (rows, columns) bool, walkable pixels whose clearance is at least the radius of the robot.
     """
 
     def __init__(self, floor: FloorMasks, robot_radius_m: float) -> None:
@@ -39,11 +41,11 @@ class FloorGrid:
 
     @cached_property
     def label(self) -> np.ndarray:
-        """The region of each walkable pixel, (rows, columns) int32, 0 for none.
+        """The label of the region of each walkable pixel, (rows, columns) int32; 0: no region.
 
-        Free floor without a region gets the region with the shortest walking distance. The labels of two regions
-        therefore meet in the middle of a threshold, regardless of the thickness of the wall
-        (docs/how-to/maps.md#what-the-map-is-made-of). Floor from which no region can be reached has the label 0.
+        A free pixel without a region gets the label of the region with the shortest walking distance. The labels of two
+        regions therefore meet in the middle of the threshold of a door, for any thickness of the wall
+        (docs/how-to/maps.md#what-the-map-is-made-of). Pixels from which no region can be reached have the label 0.
         """
         from scipy import ndimage
         from scipy.sparse.csgraph import dijkstra
@@ -60,7 +62,7 @@ class FloorGrid:
 
     @property
     def names(self) -> dict[int, str]:
-        """The place of each region label; a label without a name gets a name with its number."""
+        """Mapping from each region label to the name of its place. A region without a name is called "region-LABEL"."""
         return {
             int(label): self.floor.regions.get(int(label), f"region-{label}")
             for label in np.unique(self.label)
@@ -96,7 +98,7 @@ def cell(position: np.ndarray) -> tuple[int, int]:
 
 
 def nearest_pixel(allowed: np.ndarray, position: np.ndarray) -> np.ndarray | None:
-    """Return the position (row, column) itself where its pixel is allowed, else the centre of the nearest allowed
+    """Return the position (row, column) unchanged if its pixel is allowed; otherwise the centre of the nearest allowed
     pixel; None if no pixel is allowed."""
     if allowed[cell(position)]:
         return position
@@ -131,8 +133,8 @@ def _at(image: np.ndarray, position: np.ndarray) -> np.ndarray:
 
 
 def _sees_flat(clear: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Return `sees` for lines that cross at least as many columns as rows. Where such a line crosses from a column to
-    the next, both pixels must be clear."""
+    """Return the result of `sees` for lines that cross at least as many columns as rows. Such a line is clear if, at
+    each crossing from one column to the next, the pixels on both sides are clear."""
     swap = start[:, 1] > end[:, 1]
     start, end = np.where(swap[:, None], end, start), np.where(swap[:, None], start, end)
     across = end[:, 1] - start[:, 1]
@@ -153,9 +155,9 @@ def _sees_flat(clear: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndar
 
 
 def pixel_graph(mask: np.ndarray) -> csr_matrix:
-    """Return the steps between neighbouring pixels of a mask.
+    """Return the graph of the steps between neighbouring pixels of a mask.
 
-    Steps lead to 8 neighbours; a diagonal step requires that both pixels beside it are in the mask.
+    Steps lead to the 8 neighbours of a pixel. A diagonal step requires that both pixels beside it are in the mask.
 
     Returns:
         (N, N) symmetric sparse matrix of lengths in pixels between the N pixels of the mask, in the order of

@@ -1,4 +1,4 @@
-"""Changes a saved map: adds, replaces and removes places, merges maps, and calibrates. The map's panoramas are not
+"""Change a saved map: add, replace and remove places, merge maps, and calibrate. The panoramas of the map are not
 needed."""
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ from salframe.topology.topological_map import PartSource, TopologicalMap, Topolo
 _Plan = tuple[Sequence[FloorMasks], TopologySources]
 """Floors, and where they come from."""
 _Change = Callable[[LocalizationMap, Sequence[FloorMasks], TopologySources], _Plan]
-"""A function that takes a map, its floors and their sources, changes the map, and returns those of the changed map."""
+"""A function that receives a map, its floors and the sources of the floors. It changes the map, and returns the floors
+and the sources of the changed map."""
 _Source = tuple[Path, Sequence[ReferenceFrame]]
 """A map or dataset, and its frames."""
 
@@ -70,9 +71,9 @@ def add_to_map(
 
     A place that the map already has is replaced, with all its frames. The panoramas of the map are not needed. The
     floors of the dataset and of the map are joined (`join_floors`), and the topology is computed again. If the floors
-    of the map were derived and the dataset has no floor masks, the floors are extended (`extend_floors`). Where this is
+    of the map were derived and the dataset has no floor masks, the floors are extended (`extend_floors`). If this is
     impossible, `tell` is called with the reason, and the new places have no nodes. Dataset and map must have the same
-    world frame. The map changes completely or not at all.
+    world frame. If an error occurs, the map does not change.
 
     Args:
         directory: folder of the map.
@@ -84,8 +85,8 @@ def add_to_map(
         tell: called with messages for the user, one line each.
 
     Raises:
-        DataError: The folder contains no map with a localization method, a frame has the id of a frame of another place
-            in the map, or floors cannot be joined.
+        DataError: In any of these cases: the folder contains no map with a localization method; a frame has the id of a
+            frame of another place in the map; floors cannot be joined.
         InputMissing: Panoramas lack an input that the method needs.
     """
     directory = Path(directory)
@@ -119,10 +120,10 @@ def add_to_map(
 def calibrate_map(directory: str | Path) -> MapCalibration:
     """Calibrate the probabilities of the map in the folder `directory` with its reference frames.
 
-    The map changes completely or not at all.
+    If an error occurs, the map does not change.
 
     Raises:
-        DataError: The folder contains no map with a localization method, or the method has no probabilities.
+        DataError: The folder contains no map with a localization method, or the method computes no probabilities.
     """
     made: list[MapCalibration] = []
 
@@ -137,9 +138,9 @@ def calibrate_map(directory: str | Path) -> MapCalibration:
 def remove_from_map(directory: str | Path, places: Iterable[str]) -> MapChange:
     """Remove places from the map in the folder `directory`.
 
-    Their frames, regions and floor areas are removed, so no route leads to or through them. The topology is computed
-    again from the remaining places; it is dropped if none of them has a floor. The map changes completely or not at
-    all.
+    The frames, regions and floor areas of these places are removed, so that no route leads to or through them. The
+    topology is computed again from the remaining places. If none of the remaining places has a floor, the topology is
+    removed. If an error occurs, the map does not change.
 
     Raises:
         UnknownName: The map has no such place.
@@ -163,16 +164,16 @@ def remove_from_map(directory: str | Path, places: Iterable[str]) -> MapChange:
 
 
 def merge_maps(directory: str | Path, others: Iterable[str | Path]) -> MapChange:
-    """Add the places of other maps, which do not change, to the map in the folder `directory`.
+    """Add the places of other maps to the map in the folder `directory`. The other maps do not change.
 
     All maps must have the same method, the same settings that affect descriptions, and the same world frame. Settings
-    that affect only matching are taken from the first map. Masks of the same floor are joined (`join_floors`), and
-    floors at other heights are added. The topology is computed again; a map without topology gets none. The map changes
-    completely or not at all.
+    that affect only matching are those of the map in `directory`. Masks of the same floor are joined (`join_floors`),
+    and floors at other heights are added. If the map in `directory` has a topology, the topology is computed again. If
+    an error occurs, the map does not change.
 
     Raises:
-        DataError: A folder contains no map with a localization method, methods, settings or weights differ, two maps
-            have a place or a frame of the same name, or floors cannot be joined.
+        DataError: In any of these cases: a folder contains no map with a localization method; methods, settings or
+            weights differ; two maps have a place or a frame of the same name; floors cannot be joined.
     """
     directory = Path(directory)
 
@@ -212,7 +213,7 @@ def _sources(topology: TopologicalMap | None) -> TopologySources:
 
 
 def _change(directory: Path, change: _Change) -> MapChange:
-    """Read a map, change it and write it, while other processes cannot write to it."""
+    """Read a map, change it and write it. Other processes cannot write to the map during this time."""
     read_map(
         directory, MapParts.read_config
     )  # without this check, write_map would create the parents of a missing folder
@@ -267,10 +268,10 @@ def _check_alike(first: Localizer, folder: Path, other: Localizer, other_folder:
 
 
 def _check_places(sources: Iterable[_Source], frames: Sequence[ReferenceFrame], folder: Path) -> None:
-    """Check that the places of frames are in no other map.
+    """Check that no other map has a place of these frames.
 
     Raises:
-        DataError: Another map has one of the places.
+        DataError: Another map has a place of the same name.
     """
     places = {frame.place for frame in frames}
     for other, other_frames in sources:

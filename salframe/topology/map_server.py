@@ -22,11 +22,12 @@ from salframe.topology.free_space import FreeSpace
 FREE, OCCUPIED, UNKNOWN = 254, 0, 205
 """Grey values as written by map_saver. Occupancy is (255 - value) / 255, if negate is 0."""
 OCCUPIED_THRESH, FREE_THRESH = 0.65, 0.196
-"""Thresholds of occupancy as written by map_saver: above the first occupied, below the second free, else unknown."""
+"""Thresholds of occupancy as written by map_saver. A pixel is occupied above the first threshold, free below the second
+threshold, and otherwise unknown."""
 
 
 class _MapFile(Settings):
-    """Keys of the YAML file. Other keys are ignored."""
+    """Keys of the YAML file of an occupancy map. Other keys are ignored."""
 
     model_config = ConfigDict(extra="ignore")
     image: str
@@ -39,7 +40,8 @@ class _MapFile(Settings):
 
 
 def read_map_server(path: Path) -> FreeSpace:
-    """Read the free space of an occupancy map. Its frame must be the world frame of the reference frames.
+    """Read the free space of an occupancy map. The frame of the occupancy map must be the world frame of the reference
+    frames.
 
     Args:
         path: YAML file with the keys image, resolution, origin and optionally negate and free_thresh. The origin is the
@@ -71,10 +73,11 @@ def read_map_server(path: Path) -> FreeSpace:
 
 
 def write_map_server(floors: Sequence[FloorMasks], path: Path) -> tuple[Path, ...]:
-    """Write floors as map_server of ROS 1 and nav2 reads them, in the mode trinary.
+    """Write floors as occupancy maps for map_server of ROS 1 and nav2, in the mode trinary.
 
-    Free floor is free, obstacles and the pixels along the border of the free floor are occupied, all else is unknown.
-    A map with several storeys gets a pair of files each: NAME-1.yaml and NAME-1.pgm for the lowest one, and so on.
+    Free floor is free. Obstacles and the pixels along the border of the free floor are occupied. All other pixels are
+    unknown. If there are several storeys, each gets a pair of files: NAME-1.yaml and NAME-1.pgm for the lowest storey,
+    and so on.
 
     Args:
         floors: The floors.

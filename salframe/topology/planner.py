@@ -18,7 +18,7 @@ class Route:
     Attributes:
         nodes: Ids of the nodes, from start to goal.
         legs: The edge from each node to the next, in walking direction.
-        length_m: Total length.
+        length_m: Total length in metres.
     """
 
     nodes: tuple[str, ...]
@@ -26,8 +26,8 @@ class Route:
     length_m: float
 
     def _repr_html_(self) -> str:
-        """Return the route for notebooks: a table of its legs, and its shape from above with the x axis to the
-        right."""
+        """Return the route as HTML for notebooks: a table of its legs, and a drawing viewed from above, with the x axis
+        to the right."""
         from salframe.framework.markup import PlanDrawing, element, table, to_html
 
         rows = [[leg.start, leg.end, f"{leg.length_m:.2f}", f"{np.degrees(leg.azimuth_rad):.0f}"] for leg in self.legs]
@@ -47,7 +47,7 @@ class Route:
 
 
 def _straight(leg: MapEdge) -> np.ndarray:
-    """Return the ends (2, 2) of a straight edge from the origin."""
+    """Return the two ends (2, 2) of a straight edge that is moved to start at the origin."""
     return leg.length_m * np.array([(0.0, 0.0), (np.cos(leg.azimuth_rad), np.sin(leg.azimuth_rad))])
 
 

@@ -1,4 +1,4 @@
-"""Names of regions that have no given name, from the labels of the objects in them."""
+"""Names for regions that have no name, from the labels of the objects in them."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ TYPICAL_OBJECTS: Mapping[str, tuple[str, ...]] = {
     "living room": ("sofa", "television", "coffee table", "fireplace"),
     "storage room": ("storage shelf", "box", "locker"),
 }
-"""Objects that are typical of a type of room. A label stands under one type only."""
+"""Labels of objects that are typical of each type of room. A label belongs to one type only."""
 
 
 def name_regions(
     frame_region: np.ndarray, frame_labels: Sequence[Sequence[str]], num_regions: int, count: Counter[str]
 ) -> dict[int, str]:
-    """Return a name for each region, such as "kitchen 2": its type by its typical objects, and a number.
+    """Return a name for each region: a type and a number, such as "kitchen 2".
 
-    The type is the one with most typical objects in the panoramas of the region.
+    The type is the one with the largest number of typical objects in the panoramas of the region.
 
     Args:
         frame_region: (N,) label of the region of each frame, from 1; 0 for none.
         frame_labels: Labels of the objects in the panorama of each frame.
         num_regions: Number of regions.
-        count: Number of regions of each type that have a name already. It is updated.
+        count: Number of regions of each type that already have a name. It is updated in place.
 
     Returns:
         The name of each label from 1 to `num_regions`.

@@ -11,11 +11,13 @@ from salframe.topology.free_space import FreeSpace
 from salframe.topology.grid import nearest_pixel
 
 MAX_SEED_M = 0.5
-"""Maximum distance from a frame to the floor that its region grows from."""
+"""Maximum distance, in metres, from a frame to the floor cell from which the region of its place grows."""
 SMOOTHING_M = 0.1
-"""Standard deviation of the Gaussian that smooths the clearance. Single cells of a door jamb would move its minimum."""
+"""Standard deviation, in metres, of the Gaussian that smooths the clearance. Without smoothing, single cells of a door
+frame would move the narrowest point of a passage."""
 MIN_NARROWING_M = 0.2
-"""Minimum difference between the clearance in the middle of a region and the clearance of a doorway out of it."""
+"""Minimum difference, in metres, between the clearance in the middle of a region and the clearance in a doorway of this
+region."""
 
 
 def grow_regions(space: FreeSpace, xy_m: np.ndarray, places: Sequence[str]) -> tuple[np.ndarray, dict[int, str]]:
@@ -50,11 +52,12 @@ def grow_regions(space: FreeSpace, xy_m: np.ndarray, places: Sequence[str]) -> t
 def split_regions(space: FreeSpace, min_narrowing_m: float = MIN_NARROWING_M) -> np.ndarray:
     """Return the regions between narrow passages: a watershed of the clearance, flooded from its maxima.
 
-    Maxima that are at most `min_narrowing_m` above the passage to a higher one are part of its region.
+    The clearance is the distance from walls and tall furniture. If the clearance of a maximum exceeds the clearance in
+    the passage to a higher maximum by less than `min_narrowing_m`, both maxima belong to the same region.
 
     Args:
         space: The free space.
-        min_narrowing_m: Minimum difference between the clearance of a maximum and of the passage.
+        min_narrowing_m: Minimum difference between the clearance at a maximum and in a passage, in metres.
 
     Returns:
         The label of each cell of the floor, (rows, columns) int32 from 1, 0 for none.
@@ -68,14 +71,14 @@ def split_regions(space: FreeSpace, min_narrowing_m: float = MIN_NARROWING_M) ->
     from skimage.morphology import reconstruction
 
     clearance_m = _clearance_m(space)
-    # The h-maxima: what a reconstruction from below cannot fill.
+    # The h-maxima of the clearance, by morphological reconstruction.
     lowered = reconstruction(np.maximum(clearance_m - min_narrowing_m, 0), clearance_m)
     maxima = (clearance_m - lowered >= min_narrowing_m - 1e-9) & space.floor
     return _flood(space, clearance_m, ndimage.label(maxima, np.ones((3, 3)))[0].astype(np.int32))
 
 
 def regions_at(region: np.ndarray, space: FreeSpace, xy_m: np.ndarray) -> np.ndarray:
-    """Return the label of the region at positions, (N,) int, 0 outside of the regions.
+    """Return the label of the region at each position, (N,) int; 0 outside of the regions.
 
     Args:
         region: (rows, columns) labels of the cells.
@@ -105,7 +108,7 @@ def _flood(space: FreeSpace, clearance_m: np.ndarray, seeds: np.ndarray) -> np.n
 
 
 def _require() -> None:
-    """Raise RequirementMissing unless scikit-image is installed."""
+    """Raise RequirementMissing if scikit-image is not installed."""
     from importlib.util import find_spec
 
     if find_spec("skimage") is None:

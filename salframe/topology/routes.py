@@ -30,12 +30,12 @@ class Step:
     """A step of walking directions: turn, then walk straight ahead.
 
     Attributes:
-        to: Id of the node where the step ends, None for a corner.
-        length_m: Length of the walk.
+        to: Id of the node where the step ends; None if it ends at a corner of an edge.
+        length_m: Length of the walk in metres.
         azimuth_rad: Azimuth of the walk in the world frame.
         turn_rad: Turn before the walk, positive to the left; None if the heading is unknown.
-        kind: How the step is travelled. Stairs and lifts have no turn, and the heading after them is unknown.
-        floor: Number of the floor where stairs or a lift end, from 1 for the lowest one; None for a walk.
+        kind: Walk, stairs or lift. Stairs and lifts have no turn, and the heading after them is unknown.
+        floor: Number of the floor where stairs or a lift end, from 1 for the lowest floor; None for a walk.
     """
 
     to: str | None
@@ -61,8 +61,9 @@ def directions(route: Route, heading_rad: float | None = None) -> list[Step]:
 
     Args:
         route: The route.
-        heading_rad: Azimuth in the world frame before the first step, None if unknown. Each further step turns from
-            the azimuth of the step before. The heading after stairs or a lift is unknown.
+        heading_rad: Azimuth of the agent in the world frame before the first step; None if it is unknown. The turn of
+            each later step is relative to the azimuth of the previous step. The heading after stairs or a lift is
+            unknown.
     """
     steps = []
     for leg in route.legs:
@@ -80,7 +81,8 @@ def directions(route: Route, heading_rad: float | None = None) -> list[Step]:
 
 
 def _stretches(leg: MapEdge) -> list[tuple[str | None, float, float]]:
-    """Return the straight parts of an edge: the node where each ends, None for a corner; its length and azimuth."""
+    """Return the straight parts of an edge. For each part: the id of the node where it ends (None if it ends at a
+    corner), its length in metres, and its azimuth in radians."""
     if not leg.path_m:
         return [(leg.end, leg.length_m, leg.azimuth_rad)]
     along = np.diff(leg.path_m, axis=0)
@@ -111,17 +113,17 @@ def route_json(route: Route, heading_rad: float | None = None) -> dict[str, Any]
 
 
 def find_nodes(topology: TopologicalMap, name: str, doors: bool = False) -> list[str]:
-    """Return the ids of the nodes that a name stands for: the node with this id, the nodes of the place, or the node
-    nearest to the sign with this text.
+    """Return the ids of the nodes that a name refers to: the node with this id, the nodes of the place with this name,
+    or the node nearest to the sign with this text.
 
     Args:
         topology: The map.
         name: Id of a node, name of a place, or text of a sign.
-        doors: Whether to return the transition nodes of a place instead of its scene nodes. If the place has none of
-            the requested kind, the nodes of the other kind are returned.
+        doors: Whether to return the transition nodes of a place instead of its scene nodes. If the place has no nodes
+            of the requested kind, its nodes of the other kind are returned.
 
     Raises:
-        UnknownName: There is no such node, place or sign. The message names the closest one.
+        UnknownName: There is no such node, place or sign. The message suggests the most similar name.
     """
     ids = [node.id for node in topology.nodes]
     if name in ids:
@@ -141,8 +143,8 @@ def find_nodes(topology: TopologicalMap, name: str, doors: bool = False) -> list
 def find_route(topology: TopologicalMap, start: str, goal: str, planner: str | None = None) -> Route:
     """Return the shortest route between two nodes, places or signs.
 
-    A route from or to a place uses the scene node of the place that makes the route shortest, or a transition node
-    where furniture blocks all scene nodes.
+    A route from or to a place uses the scene node of the place that makes the route shortest. If no route connects
+    scene nodes, for example because of furniture, transition nodes of the places are used.
 
     Args:
         topology: The map.
@@ -169,8 +171,9 @@ def find_route(topology: TopologicalMap, start: str, goal: str, planner: str | N
 def with_position(topology: TopologicalMap, xyz_m: np.ndarray, node_id: str = HERE) -> TopologicalMap:
     """Return the map with an additional node below the position of an agent or its camera.
 
-    If the position is inside a wall or obstacle, the node is on the nearest clear floor. Edges connect it to every node
-    in its line of sight. If there is none, an edge follows the shortest path over clear floor.
+    If the position is inside a wall or obstacle, the node is placed on the nearest clear floor. Edges connect it to
+    every node in line of sight. If no node is in line of sight, one edge to another node follows the shortest path over
+    clear floor.
 
     Args:
         topology: The map.

@@ -1,4 +1,4 @@
-"""The signs that a map has read: the node from which each is seen best."""
+"""Signs with texts in a map: the node nearest to each sign."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from salframe.topology.topological_map import MapNode
 
 
 def nearest_to_signs(parts: MapParts, nodes: Sequence[MapNode]) -> dict[str, str]:
-    """Return the node of the reference frame nearest to the sign, for the `text_key` of each text of a map.
+    """Return a mapping from the `text_key` of each text in a map to a node: the node of the reference frame that is
+    nearest to the object with this text.
 
-    The map has texts if it was built with a detector that reads them. Frames without a node are ignored.
+    A map has texts if its detector reads texts. Frames without a node are ignored.
     """
     if not parts.has(SCENES):
         return {}

@@ -1,4 +1,4 @@
-"""Reads and writes a topological map as parts of a map on disk."""
+"""Read and write a topological map as parts of a saved map."""
 
 from __future__ import annotations
 
@@ -54,8 +54,8 @@ def open_topology(directory: str | Path) -> TopologicalMap:
 
 
 def write_topology(parts: MapParts, topology: TopologicalMap) -> None:
-    """Write a topological map as parts of a map: topology.json (parameters, notes, sources and connections),
-    nodes, edges on foot, and the floors."""
+    """Write a topological map as parts of a saved map: topology.json (parameters, notes, sources and connections), the
+    nodes, the edges of kind "walk", and the floors."""
     _write_settings(parts, topology)
     parts.write_table(NODES, map(_node_row, topology.nodes))
     parts.write_table(EDGES, (_edge_row(edge) for edge in topology.edges if edge.kind is EdgeKind.WALK))
@@ -75,8 +75,8 @@ def _write_settings(parts: MapParts, topology: TopologicalMap) -> None:
 
 
 def connect_map(directory: str | Path, connections: Iterable[Connection]) -> TopologicalMap:
-    """Add stairs and lifts to the map in the folder `directory`, and return its topology. The map changes completely or
-    not at all.
+    """Add stairs and lifts to the map in the folder `directory`, and return its topology. If an error occurs, the map
+    does not change.
 
     Raises:
         DataError: The folder holds no topological map, or both ends of a connection are on the same storey.
@@ -92,10 +92,10 @@ def connect_map(directory: str | Path, connections: Iterable[Connection]) -> Top
 
 
 def read_topology(parts: MapParts) -> TopologicalMap:
-    """Return the topological map among the parts of a map.
+    """Return the topological map from the parts of a saved map.
 
     Raises:
-        DataError: There is none, or it is invalid.
+        DataError: The saved map has no topology, or the topology is invalid.
     """
     if not parts.has(TOPOLOGY):
         raise DataError(
@@ -123,8 +123,8 @@ def _check_edges(path: Path, nodes: Sequence[MapNode], edges: Sequence[MapEdge])
     """Check that ids are unique and that edges agree with the positions of their nodes.
 
     Raises:
-        DataError: Two nodes have the same id, or an edge has unknown nodes, or an azimuth, length or path that does not
-            lead from one node to the other.
+        DataError: Two nodes have the same id; or an edge has unknown nodes; or its azimuth, length or path does not
+            match the positions of its nodes.
     """
     place = {node.id: np.array(node.xyz_m) for node in nodes}
     if len(place) < len(nodes):

@@ -12,28 +12,32 @@ from salframe.panoramas.frames import ReferenceFrame
 from salframe.topology.topological_map import EdgeKind
 
 MIN_STOREY_M = 1.5
-"""Minimum difference in height between two successive cameras of different storeys."""
+"""Minimum gap, in metres, between the camera heights of two storeys if there are no frames on the stairs between
+them."""
 MIN_LEVEL_M = 2.2
-"""Minimum difference in height between the cameras of two storeys that frames on stairs connect."""
+"""Minimum difference, in metres, between the camera heights of two storeys if there are frames on the stairs between
+them."""
 LEVEL_M = 0.4
-"""Maximum difference in height between the cameras of a level and its middle."""
+"""Maximum difference, in metres, between the height of a camera and the middle height of its storey if there are frames
+on the stairs."""
 MIN_LEVEL_FRAMES = 2
-"""Minimum number of frames of a level."""
+"""Minimum number of frames of a storey if there are frames on the stairs."""
 MAX_STEP_M = 4.0
-"""Maximum distance between two successive frames of a recorded walk."""
+"""Maximum distance, in metres, between two successive frames of a recorded walk."""
 MAX_LIFT_M = 1.0
-"""Maximum horizontal length of a ride in a lift."""
+"""Maximum horizontal length, in metres, of a ride in a lift."""
 
 
 def storeys(camera_z_m: np.ndarray) -> list[np.ndarray]:
     """Return the indices of the cameras of each storey, lowest first.
 
-    A storey ends where the next higher camera is at least MIN_STOREY_M higher. Storeys that frames on stairs connect
-    have no such gap: they are the levels with most cameras, at least MIN_LEVEL_M apart. Cameras more than LEVEL_M from
-    these levels are on the stairs and belong to no storey.
+    The camera heights of two storeys are separated by a gap of at least MIN_STOREY_M. If there are frames on the stairs
+    between two storeys, there is no such gap. Then the storeys are the heights with the largest numbers of cameras, at
+    least MIN_LEVEL_M apart. Cameras that are more than LEVEL_M higher or lower are on the stairs and belong to no
+    storey.
 
     Args:
-        camera_z_m: (N,) heights of the cameras in the world frame.
+        camera_z_m: (N,) heights of the cameras in the world frame, in metres.
     """
     order = np.argsort(camera_z_m, kind="stable")
     parts = np.split(order, np.flatnonzero(np.diff(camera_z_m[order]) >= MIN_STOREY_M) + 1)
@@ -41,7 +45,8 @@ def storeys(camera_z_m: np.ndarray) -> list[np.ndarray]:
 
 
 def _split_levels(part: np.ndarray, camera_z_m: np.ndarray) -> list[np.ndarray]:
-    """Return the levels of cameras `part` (indices, sorted by height) whose heights have no gap."""
+    """Split a group of cameras whose heights have no gap into storeys. `part` has the indices of the cameras, sorted by
+    height."""
     z_m = camera_z_m[part]
     count = np.searchsorted(z_m, z_m + LEVEL_M, "right") - np.searchsorted(z_m, z_m - LEVEL_M, "left")
     levels_m: list[float] = []
@@ -60,9 +65,9 @@ class StoreyChange:
 
     Attributes:
         start: The last frame before the walk.
-        end: The first frame after it.
+        end: The first frame after the walk.
         kind: Stairs or lift.
-        length_m: Length of the walk between them.
+        length_m: Length of the walk from `start` to `end` in metres.
     """
 
     start: ReferenceFrame
@@ -72,14 +77,14 @@ class StoreyChange:
 
 
 def find_walks(frames: Sequence[ReferenceFrame], ends: Container[str]) -> Iterator[StoreyChange]:
-    """Yield the walks between storeys in frames that are in the order of their recording.
+    """Yield the recorded walks between storeys.
 
-    A walk by stairs has frames on the way. A ride in a lift has a horizontal length of at most MAX_LIFT_M. Successive
-    frames that are more than MAX_STEP_M apart are no walk, unless they are at the two ends of a lift.
+    A walk by stairs has frames on the stairs, and its successive frames are at most MAX_STEP_M apart. A ride in a lift
+    has a horizontal length of at most MAX_LIFT_M.
 
     Args:
-        frames: The frames.
-        ends: Ids of the frames where a walk may start or end. Others are on the way.
+        frames: The frames in the order of their recording.
+        ends: Ids of the frames where a walk may start or end. The other frames can only be on the way.
     """
     if not frames:
         return

@@ -38,7 +38,7 @@ def write_plan(name: str, localization: LocalizationMap | None, topology: Topolo
 
     Args:
         name: Name of the map.
-        localization: The localization map with the objects; None where the map has none.
+        localization: The localization map with the objects; None if the map has none.
         topology: The topological map.
         path: The SVG file.
     """
@@ -78,7 +78,8 @@ def _changes_floor(feature: dict[str, Any]) -> bool:
 
 
 def _first_point(feature: dict[str, Any]) -> np.ndarray:
-    """Return a point (3,) of a feature in metres. Outlines on a floor lie just above it."""
+    """Return a point (3,) of a feature in metres. The points of the outlines of a floor get a height just above the
+    floor."""
     point = feature["geometry"]["coordinates"]
     while not isinstance(point[0], float):
         point = point[0]

@@ -15,7 +15,8 @@ from salframe.panoramas.geometry import wrap_angle
 
 
 class NodeKind(StrEnum):
-    """A scene, a transition (doorway) between two regions, or a corner of an edge."""
+    """Kind of a node: a scene (a position in a region), a transition (a doorway between two regions), or a corner of an
+    edge."""
 
     SCENE = "scene"
     TRANSITION = "transition"
@@ -23,7 +24,7 @@ class NodeKind(StrEnum):
 
 
 class EdgeKind(StrEnum):
-    """How an edge is travelled: on foot over clear floor, or by stairs or a lift between two storeys."""
+    """Kind of an edge: a walk over clear floor, or stairs or a lift between two storeys."""
 
     WALK = "walk"
     STAIRS = "stairs"
@@ -37,9 +38,9 @@ class MapNode:
     Attributes:
         id: Unique id.
         kind: Kind of the node.
-        xyz_m: Position on the floor in the world frame.
-        regions: Region of a scene node, both regions of a transition node.
-        frames: Ids of the reference frames taken there.
+        xyz_m: Position on the floor in the world frame, in metres.
+        regions: Names of regions: one for a scene node, two for a transition node.
+        frames: Ids of the reference frames that are assigned to the node.
     """
 
     id: str
@@ -56,11 +57,12 @@ class MapEdge:
     Attributes:
         start: Id of the first node.
         end: Id of the second node.
-        length_m: Length of the edge.
+        length_m: Length of the edge in metres.
         azimuth_rad: Azimuth of the straight line from `start` to `end` in the world frame.
-        path_m: Corners (x, y) from `start` to `end`, both included; empty for a straight edge.
-        kind: How the edge is travelled.
-        storeys: Numbers of the storeys of `start` and `end`, from 1 for the lowest one; empty for a walk.
+        path_m: Corners (x, y) from `start` to `end`, including both, in the world frame in metres; empty for a straight
+            edge.
+        kind: Walk, stairs or lift.
+        storeys: Numbers of the storeys of `start` and `end`, from 1 for the lowest storey; empty for a walk.
     """
 
     start: str
@@ -82,8 +84,8 @@ class PartSource(StrEnum):
     """Where a part of a topological map comes from.
 
     GIVEN: floor masks of the data. RANGE: range images of the reference frames. MAP_FILE: an occupancy map of a robot.
-    PLACES: the places of the reference frames. FREE_SPACE: the narrow passages of the free space. MIXED: several, in a
-    map that was extended.
+    PLACES: the places of the reference frames. FREE_SPACE: the narrow passages of the free space. MIXED: several
+    sources, in a map that was extended or merged.
     """
 
     GIVEN = "given"
@@ -95,7 +97,8 @@ class PartSource(StrEnum):
 
 
 class TopologySources(Settings):
-    """Where the parts of a topological map come from. Doorways, nodes and edges are always computed from them.
+    """Where the free space and the regions of a topological map come from. Doorways, nodes and edges are always
+    computed from the free space and the regions.
 
     Attributes:
         free_space: Source of the free floor and the obstacles.
@@ -106,14 +109,14 @@ class TopologySources(Settings):
     regions: PartSource = PartSource.GIVEN
 
     def joined(self, other: TopologySources) -> TopologySources:
-        """Return the sources of a map that is joined with another one."""
+        """Return the sources of a map that is joined with another map, whose sources are `other`."""
         pairs = ((self.free_space, other.free_space), (self.regions, other.regions))
         free_space, regions = (first if first is second else PartSource.MIXED for first, second in pairs)
         return TopologySources(free_space=free_space, regions=regions)
 
     @property
     def note(self) -> str | None:
-        """A line for the user; None if both parts are given."""
+        """A line for the user about the sources; None if free space and regions come from floor masks."""
         if self == TopologySources():
             return None
         free_space, regions = _words(self.free_space), _words(self.regions)
@@ -128,12 +131,13 @@ class TopologySettings(Settings):
     """Settings of a topological map.
 
     Attributes:
-        robot_radius_m: Radius by which the free floor is eroded.
-        min_doorway_m: Minimum width of a doorway, measured before erosion; narrower ones are dropped.
-        snap_m: Maximum distance from a scene frame to its node, the nearest clear pixel; frames farther from clear
-            floor are left out.
-        doorway_reach_m: Maximum distance from a transition frame to its transition node.
-        choose: Whether to place one scene node where each region has the largest clearance instead of at the frames.
+        robot_radius_m: Radius of the robot in metres. The free floor is eroded by this radius.
+        min_doorway_m: Minimum width of a doorway in metres, measured before erosion. Narrower doorways are dropped.
+        snap_m: Maximum distance in metres from a scene frame to its node, which is at the nearest clear pixel. Frames
+            farther from clear floor are left out.
+        doorway_reach_m: Maximum distance in metres from a transition frame to its transition node.
+        choose: Whether to place one scene node per region, where the clearance is largest, instead of one at each scene
+            frame.
     """
 
     robot_radius_m: float = 0.18
@@ -149,15 +153,15 @@ class TopologicalMap:
 
     Attributes:
         nodes: The nodes.
-        edges: The edges, each in one direction.
+        edges: The edges. Each edge is listed once, and can be walked in both directions.
         floors: The floor masks that the map was built from.
         parameters: The settings that the map was built with.
         notes: Notes for the user, one line each: regions out of reach, edges without line of sight, frames that were
             moved or left out.
         sources: Where the floors come from.
         connections: Stairs and lifts between the floors, which are also in `edges`.
-        signs: Id of the node nearest to each sign that the map has read, by the `text_key` of its text. Known for a
-            saved map (`open_topology`).
+        signs: Mapping from the `text_key` of the text of each sign to the id of the nearest node. It is set for a saved
+            map (`open_topology`).
     """
 
     nodes: tuple[MapNode, ...]
@@ -170,7 +174,7 @@ class TopologicalMap:
     signs: Mapping[str, str] = field(default_factory=dict, compare=False)
 
     def _repr_html_(self) -> str:
-        """Return the map for notebooks: its numbers of nodes and edges, a plan of each floor, and its notes."""
+        """Return the map as HTML for notebooks: its numbers of nodes and edges, a plan of each floor, and its notes."""
         from salframe.framework.markup import element, to_html
 
         kinds = {kind: sum(node.kind is kind for node in self.nodes) for kind in NodeKind}
@@ -184,7 +188,7 @@ class TopologicalMap:
         return to_html(*parts, *(element("p", f"note: {note}") for note in self.notes))
 
     def _draw(self, floor: FloorMasks, nodes: Mapping[str, MapNode]) -> Element:
-        """Return the drawing of a floor with its nodes by id, and the edges from them."""
+        """Return the drawing of a floor with its nodes and edges. `nodes` maps ids to the nodes of the floor."""
         from salframe.panoramas.floor_outlines import draw_floor
 
         at_m = {id: np.array(node.xyz_m[:2]) for id, node in nodes.items()}

@@ -14,13 +14,15 @@ _EIGHT = np.ones((3, 3), bool)
 
 @dataclass(frozen=True, eq=False)
 class Doorway:
-    """A line along which the labels of two regions meet on walkable floor, before erosion.
+    """A line along which the labels of two regions meet on walkable floor, before erosion by the robot radius.
 
     Attributes:
         labels: Labels of the two regions.
-        width_m: Extent of the line, on the side where it is shorter.
-        pixels: (N, 2), pixels of the line.
-        points: Transition points on the line, (row, column) of medoids; empty if the robot does not fit through.
+        width_m: Width of the doorway in metres. The extent of the line is measured in both regions, and the smaller
+            extent is used.
+        pixels: (N, 2) pixels (row, column) on both sides of the line.
+        points: Pixels (row, column) of the transition nodes, one for each part of the line where the robot fits
+            through; empty if it does not fit through.
     """
 
     labels: tuple[int, int]
@@ -32,8 +34,9 @@ class Doorway:
 def find_doorways(grid: FloorGrid) -> list[Doorway]:
     """Return the doorways of a floor, sorted by pair of regions, then from the top left.
 
-    Transition pixels have a 4-neighbour of another region. Their 8-connected components are the doorways; the
-    8-connected components of those on clear floor give the transition points.
+    Transition pixels are pixels with a 4-neighbour of another region. Each 8-connected component of transition pixels
+    is a doorway. Of the transition pixels on clear floor, each 8-connected component gives a transition point: its
+    medoid.
     """
     from scipy import ndimage
 
@@ -57,10 +60,10 @@ def find_doorways(grid: FloorGrid) -> list[Doorway]:
 
 
 def close_doorways(grid: FloorGrid, min_doorway_m: float) -> tuple[list[Doorway], list[Doorway]]:
-    """Close narrow doorways: set their pixels in the grid to not clear.
+    """Close narrow doorways: set their pixels in `grid.clear` to False.
 
     Returns:
-        The doorways of the floor of at least the minimum width, and the narrower ones.
+        The doorways with at least the minimum width, and the narrower doorways.
     """
     doorways = find_doorways(grid)
     narrow = [doorway for doorway in doorways if doorway.width_m < min_doorway_m - 1e-9]
@@ -70,8 +73,8 @@ def close_doorways(grid: FloorGrid, min_doorway_m: float) -> tuple[list[Doorway]
 
 
 def _meetings(grid: FloorGrid) -> Iterator[tuple[tuple[int, int], np.ndarray, np.ndarray]]:
-    """Yield for each pair of labels that meet: the pair, (N, 2) pixels with a 4-neighbour of the other label, and (N,)
-    bool, whether both pixels are clear."""
+    """Yield, for each pair of labels that meet: the pair, the pixels (N, 2) with a 4-neighbour of the other label, and
+    whether both neighbours are clear, (N,) bool."""
     label, clear = grid.label, grid.clear
     columns = []
     for step in ((0, 1), (1, 0)):
