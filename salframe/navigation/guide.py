@@ -37,8 +37,9 @@ class Way:
     edges: tuple[MapEdge, ...]
 
     def leg(self, position_m: np.ndarray) -> np.ndarray | MapEdge:
-        """Return the horizontal vector (2,) from a position (3,) to the first corner that is not reached; to the goal
-        where all are. Return the edge of stairs or of a lift if the position is at its start."""
+        """Return the horizontal vector (2,) in metres from a position (3,) to the first corner that is not reached; to
+        the goal if all corners are reached. If the position is at the start of stairs or of a lift, return their
+        edge."""
         legs_m = self.corners_m[:, :2] - position_m[:2]
         for leg_m, edge in zip(legs_m, (*self.edges, None), strict=True):
             takes_stairs = edge is not None and bool(edge.storeys)

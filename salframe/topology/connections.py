@@ -98,8 +98,8 @@ def connect_by_walks(topology: TopologicalMap, frames: Sequence[ReferenceFrame])
 
 
 def restore_connections(topology: TopologicalMap, connections: Iterable[Connection]) -> TopologicalMap:
-    """Add known connections to a map, such as those from before it was computed again. A connection with an end that the
-    map does not have is dropped, and a note states this."""
+    """Return the map with these stairs and lifts. If the map lacks an end of one, it is dropped, and a note states
+    this."""
     for connection in connections:
         try:
             topology = connect_storeys(topology, [connection])
