@@ -22,7 +22,7 @@ class ObjectSetLocalizer(DetectingLocalizer, WeightedLabels):
     """Jaccard index of the object labels of query and reference frame. It gives a place and no pose."""
 
     name = "objects"
-    version = "3"
+    version = "4"
 
     class Config(LevelledConfig):
         range: range_slot()  # type: ignore[valid-type]
@@ -34,7 +34,7 @@ class ObjectSetLocalizer(DetectingLocalizer, WeightedLabels):
         )
         posterior: posterior_slot()  # type: ignore[valid-type]
 
-    def describe_detections(self, detections: Detections, panorama: Panorama) -> Description:
+    def describe_objects(self, detections: Detections, panorama: Panorama) -> Description:
         names = np.array(with_object_labels(detections).labels, dtype=np.str_)
         labels, counts = np.unique(names, return_counts=True)
         return {"labels": labels, "counts": counts, **written_labels(detections)}
@@ -65,9 +65,9 @@ class SalientObjectsLocalizer(SalientObjects, WeightedLabels):
     """
 
     name = "salient-objects"
-    version = "3"
+    version = "4"
 
-    def describe_detections(self, detections: Detections, panorama: Panorama) -> Description:
+    def describe_objects(self, detections: Detections, panorama: Panorama) -> Description:
         names = np.array(with_object_labels(detections).labels, dtype=np.str_)
         labels, of_object = np.unique(names, return_inverse=True)
         weight = np.bincount(of_object, self.weigh_objects(detections), len(labels))

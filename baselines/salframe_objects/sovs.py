@@ -34,9 +34,9 @@ class SalientVolumesLocalizer(SalientObjects):
     """
 
     name = "sovs"
-    version = "3"
+    version = "4"
 
-    def describe_detections(self, detections: Detections, panorama: Panorama) -> Description:
+    def describe_objects(self, detections: Detections, panorama: Panorama) -> Description:
         objects = with_object_labels(detections.take(np.flatnonzero(np.isfinite(detections.centroid_m).all(1))))
         labels = np.array(objects.labels, dtype=np.str_)
         weight = self.weigh_objects(objects)

@@ -62,7 +62,7 @@ class GraphLocalizer(DetectingLocalizer):
         detections = with_object_labels(detections)
         return build_graph(detections, self._saliency.score(detections), self.config.graph)
 
-    def describe_detections(self, detections: Detections, panorama: Panorama) -> Description:
+    def describe_objects(self, detections: Detections, panorama: Panorama) -> Description:
         return {**graph_to_arrays(self.graph(detections)), **written_labels(detections)}
 
     def join(

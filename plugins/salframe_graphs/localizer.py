@@ -25,7 +25,7 @@ class SaliencyGraphLocalizer(GraphLocalizer):
     """
 
     name = "saliency-graph"
-    version = "4"
+    version = "5"
 
     class Config(GraphLocalizerConfig, PanoramaMatchingConfig):
         posterior: posterior_slot()  # type: ignore[valid-type]

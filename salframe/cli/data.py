@@ -91,6 +91,7 @@ def labels(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, 
     Methods compare labels by their names in the vocabulary of salframe. A label that is not in the vocabulary is listed
     with the most similar names. The exit status is 1 if a panorama cannot be read.
     """
+    from collections import Counter
     from dataclasses import asdict
 
     from salframe.cli.output import Bars, tell
@@ -104,6 +105,7 @@ def labels(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, 
         LabelStatus.KNOWN: "",
         LabelStatus.UNKNOWN: "not in the vocabulary",
         LabelStatus.NOT_OBJECT: "no class of objects",
+        LabelStatus.MOVING: "moves, so maps do not contain it",
     }
     if as_json:
         print_json(asdict(result))
@@ -119,10 +121,9 @@ def labels(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, 
             for row in result.labels
         ]
         print_table(("label", "name", "kind of", "objects", ""), rows)
-        counts = [
-            f"{sum(row.status is status for row in result.labels)} {note}" for status, note in notes.items() if note
-        ]
-        print(f"{len(rows)} labels: {', '.join(counts)}")
+        counts = Counter(row.status for row in result.labels)
+        named = [f"{counts[status]} {note}" for status, note in notes.items() if note and counts[status]]
+        print(f"{len(rows)} labels: {'; '.join(named) or 'all in the vocabulary'}")
     for id, error in result.failures.items():
         tell(f"error: {id}: {error}")
     if result.failures:

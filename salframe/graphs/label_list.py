@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from salframe.framework.errors import DataError, describe_error
-from salframe.graphs.vocabulary import common_label, is_object, near_names, object_label
+from salframe.graphs.vocabulary import common_label, is_moving, is_object, near_names, object_label
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 from salframe.panoramas.opening import Progress
@@ -16,11 +16,13 @@ from salframe.panoramas.panorama import Panorama, visible_instances
 
 
 class LabelStatus(StrEnum):
-    """Whether the vocabulary has a label."""
+    """Whether the vocabulary has a label. MOVING: maps do not contain these objects, which are people, animals and
+    bags."""
 
     KNOWN = "known"
     UNKNOWN = "unknown"
     NOT_OBJECT = "not an object"
+    MOVING = "moving"
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,7 @@ class ListedLabel:
         name = object_label(label)
         known = is_object(name)
         status = {True: LabelStatus.KNOWN, False: LabelStatus.NOT_OBJECT, None: LabelStatus.UNKNOWN}[known]
+        status = LabelStatus.MOVING if is_moving(label) else status
         return cls(label, name, common_label(label), objects, status, near_names(label) if known is None else ())
 
 

@@ -81,6 +81,18 @@ def with_common_labels(detections: Detections) -> Detections:
     return replace(detections, labels=tuple(map(common_label, detections.labels)))
 
 
+def is_moving(label: str) -> bool:
+    """Return whether a label names people, animals or bags."""
+    return common_label(label) in _vocabulary()["moving"]
+
+
+def without_moving_objects(detections: Detections) -> Detections:
+    """Return the detections without people, animals and bags, which are probably elsewhere in the next panorama. The
+    list `moving` of vocabulary.yaml contains their general names."""
+    rows = [row for row, label in enumerate(detections.labels) if not is_moving(label)]
+    return detections if len(rows) == len(detections) else detections.take(np.array(rows, np.intp))
+
+
 def written_labels(detections: Detections) -> dict[str, np.ndarray]:
     """Return the distinct labels of detections, as the detector writes them, as an array of a description: (W,) str in
     alphabetical order."""

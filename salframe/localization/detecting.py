@@ -8,6 +8,7 @@ from salframe.framework.component import ComponentConfig
 from salframe.framework.components.registry import registry
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
+from salframe.graphs.vocabulary import without_moving_objects
 from salframe.localization.localizer import Description, Localizer
 from salframe.panoramas.panorama import Panorama
 
@@ -26,8 +27,13 @@ class DetectingLocalizer(Localizer):
         detector: Detector = self._detector
         return detector
 
-    @abstractmethod
     def describe_detections(self, detections: Detections, panorama: Panorama) -> Description:
+        """Return the description of a panorama from its detections, without objects that move by themselves or are
+        carried: people, pets and bags. Arguments are those of `describe_objects`."""
+        return self.describe_objects(without_moving_objects(detections), panorama)
+
+    @abstractmethod
+    def describe_objects(self, detections: Detections, panorama: Panorama) -> Description:
         """Return the description of a panorama from its detections.
 
         Args:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from fake_plugin import Reader, Rooms
@@ -12,6 +14,7 @@ from salframe.framework.validation import validate
 from salframe.localization.localizer import Localizer
 from salframe.localization.map import LocalizationMap
 from salframe.panoramas.opening import reference_frames
+from salframe.panoramas.panorama import Panorama
 from salframe.testing.rooms import ROOMS, box_detections, map_frames, stand
 
 
@@ -58,3 +61,14 @@ def test_a_method_without_objects_refuses_detections(fakes):
     rooms = LocalizationMap.build(Reader(), reference_frames(Rooms()))
     with pytest.raises(InputMissing, match="received detections, which reader does not use"):
         rooms.describe_detections(box_detections(ROOMS[0]))
+
+
+@pytest.mark.parametrize("kind", ["saliency-places", "saliency-graph", "objects", "salient-objects", "sovs"])
+def test_people_pets_and_bags_are_not_described(opened, kind):
+    localizer, detections = opened[kind].localizer, box_detections(ROOMS[0])
+    moving = replace(detections, labels=("Person", "cat", "suitcase_2", *detections.labels[3:]))
+    expected = localizer.describe_objects(detections.take(range(3, len(detections))), Panorama("room"))
+    received = localizer.describe_detections(moving, Panorama("room"))
+    assert expected.keys() == received.keys()
+    for name, array in expected.items():
+        np.testing.assert_array_equal(array, received[name])

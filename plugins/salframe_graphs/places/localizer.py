@@ -93,7 +93,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
     """
 
     name = "saliency-places"
-    version = "10"
+    version = "11"
     uses_floors = True
 
     class Config(PlacesConfig):
@@ -113,8 +113,8 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         stored = tuple(config for config in self.config.evidence if config.component.arrays)
         return identity(self.config.model_copy(update={"evidence": stored}), describing=True)
 
-    def describe_detections(self, detections: Detections, panorama: Panorama) -> Description:
-        description = {**super().describe_detections(detections, panorama)}
+    def describe_objects(self, detections: Detections, panorama: Panorama) -> Description:
+        description = {**super().describe_objects(detections, panorama)}
         if panorama.range_m is not None:
             description |= measure_height(panorama)
         description = {**self._evidence.describe(panorama, description)}
