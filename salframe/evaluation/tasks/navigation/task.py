@@ -36,6 +36,7 @@ from salframe.framework.errors import ConfigError, shorten
 from salframe.framework.files.writing import write_json
 from salframe.framework.validation import Seed, Settings, validate
 from salframe.localization.localizer import Localizer
+from salframe.navigation.agent_localizer import AgentLocalizer
 from salframe.navigation.episodes import (
     MAX_EPISODES,
     Episode,
@@ -47,8 +48,7 @@ from salframe.navigation.episodes import (
     read_episode_requests,
 )
 from salframe.navigation.guide import Guide
-from salframe.navigation.sight import Sight
-from salframe.navigation.walk import LOOSER_M, NavigationConfig
+from salframe.navigation.walk import SUCCESS_LIMITS_M, NavigationConfig
 from salframe.navigation.world import open_worlds
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.opening import Progress
@@ -137,11 +137,11 @@ class NavigationTask(PagedTask[Episode, NavigationSurvey, EpisodeRow, Navigation
         if label == TRUE_PLACE:
             return Walking(None, survey.sites, self.config, self.seed)
         check_needs(method, survey.dataset)
-        sight = Sight(method, survey.dataset.content_key, positioning=not self.mode(label))
-        return Walking(sight, survey.sites, self.config, self.seed)
+        localizer = AgentLocalizer(method, survey.dataset.content_key, positioning=not self.mode(label))
+        return Walking(localizer, survey.sites, self.config, self.seed)
 
     def failed(self, piece: Episode) -> Row:
-        failure = {"success": False, "oracle": False, "spl": 0.0, **dict.fromkeys(LOOSER_M, False)}
+        failure = {"success": False, "oracle": False, "spl": 0.0, **dict.fromkeys(SUCCESS_LIMITS_M, False)}
         return {"world": piece.world, "goal": piece.goal, **failure, "shortest_m": piece.shortest_m}
 
     def summarize(self, parts: Sequence[Part[NavigationSurvey, EpisodeRow]], seed: int) -> tuple[NavigationRow, ...]:
