@@ -12,9 +12,9 @@ from salframe.framework.files.cache import Cache
 from salframe.localization.answers import Localization, LocalizationStatus, RankedPlace
 from salframe.localization.described_query import DescribedView, describe_view
 from salframe.localization.describing import describe_frame
-from salframe.localization.left_out import check_left_out, left_out_note
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map import LocalizationMap
+from salframe.localization.unusable_frames import check_unusable, unusable_note
 from salframe.navigation.agent import Located
 from salframe.navigation.world import World
 from salframe.panoramas.floors import FloorMasks
@@ -64,7 +64,7 @@ class AgentLocalizer:
     def __init__(self, localizer: Localizer, dataset: str, positioning: bool) -> None:
         self._localizer, self._dataset, self._positioning, self._cache = localizer, dataset, positioning, Cache()
         self._descriptions: dict[str, Description | None] = {}
-        self._left_out: dict[str, DataError | InputMissing] = {}
+        self._unusable_frames: dict[str, DataError | InputMissing] = {}
         self._frames: dict[str, ReferenceFrame] = {}
         self._map: LocalizationMap | None = None
         self._views: list[tuple[DescribedView, np.ndarray]] = []
@@ -72,7 +72,7 @@ class AgentLocalizer:
     @property
     def warning(self) -> str | None:
         """A warning on reference frames that were left out; None if no frame was left out."""
-        return left_out_note(self._left_out)
+        return unusable_note(self._unusable_frames)
 
     def localize(
         self, world: World, T_world_pano: np.ndarray, yaw_rad: float, turn: np.ndarray | None = None
@@ -109,8 +109,9 @@ class AgentLocalizer:
         usable = [frame for frame in frames if self._describe(frame) is not None]
         if self._map is not None and [frame.id for frame in usable] == list(self._frames):
             return self._map
+        unusable = {one.id: self._unusable_frames[one.id] for one in frames if one.id in self._unusable_frames}
         try:
-            check_left_out({one.id: self._left_out[one.id] for one in frames if one.id in self._left_out}, len(frames))
+            check_unusable(unusable, len(frames))
         except InputMissing as error:
             raise MethodUnavailable(str(error)) from error
         except DataError as error:
@@ -130,5 +131,5 @@ class AgentLocalizer:
                 self._descriptions[frame.id] = describe_frame(self._localizer, frame, self._cache, self._dataset)[0]
             except FRAME_ERRORS as error:
                 self._descriptions[frame.id] = None
-                self._left_out[frame.id] = error
+                self._unusable_frames[frame.id] = error
         return self._descriptions[frame.id]

@@ -9,7 +9,7 @@ import numpy as np
 from salframe.framework.components.identity import identity
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
-from salframe.graphs.turning import turned_detections
+from salframe.graphs.turning import rotate_detections
 from salframe.panoramas.geometry import wrap_angle
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.turning import turned
@@ -167,7 +167,7 @@ def _turn(
 ) -> tuple[Detections, Detections]:
     """Return the detections rotated with the panorama, and the detections in the rotated panorama."""
     after = ask(_name_turn(panorama, columns), detector.detect, turned(panorama, columns))
-    return turned_detections(detections, -np.pi * columns / HEIGHT_PX), after
+    return rotate_detections(detections, -np.pi * columns / HEIGHT_PX), after
 
 
 def _check_turn(detector: Detector, panorama: Panorama, detections: Detections, columns: int) -> None:

@@ -16,7 +16,7 @@ from salframe.framework.files.hashes import file_sha256
 from salframe.framework.validation import validate
 from salframe.graphs.annotated import seen_objects
 from salframe.graphs.sensor import DetectionModel, Errors, FalseObjects, Provenance, SensorModel, read_sensor
-from salframe.graphs.sightings import sightings
+from salframe.graphs.visibility import object_visibility
 from salframe.panoramas.geometry import sample_nearest
 from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
 
@@ -96,7 +96,7 @@ def drawn():
 
 def test_each_object_is_found_as_often_as_the_model_says(drawn):
     pano = panorama()
-    shown = sightings(pano, seen_objects(pano))
+    shown = object_visibility(pano, seen_objects(pano))
     chance = SENSOR.detection.probability(shown.labels, shown.solid_angle_sr, shown.range_m, shown.hidden_share)
     assert np.ptp(chance) > 0.2
     keys = [one.key for _, found in drawn for one in found if one.key > 0]
@@ -222,7 +222,7 @@ def test_without_range_bearings_and_labels_are_drawn(tmp_path):
     """Nothing hides what has no range, and its range is the reference: as many are found as the model says then."""
     noise, pano = SensedNoise(SENSOR), replace(panorama(), range_m=None)
     objects = seen_objects(pano)
-    shown = sightings(pano, objects)
+    shown = object_visibility(pano, objects)
     chance = SENSOR.detection.probability(shown.labels, shown.solid_angle_sr)
     views = [replace(pano, id=f"frame-{frame}") for frame in range(FRAMES)]
     found = [one for view in views for one in noise.spoil(view, objects, 0) if one.key > 0]
@@ -243,7 +243,7 @@ def test_object_lists_take_it():
     listed = Panorama("list", annotations=Annotations(objects=boxes))
     objects = seen_objects(listed)
     chance = SENSOR.detection.probability(
-        ("chair",) * 50, sightings(listed, objects).solid_angle_sr, sightings(listed, objects).range_m
+        ("chair",) * 50, object_visibility(listed, objects).solid_angle_sr, object_visibility(listed, objects).range_m
     )
     counts = [len(SensedNoise(EXACT).spoil(listed, objects, (0, frame))) for frame in range(100)]
     assert np.mean(counts) == pytest.approx(chance.sum(), abs=4 * np.sqrt((chance * (1 - chance)).sum() / 100))

@@ -12,7 +12,7 @@ import numpy as np
 from salframe.framework.files.array_files import ArrayKind
 from salframe.framework.files.columns import PackedColumn, Row
 from salframe.graphs.segments import Segments, ranges
-from salframe.graphs.table import count_having
+from salframe.graphs.table import count_graphs_by_label
 from salframe.panoramas.geometry import as_complex
 from salframe_graphs.places.merging import Place
 from salframe_graphs.places.rates import Likelihood, Rates
@@ -209,7 +209,7 @@ def _index(
     return PlaceIndex(
         {name: i for i, name in enumerate(names)},
         number / number.sum(),
-        np.log((1 + len(count)) / (1 + count_having(count, label, len(names) + 1))) + 1,
+        np.log((1 + len(count)) / (1 + count_graphs_by_label(count, label, len(names) + 1))) + 1,
         count,
         label.astype(np.int64),
         values["xyz_m"][:, :2],

@@ -27,9 +27,9 @@ from salframe.framework.errors import InputMissing
 from salframe.framework.files.cache import Cache
 from salframe.framework.validation import Settings, validate
 from salframe.graphs.annotated import annotated_detections
-from salframe.localization.asking import MapWords
 from salframe.localization.localizer import Localizer
 from salframe.localization.map import LocalizationMap
+from salframe.localization.text_places import MapWords
 from salframe.localization.text_query import read_text
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.frames import QueryFrame

@@ -11,7 +11,7 @@ import numpy as np
 from salframe.evaluation.tasks.detection.judging import NEAR_M
 from salframe.graphs.detections import Detections
 from salframe.graphs.sensor import DetectionModel, Errors, FalseObjects, Provenance, SensorModel, quantiles
-from salframe.graphs.sightings import ObjectVisibility
+from salframe.graphs.visibility import ObjectVisibility
 from salframe.graphs.vocabulary import common_label
 
 REACH_SHARE, OTHER_REACH_SHARE = 0.5, 0.25

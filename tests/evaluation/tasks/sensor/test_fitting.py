@@ -17,7 +17,7 @@ from salframe.evaluation.tasks.sensor.fitting import (
 )
 from salframe.graphs.boxes import detections_where_known
 from salframe.graphs.detections import Detections
-from salframe.graphs.sightings import ObjectVisibility
+from salframe.graphs.visibility import ObjectVisibility
 
 LABELS = ("chair", "table", "sofa", "plant", "lamp", "mirror")
 INTERCEPT, SLOPES, OFFSETS = 0.5, np.array([0.8, -1.5, -2.0]), {"chair": -1.0, "sofa": 1.0}
