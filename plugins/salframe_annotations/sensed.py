@@ -50,7 +50,7 @@ class SensedNoise:
         """
         return cls(read_sensor(path))
 
-    def spoil(self, panorama: Panorama, objects: Sequence[Annotated], seed: int) -> list[Annotated]:
+    def simulate_detections(self, panorama: Panorama, objects: Sequence[Annotated], seed: int) -> list[Annotated]:
         """Return the simulated detections of the annotated objects of a panorama, followed by false positives."""
         visibility = object_visibility(panorama, objects)
         probabilities = self._sensor.detection.probability(

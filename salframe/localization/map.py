@@ -94,7 +94,7 @@ class LocalizationMap:
         self._mapped_files: tuple[FileStamp, ...] = ()
         self._folder: Path | None = None
         self._is_checked = False
-        self._hold(packed, frames, floors)
+        self._set_frames(packed, frames, floors)
 
     @classmethod
     def build(
@@ -488,7 +488,7 @@ class LocalizationMap:
         """Return the descriptions of all reference frames, unpacked."""
         return [self.localizer.unpack(packed) for packed in self._packed]
 
-    def _hold(
+    def _set_frames(
         self, packed: Sequence[Description], frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks]
     ) -> None:
         self._packed, self.frames = packed, frames
@@ -517,7 +517,7 @@ class LocalizationMap:
         """Remove the frames of some places, add others, and index the map."""
         rows = [i for i, frame in enumerate(self.frames) if frame.place not in places]
         remaining = [*(self._packed[i] for i in rows), *packed], [*(self.frames[i] for i in rows), *frames]
-        self._hold(*in_canonical_order(*remaining), floors)
+        self._set_frames(*in_canonical_order(*remaining), floors)
         with _convert_array_errors(self._folder, self.localizer):
             self._index(calibrate=self.calibration is not None)
 

@@ -40,7 +40,11 @@ def pack_look(look: SensorSample) -> Row:
         name: {"labels": list(side.labels), **{part: _listed(getattr(side, part)) for part in PARTS}}
         for name, side in sides.items()
     }
-    return {**packed, "range_m": _listed(look.shown.range_m), "hidden_share": _listed(look.shown.hidden_share)}
+    return {
+        **packed,
+        "range_m": _listed(look.visibility.range_m),
+        "hidden_share": _listed(look.visibility.hidden_share),
+    }
 
 
 def unpack_look(row: LookRow) -> SensorSample | None:

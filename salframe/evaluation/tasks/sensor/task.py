@@ -62,10 +62,10 @@ class SensorTask(Task[Frame, Survey[Frame], LookRow, SensorRow]):
     def failed(self, piece: Frame) -> Row:
         """Return the row of a failed panorama: annotated objects without detections; empty if it cannot be read."""
         try:
-            truth, shown = annotated(piece.load())
+            truth, visibility = annotated(piece.load())
         except FRAME_ERRORS:
             return {}
-        return pack_look(SensorSample(truth, shown, Detections.empty()))
+        return pack_look(SensorSample(truth, visibility, Detections.empty()))
 
     def summarize(self, parts: Sequence[Part[Survey[Frame], LookRow]], seed: int) -> tuple[SensorRow, ...]:
         places = [
@@ -90,8 +90,8 @@ class _Looking(Worker[Frame]):
 
     def work(self, piece: Frame) -> Row:
         panorama = piece.load()
-        truth, shown = annotated(panorama)
+        truth, visibility = annotated(panorama)
         detections = self._detector.detect(panorama)
         if not isinstance(detections, Detections):
             raise InvalidAnswer(f"detect returned {type(detections).__name__}, expected Detections")
-        return {**pack_look(SensorSample(truth, shown, detections)), "status": PieceStatus.OK, "error": None}
+        return {**pack_look(SensorSample(truth, visibility, detections)), "status": PieceStatus.OK, "error": None}
