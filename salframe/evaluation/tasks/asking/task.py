@@ -20,7 +20,7 @@ from salframe.evaluation.runs.task import Task, TaskOptions, Worker
 from salframe.evaluation.statistics import Estimate, estimate_proportion
 from salframe.evaluation.tasks.asking.describing import describe_in_words
 from salframe.evaluation.tasks.asking.rows import DescriptionRow
-from salframe.evaluation.tasks.asking.table import COLUMNS, TOP, USUAL, AskingRow
+from salframe.evaluation.tasks.asking.table import COLUMNS, DEFAULT_COLUMNS, TOP, AskingRow
 from salframe.framework.component import ComponentConfig
 from salframe.framework.components.registry import registry
 from salframe.framework.errors import InputMissing
@@ -80,7 +80,7 @@ class AskingTask(Task[DescribedRoom, Survey[DescribedRoom], DescriptionRow, Aski
     row = DescriptionRow
     line = AskingRow
     columns = COLUMNS
-    usual = USUAL
+    default_columns = DEFAULT_COLUMNS
     Options = AskingOptions
     maps = True
 

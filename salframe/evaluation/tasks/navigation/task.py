@@ -25,7 +25,7 @@ from salframe.evaluation.tasks.navigation.options import ARMS, TRUE_PLACE, WITHO
 from salframe.evaluation.tasks.navigation.published import Published, find_published
 from salframe.evaluation.tasks.navigation.rows import EpisodeRow
 from salframe.evaluation.tasks.navigation.survey import NavigationSurvey
-from salframe.evaluation.tasks.navigation.table import ABOUT, COLUMNS, USUAL, NavigationRow, score_tables
+from salframe.evaluation.tasks.navigation.table import ABOUT, COLUMNS, DEFAULT_COLUMNS, NavigationRow, score_tables
 from salframe.evaluation.tasks.navigation.trajectories import write_trajectories
 from salframe.evaluation.tasks.navigation.view import NavigationView
 from salframe.evaluation.tasks.navigation.walking import Walking
@@ -88,7 +88,7 @@ class NavigationTask(PagedTask[Episode, NavigationSurvey, EpisodeRow, Navigation
     row = EpisodeRow
     line = NavigationRow
     columns = COLUMNS
-    usual = USUAL
+    default_columns = DEFAULT_COLUMNS
     about = ABOUT
     Options = NavigationOptions
     maps = True

@@ -22,7 +22,7 @@ from salframe.evaluation.runs.run_folder import REQUEST, Run
 from salframe.evaluation.runs.task import Task, TaskOptions, Worker
 from salframe.evaluation.tasks.scale.measures import summarize_queries
 from salframe.evaluation.tasks.scale.rows import SceneRow
-from salframe.evaluation.tasks.scale.table import COLUMNS, USUAL, ScaleRow
+from salframe.evaluation.tasks.scale.table import COLUMNS, DEFAULT_COLUMNS, ScaleRow
 from salframe.framework.component import ComponentConfig, components_in
 from salframe.framework.components.installation import folder_bytes
 from salframe.framework.components.registry import registry
@@ -80,7 +80,7 @@ class ScaleTask(Task[int, Survey[int], SceneRow, ScaleRow]):
     row = SceneRow
     line = ScaleRow
     columns = COLUMNS
-    usual = USUAL
+    default_columns = DEFAULT_COLUMNS
     Options = ScaleOptions
 
     @classmethod
@@ -112,8 +112,8 @@ class ScaleTask(Task[int, Survey[int], SceneRow, ScaleRow]):
         self, label: str, method: Localizer, survey: Survey[int], todo: Sequence[int], folder: Path
     ) -> Worker[int]:
         check_needs(method, survey.dataset)
-        alone = set(survey.pieces[:EXHAUSTIVE])
-        return _ScaleWorker(method, _matcher_config(method), survey.dataset, self.scenes, alone, folder)
+        exhaustive = set(survey.pieces[:EXHAUSTIVE])
+        return _ScaleWorker(method, _matcher_config(method), survey.dataset, self.scenes, exhaustive, folder)
 
     def summarize(self, parts: Sequence[Part[Survey[int], SceneRow]], seed: int) -> tuple[ScaleRow, ...]:
         return tuple(summarize_queries(records, self.scenes) for records in by_method(parts))

@@ -16,7 +16,7 @@ from salframe.evaluation.tasks.sensor.fitting import SensorSample
 from salframe.evaluation.tasks.sensor.looks import annotated, pack_look
 from salframe.evaluation.tasks.sensor.measures import summarize_detector
 from salframe.evaluation.tasks.sensor.rows import LookRow
-from salframe.evaluation.tasks.sensor.table import COLUMNS, USUAL, SensorRow, alike_tables
+from salframe.evaluation.tasks.sensor.table import COLUMNS, DEFAULT_COLUMNS, SensorRow, alike_tables
 from salframe.framework.errors import FRAME_ERRORS, InputMissing, InvalidAnswer
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
@@ -38,7 +38,7 @@ class SensorTask(Task[Frame, Survey[Frame], LookRow, SensorRow]):
     row = LookRow
     line = SensorRow
     columns = COLUMNS
-    usual = USUAL
+    default_columns = DEFAULT_COLUMNS
 
     def survey(self, dataset: Dataset) -> Survey[Frame]:
         if absent := {"annotations", "range"} - dataset.provides:
