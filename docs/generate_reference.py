@@ -138,12 +138,32 @@ def write_role(role: str, components: list[type[Component]]) -> str:
     rows = {component: _setting_rows(component) for component in components}
     first, *others = rows.values()
     common = [row for row in first if others and all(row in other for other in others)]
-    page = [f"# Components: {role}", _summary(role)]
+    page = []
     if common:
         page += ["## Settings of all components", "All components on this page have these settings.", _settings(common)]
     for component in components:
         page += _component(component, [row for row in rows[component] if row not in common], bool(common))
-    return "\n\n".join(page) + "\n"
+    terms = _definitions("\n".join([_summary(role), *page]))
+    return "\n\n".join([f"# Components: {role}", _summary(role), *filter(None, [terms]), *page]) + "\n"
+
+
+TERMS = {
+    "quer": "a *query* is a panorama to localize",
+    "reference frame": "a *reference frame* is a panorama of the map, with its pose and place",
+    "floor mask": "*floor masks* are images of the free floor and the rooms, from above",
+    "the paper": "*the paper* is the [paper](../../explanation/method.md#the-preset-paper) that introduced 360-degree "
+    "saliency graphs",
+    "saliency": "the *saliency* of an object is its share in the volume of all objects of a panorama",
+    "bearing": "the *bearing* of an object is its direction from the camera",
+    "outline": "the *outline* of free space describes the walls around the camera",
+}
+"""Definitions of terms, by a part of a text that uses them. A page of components begins with those that it needs."""
+
+
+def _definitions(text: str) -> str:
+    """Return a sentence that defines the terms that a text uses; "" if it uses none."""
+    used = [definition for part, definition in TERMS.items() if part in text]
+    return f"On this page, {'; '.join(used)}." if used else ""
 
 
 def _components() -> Iterator[tuple[str, list[type[Component]]]]:

@@ -92,6 +92,7 @@ from .panoramas.camera_file import read_camera as read_camera
 from .panoramas.camera_sequence import CameraSequence as CameraSequence
 from .panoramas.camera_sequence import read_sequence as read_sequence
 from .panoramas.dataset import Dataset as Dataset
+from .panoramas.floors import Connection as Connection
 from .panoramas.floors import FloorMasks as FloorMasks
 from .panoramas.frames import Fold as Fold
 from .panoramas.frames import FrameKind as FrameKind

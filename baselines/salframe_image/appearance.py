@@ -31,7 +31,7 @@ MAX_DISTANCE_M = 2.5
 
 
 class AppearanceEvidence(EvidenceModel):
-    """Similarity of the colour images of query and place, in the column `appearance`.
+    """Similarity of the colour images of query and place: one number for each place, named `appearance`.
 
     Perspective views are cut from a panorama. The descriptor of a view is the feature map of an image network, pooled
     by the generalised mean (Radenovic et al. 2019) and normalised to unit length. The value of a place is the mean

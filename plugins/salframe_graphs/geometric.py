@@ -40,8 +40,9 @@ class _Ranking:
 class GeometricMatcher(NodeMatcher):
     """Compares nodes by height, size and the labels nearby, and searches for one pose that explains their positions.
 
-    Candidate graphs are selected by their labels. The score of a match is a weighted sum of two Jaccard indices. The
-    first one counts similar nodes. The second one counts similar nodes that coincide under one pose.
+    Only graphs with similar labels are compared (`min_candidate_ratio`). The score of a match is a weighted sum of two
+    Jaccard indices. The first one counts similar nodes. The second one counts similar nodes that coincide under one
+    pose.
     """
 
     name = "geometric"
@@ -69,15 +70,15 @@ class GeometricMatcher(NodeMatcher):
         tolerance_share: float = Field(
             0.05,
             ge=0,
-            description="geometric verification: increase of this maximum distance with the ranges a and b of the two "
-            "nodes, per metre of sqrt(a^2 + b^2)",
+            description="geometric verification: two nodes with the ranges a and b coincide if their distance is at "
+            "most `tolerance_m` + `tolerance_share` * sqrt(a^2 + b^2)",
         )
         max_scale_error: float = Field(
             0.0,
             ge=0,
             lt=1,
-            description="geometric verification: maximum relative error of the scale of a query's ranges, which is "
-            "estimated with the pose; 0: the scale is known, as for a depth sensor",
+            description="geometric verification: maximum relative error of the scale of a query's ranges; the "
+            "scale is estimated with the pose; 0: the scale is known, as for a depth sensor",
         )
         max_shift_m: float = Field(
             6.0,

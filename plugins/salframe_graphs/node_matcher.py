@@ -56,30 +56,31 @@ class NodeMatcherConfig(ComponentConfig):
         0.25,
         ge=0,
         le=1,
-        description="minimum similarity of the labels (Jaccard index) of a candidate graph and the query, divided by "
-        "the highest similarity of all graphs (paper: 0.6)",
+        description="minimum relative similarity of a graph that is compared with the query: the Jaccard index of the "
+        "labels of both, divided by the highest such index of all graphs (the paper: 0.6)",
     )
     max_candidates: int | None = Field(
         100,
         ge=1,
-        description="maximum number of candidate graphs, which are compared with a query node by node; the scene "
-        "index selects them; null: all graphs (as in the paper)",
+        description="maximum number of graphs that are compared with a query node by node; in a larger map, the scene "
+        "index first selects this number of graphs; null: all graphs (as in the paper)",
     )
     scene_index: slot(  # type: ignore[valid-type]
         "scene-index",
         "by-size",
-        description="index that selects the candidate graphs of a map with more than `max_candidates` graphs",
+        description="index that selects the graphs to compare in a map with more than `max_candidates` graphs. "
+        "by-size: the index is chosen by the size of the map",
     )
     height_scale_m: float | None = Field(
         0.2,
         gt=0,
-        description="difference in height (m) of two nodes at which their similarity is halved; null: heights are "
-        "ignored",
+        description="difference in the z of the centres of two nodes (m) at which their similarity is halved; null: "
+        "z is ignored",
     )
     size_scale: tuple[float, float] | None = Field(
         (0.8, 0.5),
-        description="scales of the differences in size: the similarity of two nodes is halved if ln(ratio of their "
-        "box lengths) is the first value, and halved if ln(ratio of their box heights) is the second value; null: "
+        description="scales [a, b] of the differences in size: a ratio of exp(a) between the lengths of two boxes "
+        "halves the similarity of their nodes, and so does a ratio of exp(b) between their heights; null: "
         "sizes are ignored",
     )
     ring_edges_m: Annotated[tuple[float, ...], AfterValidator(_ascending)] = Field(

@@ -48,11 +48,12 @@ def _as_pose(rotation: np.ndarray, shift: np.ndarray) -> np.ndarray:
 
 
 class RobustPositioner(Positioner):
-    """Computes a pose from each smallest possible set of matches, and refines the poses that most matches agree with.
+    """Computes a pose from each minimal set of matches, and refines the poses with the highest scores.
 
-    The smallest set is two matches for SE(2), which ignores height, and three matches for SE(3). The best poses are
-    fitted to their inliers by Umeyama's method with equal weights. The result has a covariance, and the ratio of the
-    scores of the second and the best pose.
+    A minimal set has two matches for SE(2), which ignores height, and three for SE(3). The score of a pose counts the
+    matches that agree with it (inliers); closer matches count more. The best poses are fitted to their inliers by
+    Umeyama's method with equal weights. The result has a covariance, and the ratio of the scores of the second and the
+    best pose.
     """
 
     name = "robust"
@@ -67,8 +68,8 @@ class RobustPositioner(Positioner):
         tolerance_m: float = Field(
             0.8,
             gt=0,
-            description="maximum distance (m) between two matched objects, after the motion by a pose, at which "
-            "they are inliers of this pose",
+            description="maximum distance (m) between an object of the map and the matched object of the query, "
+            "transformed by a pose, at which the match is an inlier of this pose",
         )
         min_inliers: int = Field(2, ge=2, description="minimum number of inliers of a pose, at least 3 for SE(3)")
         ambiguity: float = Field(

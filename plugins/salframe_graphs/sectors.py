@@ -78,7 +78,7 @@ class Sectors:
         return float((self.reach_m > 0).any(0).mean())
 
     def show(self, points: np.ndarray) -> np.ndarray:
-        """Return whether at least one view should show an object at each point, (T,) bool.
+        """Return for each point whether at least one view should show an object there, (T,) bool.
 
         Args:
             points: (T,) complex x + iy in the query frame, in metres.

@@ -19,10 +19,10 @@ from salframe_graphs.node_pairs import shared_weight
 
 
 class TripletMatcher(NodeMatcher):
-    """Aligns the nodes of two graphs one-to-one, and scores the edges that both graphs have between them, as in the
-    paper.
+    """Aligns the nodes of two graphs one-to-one, as in the paper.
 
-    An edge and its two nodes form a triplet. Candidate graphs are selected by their labels. There is no geometric
+    The score is the sum of the weights of the edges that both graphs have between aligned nodes. An edge and its two
+    nodes form a triplet. Only graphs with similar labels are compared (`min_candidate_ratio`). There is no geometric
     verification: the positioner estimates the pose from the aligned nodes.
     """
 

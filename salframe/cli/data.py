@@ -157,7 +157,7 @@ def import_(
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Folder to write the dataset to")],
     place_from: Annotated[
         Literal["column", "region", "folder", "none"] | None,
-        typer.Option(help="Source of the place names (default: the first source in the recording)"),
+        typer.Option(help="Source of place names (default: column, region or folder, if all have names)"),
     ] = None,
     queries: Annotated[
         str | None,

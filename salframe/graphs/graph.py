@@ -50,8 +50,8 @@ class SaliencyGraph:
         origin_m: (N, 3) float64, position of the camera that observed each node, in metres, in the panorama frame. It
             is the origin, except for nodes without range in a graph of several views.
         variance_m2: (N,) float64, variance of the position of each node along each horizontal axis, if the position was
-            triangulated from several panoramas. This error is the same in the graphs of these panoramas. 0 for a
-            measured position.
+            triangulated from several panoramas. The graphs of these panoramas share this error, so that it does not
+            average out. 0 for a measured position.
         texts: N strings, the text written on each node, "" where no text was read. By default, no node has a text.
         out_of_reach: Number of objects that were left out because a coordinate exceeds REACH_M.
     """

@@ -87,7 +87,7 @@ class ServedMap:
 
 
 def _gray_panorama() -> Panorama:
-    """Return a grey panorama with colour, range and an empty list of annotated objects."""
+    """Return a panorama with a uniform colour image, a uniform range image and an empty list of annotated objects."""
     shape = WARM_HEIGHT, 2 * WARM_HEIGHT
     return Panorama(
         "warm-up",

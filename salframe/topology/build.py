@@ -139,7 +139,7 @@ class _FloorMap:
         self._positions.append(pixel)
 
     def _add_scenes(self, frames: Sequence[ReferenceFrame]) -> None:
-        """Add a scene node at the position of each frame. Frames on the same pixel share a node."""
+        """Add a scene node at the position of each frame. Frames in the same pixel of the floor masks share a node."""
         frames_at: dict[tuple[int, int], list[tuple[ReferenceFrame, np.ndarray]]] = {}
         for frame in frames:
             pixel = self._snap(frame)

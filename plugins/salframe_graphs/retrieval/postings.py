@@ -107,11 +107,11 @@ def read_postings(folder: Path) -> Postings:
         scene, code, weight = (np.asarray(map_array(folder / name)) for name in (_SCENE, _CODE, _WEIGHT))
         position = np.asarray(map_array(folder / _POSITION)) if index.positions else None
     except (OSError, ValueError) as error:
-        raise DataError(f"{folder} is incomplete ({error}): build the scene index again") from None
+        raise DataError(f"{folder} is incomplete ({error}): build the map again") from None
     position_shape = (start[-1], 2) if position is None else position.shape
     shapes = (len(start), scene.shape, code.shape, weight.shape, position_shape)
     if shapes != (len(index.labels) + 1, (start[-1],), (start[-1], 3), (index.scenes,), (start[-1], 2)):
-        raise DataError(f"{folder} has lists whose lengths differ from those in {_INDEX}: build the scene index again")
+        raise DataError(f"{folder} has lists whose lengths differ from those in {_INDEX}: build the map again")
     return Postings({name: i for i, name in enumerate(index.labels)}, start, scene, code, rarity, weight, position)
 
 
@@ -177,7 +177,7 @@ def _sort(spool: Path, folder: Path, scenes: int, labels: int, positions: bool) 
 
 
 def _chunks(spool: Path) -> Iterable[np.ndarray]:
-    """Yield spooled objects in chunks of CHUNK."""
+    """Yield the objects of scenes that `_spool` wrote to a file, at most CHUNK at a time."""
     with spool.open("rb") as file:
         while len(chunk := np.fromfile(file, _OBJECT, CHUNK)):
             yield chunk

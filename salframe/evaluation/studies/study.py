@@ -137,7 +137,8 @@ class Study(Settings):
         for key in keys:
             if key.split(".")[0] not in known_keys:
                 raise ConfigError(
-                    f"the mapping vary has the key {key}: {unknown('key', key.split('.')[0], sorted(known_keys))}"
+                    f"the mapping `vary` has the key {key}, which no method has: "
+                    f"{unknown('key', key.split('.')[0], sorted(known_keys))}"
                 )
         labels = [variant.label for variant in variants]
         twice = [label for label in labels if labels.count(label) > 1]

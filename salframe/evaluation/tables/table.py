@@ -102,7 +102,7 @@ def _best(column: Column[RowT], rows: Sequence[RowT], alike: Sequence[int]) -> l
 def split_table(table: Table, fits: Callable[[Table], bool]) -> list[Table]:
     """Split a table into tables with all of its rows, each with as many columns as `fits` accepts.
 
-    Columns of costs are in separate tables. A table that fits is returned unchanged.
+    Columns of costs (times, sizes, memory) are in separate tables. A table that fits is returned unchanged.
     """
     if fits(table):
         return [table]
