@@ -192,11 +192,11 @@ def _component(component: type[Component], rows: list[tuple[str, ...]], has_comm
 
 
 def _settings(rows: list[tuple[str, ...]]) -> str:
-    return _table(("setting", "type", "default", "meaning"), rows)
+    return _table(("setting", "meaning", "default", "type"), rows)
 
 
 def _setting_rows(component: type[Component]) -> list[tuple[str, ...]]:
-    return [(f"`{s.key}`", s.type, _value(s.default), s.help) for s in _own_settings(component.Config())]
+    return [(f"`{s.key}`", s.help, _value(s.default), s.type) for s in _own_settings(component.Config())]
 
 
 def _own_settings(config: ComponentConfig) -> Iterator[Setting]:

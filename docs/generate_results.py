@@ -184,6 +184,8 @@ def _table(study: TableStudy, stored: StoredTable, how: str, tables: list[Table]
     """Return the title and the tables of a study as text, and append the tables to `tables`."""
     time = "" if stored.seconds is None else f", {duration(stored.seconds)}"
     parts = [f"**{study.title}** ({stored.date}, {stored.machine}{time}{how})"]
+    if study.shared_settings:
+        parts.append(f"Settings of all rows: `{study.shared_settings}`")
     for table in stored_tables(study, stored, study.columns):
         tables.append(table)
         parts += [f"*{table.title}*"] if table.title else []

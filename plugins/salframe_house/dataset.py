@@ -129,7 +129,7 @@ class House(RenderedDataset["HouseFrame"], NavigableDataset):
         floors, _ = floors_of(self.config)
         return {"floor" if len(floors) == 1 else f"floor-{number}": floor for number, floor in enumerate(floors, 1)}
 
-    def connections(self) -> Sequence[Connection]:
+    def list_connections(self) -> Sequence[Connection]:
         from salframe_house.rendering import stairs_of
 
         return stairs_of(self.config)

@@ -16,7 +16,7 @@ def ask(
     text: Annotated[str, typer.Argument(help='Description of a room, such as "red sofa, two plants left of the bed"')],
     as_json: Json = False,
 ) -> None:
-    """Find the places of a saved map that fit a description in words.
+    """Find the places of a map that fit a description in words.
 
     Prints the five likeliest places with their probabilities, and the yes-or-no question that would best tell them
     apart. Commas separate objects. A number or "no" may stand before an object. "left of", "right of" or "opposite" may

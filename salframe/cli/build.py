@@ -41,10 +41,10 @@ def build(
     engine: EngineName = ENGINE,
     workers: Workers = None,
 ) -> None:
-    """Build a map from the reference frames (panoramas with known poses) of a dataset.
+    """Build a map from the reference frames of a dataset.
 
-    The map includes a topology (nodes and edges for routes) if the dataset has floor masks, or range images from which
-    floors are derived.
+    Reference frames are panoramas with known poses. The map includes a topology (nodes and edges for routes) if the
+    dataset has floor masks, or range images from which floors are derived.
     """
     from salframe.cli.calibration import describe_calibration
     from salframe.cli.output import Bars, tell

@@ -10,7 +10,7 @@ import typer
 from salframe.cli.options import ENGINE, DataArgument, DataDir, EngineName, Json, Set, Workers, with_workers
 from salframe.cli.output import print_json
 
-app = typer.Typer(help="List, inspect, render and import datasets", no_args_is_help=True)
+app = typer.Typer(help="List, inspect, render and import datasets.", no_args_is_help=True)
 
 
 @app.command("list")

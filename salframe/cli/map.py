@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from salframe.topology.map_changes import MapChange
     from salframe.topology.planner import Route
 
-app = typer.Typer(help="Build, change, draw and query the map of a building", no_args_is_help=True)
+app = typer.Typer(help="Build, change, draw and query the map of a building.", no_args_is_help=True)
 TopologyMap = Annotated[Path, typer.Argument(metavar="MAP", help="Map folder with a topology")]
 AnyMap = Annotated[Path, typer.Argument(metavar="MAP", help="Map folder")]
 PlannerName = Annotated[str, typer.Option("--planner", help="Planner that computes the route; see `salframe plugins`")]

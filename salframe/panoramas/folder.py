@@ -11,7 +11,7 @@ from pydantic import Field
 
 from salframe.framework.errors import DataError
 from salframe.panoramas.dataset import Dataset
-from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.floors import Connection, FloorMasks
 from salframe.panoramas.frames import Fold, Truth
 from salframe.panoramas.hidden_places import add_hidden_places, hide_query_place_setting
 from salframe.panoramas.query_view import QueryView
@@ -86,3 +86,6 @@ class FolderDataset(Dataset):
 
     def floors(self) -> Sequence[FloorMasks]:
         return self._folder.floors()
+
+    def connections(self) -> Sequence[Connection]:
+        return self._folder.connections()

@@ -14,7 +14,7 @@ from salframe.framework.files.writing import atomic_path, write_json
 from salframe.framework.validation import Settings
 from salframe.panoramas import images
 from salframe.panoramas.dataset import MANIFEST
-from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.floors import Connection, FloorMasks
 from salframe.panoramas.geometry import is_rigid
 from salframe.panoramas.pose_conventions import PoseConvention
 from salframe.panoramas.range_encoding import MAX_STEP, RangeEncoding, RangeKind
@@ -132,6 +132,7 @@ class Manifest(RangeKeys):
         objects: Table with the label of each instance id.
         labels: Table that translates labels.
         floors: The floors.
+        connections: Stairs and lifts between the floors.
         rendered: Whether annotations and ranges come from a renderer and are free of errors.
         odometry: Table with the odometry of the camera.
         pose_convention: Axes of the poses.
@@ -145,6 +146,7 @@ class Manifest(RangeKeys):
     objects: str | None = None
     labels: str | None = None
     floors: tuple[FloorEntry, ...] = ()
+    connections: tuple[Connection, ...] | None = None
     rendered: bool = False
     odometry: str | None = None
     pose_convention: PoseConvention = "ros"
@@ -281,6 +283,7 @@ def write_manifest(
     floors: Sequence[FloorEntry] = (),
     rendered: bool = False,
     odometry: str | None = None,
+    connections: Sequence[Connection] = (),
 ) -> None:
     """Write truth.json and then manifest.json. Call this last: the manifest makes the folder a dataset.
 
@@ -292,6 +295,7 @@ def write_manifest(
         floors: Entries of the floors.
         rendered: Whether annotations and ranges come from a renderer and are free of errors.
         odometry: Name of the CSV file with the poses of the views of sequences over time.
+        connections: Stairs and lifts between the floors.
     """
     if truth:
         write_json(root / "truth.json", TruthFile(queries=dict(truth)).model_dump(mode="json", exclude_none=True))
@@ -304,5 +308,6 @@ def write_manifest(
         floors=tuple(floors),
         rendered=rendered,
         odometry=odometry,
+        connections=tuple(connections) or None,
     )
     write_json(root / MANIFEST, manifest.model_dump(mode="json", exclude_none=True))

@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.errors import DataError, TruthMissing
+from salframe.framework.errors import DataError, TruthMissing, unknown
 from salframe.framework.files.hashes import file_sha256
 from salframe.framework.files.reading import read_model, read_table
 from salframe.framework.validation import Settings
 from salframe.panoramas.camera_height import USUAL_M
 from salframe.panoramas.dataset import MANIFEST
-from salframe.panoramas.floors import MAX_CAMERA_M, SAME_FLOOR_M, FloorMasks, check_heights
+from salframe.panoramas.floors import MAX_CAMERA_M, SAME_FLOOR_M, Connection, FloorMasks, check_heights
 from salframe.panoramas.folder_format import (
     IMAGE_KEYS,
     WRITTEN_AS,
@@ -178,6 +178,19 @@ class Folder:
         floors = [read_floor(self.root, entry, z_m) for entry, z_m in zip(self.manifest.floors, heights_m, strict=True)]
         check_heights(floors)
         return floors
+
+    def connections(self) -> list[Connection]:
+        """Return the stairs and lifts.
+
+        Raises:
+            DataError: An end is not the place of a reference frame.
+        """
+        connections = list(self.manifest.connections or ())
+        places = sorted({frame.place for frame in self.manifest.frames if frame.place is not None})
+        for end in (end for one in connections for end in (one.start, one.end)):
+            if end not in places:
+                raise DataError(f"{self.root / MANIFEST}: connections: {unknown('place', end, places)}")
+        return connections
 
     def _floor_heights(self) -> list[float]:
         """Return the height of each floor in metres.

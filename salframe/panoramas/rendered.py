@@ -20,7 +20,7 @@ from salframe.framework.files.hashes import digest
 from salframe.framework.files.reading import read_as
 from salframe.framework.files.writing import share_file, write_json, write_text
 from salframe.panoramas.dataset import MANIFEST
-from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.floors import Connection, FloorMasks
 from salframe.panoramas.folder import FolderDataset
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.motion_file import COLUMNS
@@ -121,6 +121,10 @@ class RenderedDataset(FolderDataset, Generic[Frame]):
         """Return the floors by name. The file names of a floor begin with its name."""
         return {}
 
+    def list_connections(self) -> Sequence[Connection]:
+        """Return the stairs and lifts between the floors. Their ends are names of places."""
+        return ()
+
     def file_stem(self, number: int, frame: Frame) -> str:
         """Return the file name of a frame without extension: its number, because ids may contain any character."""
         return f"{number:05d}"
@@ -189,6 +193,7 @@ class RenderedDataset(FolderDataset, Generic[Frame]):
             masks,
             rendered="annotations" in self.provides,
             odometry=_ODOMETRY if odometry else None,
+            connections=self.list_connections(),
         )
 
     def _with_sequences(self, frames: Sequence[Frame], entries: list[FrameEntry]) -> tuple[list[FrameEntry], str]:

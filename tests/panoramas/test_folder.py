@@ -295,3 +295,20 @@ def test_a_folder_without_truth_is_a_dataset(folder: Path) -> None:
     assert (done["queries"], done["queried_places"], done["queries_without_truth"]) == (1, 0, 1)
     with pytest.raises(DataError, match=r"manifest\.json has no truth of the query 'q', which an evaluation needs"):
         dataset(folder).truth("q")
+
+
+def test_stairs_are_read_and_their_ends_are_checked(folder: Path) -> None:
+    assert dataset(folder).connections() == []
+    before = dataset(folder).fingerprint
+    stairs = {"start": "room-a", "end": "door", "kind": "stairs", "length_m": 6.0}
+    edit(folder, lambda content: content.update(connections=[stairs]))
+    (connection,) = dataset(folder).connections()
+    assert connection.model_dump() == stairs
+    assert dataset(folder).fingerprint != before
+    edit(folder, lambda content: content.update(connections=[{**stairs, "end": "dor"}]))
+    with pytest.raises(DataError, match="connections: unknown place 'dor', did you mean 'door'"):
+        dataset(folder).connections()
+
+
+def test_a_manifest_without_stairs_has_no_key_for_them(folder: Path) -> None:
+    assert "connections" not in json.loads((folder / "manifest.json").read_text())

@@ -20,12 +20,13 @@ from salframe.evaluation.studies.stored import (
     store_table,
     stored_tables,
 )
-from salframe.evaluation.studies.study import PooledRuns, Study, StudyResult, plan, run_study
+from salframe.evaluation.studies.study import DATA, PooledRuns, Study, StudyResult, plan, run_study
 from salframe.evaluation.tables.reported import ReportedTable, read_reported
 from salframe.evaluation.tables.table import Table
 from salframe.framework.components.identity import identity
 from salframe.framework.components.presets import SUFFIXES
 from salframe.framework.components.registry import registry
+from salframe.framework.components.settings import spell_value
 from salframe.framework.config import merge, read_yaml
 from salframe.framework.errors import ConfigError, InputMissing, SalframeError, UnknownName, unknown
 from salframe.framework.files.hashes import digest
@@ -51,6 +52,14 @@ class TableStudy(Study):
         description="mapping from keys of the table (such as seeds) to the values that they have with the option "
         "`--quick`; false: `--quick` skips the table",
     )
+
+    @property
+    def shared_settings(self) -> str:
+        """The settings of all methods of the table, "key=value" each; "" if there are none. Settings of the data are
+        left out, because the title describes them."""
+        return ", ".join(
+            f"{key}={spell_value(value)}" for key, value in self.set.items() if not key.startswith(f"{DATA}.")
+        )
 
 
 class Experiment(Settings):
@@ -88,7 +97,10 @@ class TableResult:
     def tables(self) -> list[Table]:
         """Return the stored rows as tables."""
         shown = [] if self.stored is None else stored_tables(self.study, self.stored, self.study.columns)
-        return [replace(table, title=", ".join(filter(None, (self.study.title, table.title)))) for table in shown]
+        shared = f"all rows: {self.study.shared_settings}" if self.study.shared_settings else ""
+        return [
+            replace(table, title=", ".join(filter(None, (self.study.title, table.title, shared)))) for table in shown
+        ]
 
 
 @dataclass(frozen=True, eq=False)

@@ -118,7 +118,7 @@ def has_ended(study: Study, stored: StoredTable) -> bool:
 def stored_tables(study: Study, stored: StoredTable, columns: Sequence[str] = ()) -> list[Table]:
     """Return the stored rows as tables. `columns` are the names of the columns; empty for the default columns."""
     rows = stored_rows(study, stored)
-    return study.kind.tables(rows, columns, leading_columns(study.kind, rows, stored.settings))
+    return study.kind.tables(rows, columns, leading_columns(study.kind, rows, stored.settings, study.set))
 
 
 def read_results(file: Path) -> Results:

@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic import ConfigDict, Field, model_validator
 
-from salframe.evaluation.runs.changes import base_of, with_changes
+from salframe.evaluation.runs.changes import base_of, hidden_in, with_changes
 from salframe.evaluation.runs.method_row import MethodRow
 from salframe.evaluation.runs.request import Request, Resolved, Variant
 from salframe.evaluation.runs.runner import pool, run_task
@@ -210,7 +210,10 @@ class StudyResult(ResultBase):
 
 
 def leading_columns(
-    kind: type[AnyTask], rows: Sequence[MethodRow], settings: Sequence[Mapping[str, Any]]
+    kind: type[AnyTask],
+    rows: Sequence[MethodRow],
+    settings: Sequence[Mapping[str, Any]],
+    shared: Mapping[str, Any] | None = None,
 ) -> dict[str, list[str]]:
     """Return the leading columns of a study: the settings of the data, the method and its settings.
 
@@ -224,7 +227,8 @@ def leading_columns(
     names = (DATA, ARM, *kind.Options.model_fields)
     of_data = {key: texts for key, texts in texts_by_key.items() if key in names or key.startswith(f"{DATA}.")}
     of_method = {key: texts for key, texts in texts_by_key.items() if key not in of_data}
-    methods = {METHOD: [with_changes(base_of(row.method), row.changes) for row in rows]}
+    changes = [hidden_in(row.changes, shared or {}) for row in rows]
+    methods = {METHOD: [with_changes(base_of(row.method), one) for row, one in zip(rows, changes, strict=True)]}
     return {**{CONDITION if key == ARM else key: texts for key, texts in of_data.items()}, **methods, **of_method}
 
 

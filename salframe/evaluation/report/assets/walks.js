@@ -62,7 +62,8 @@ function showWalks() {
     );
     about.textContent = row
       ? `${row.success ? "success" : "failure"}, ${row.status}, ${row.travelled_m.toFixed(1)} m walked, ${row.shortest_m.toFixed(1)} m shortest, ` +
-        `${row.left_m === null ? "no way" : `${row.left_m.toFixed(1)} m`} left, ${row.panoramas} panoramas, ${row.collisions} collisions`
+        `${row.left_m === null ? "no way" : `${row.left_m.toFixed(1)} m`} left, ${row.panoramas} panoramas, ${row.collisions} collisions` +
+        (walk.worlds[row.world].floors > 1 ? "; the floors are beside each other, the lowest on the left" : "")
       : "no episode";
     place.replaceChildren(row ? drawWalk(walk.worlds[row.world], row) : "");
   };

@@ -88,11 +88,12 @@ class WalkPlan:
                 replace(floor, origin_m=(floor.origin_m[0] + shift_m, floor.origin_m[1]))
                 for floor, shift_m in zip(self._map.floors, self._shifts_m, strict=True)
             ]
-            return {**floor_plan(_beside(shifted)), "edges": [], "nodes": nodes}
+            return {**floor_plan(_beside(shifted)), "floors": len(shifted), "edges": [], "nodes": nodes}
         low, high = np.min(list(nodes.values()), 0) - MARGIN_M, np.max(list(nodes.values()), 0) + MARGIN_M
         edges = [[*nodes[edge.start], *nodes[edge.end]] for edge in self._map.edges]
         return {
             "picture": None,
+            "floors": 0,
             "box": [float(low[0]), float(high[1]), *(high - low).tolist()],
             "edges": edges,
             "nodes": nodes,
