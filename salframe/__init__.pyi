@@ -64,9 +64,6 @@ from .localization.answers import LocalizationStatus as LocalizationStatus
 from .localization.answers import NodeMatches as NodeMatches
 from .localization.answers import PointMatches as PointMatches
 from .localization.answers import RankedPlace as RankedPlace
-from .localization.asking import Question as Question
-from .localization.asking import TextAnswer as TextAnswer
-from .localization.asking import ask as ask
 from .localization.evidence_model import EvidenceColumn as EvidenceColumn
 from .localization.evidence_model import EvidenceModel as EvidenceModel
 from .localization.evidence_model import PlaceFrames as PlaceFrames
@@ -79,6 +76,9 @@ from .localization.positioner import PoseEstimate as PoseEstimate
 from .localization.positioner import PoseStatus as PoseStatus
 from .localization.positioner import Positioner as Positioner
 from .localization.ranking import rank_places as rank_places
+from .localization.text_places import Question as Question
+from .localization.text_places import TextAnswer as TextAnswer
+from .localization.text_places import ask as ask
 from .localization.tracker import TrackedPose as TrackedPose
 from .localization.tracker import Tracker as Tracker
 from .localization.tracker import TrackStatus as TrackStatus
@@ -129,10 +129,10 @@ from .topology.building_map import BuildingMap as BuildingMap
 from .topology.building_map import ask_map as ask_map
 from .topology.building_map import build_map as build_map
 from .topology.export import export_map as export_map
-from .topology.growing import add_to_map as add_to_map
-from .topology.growing import calibrate_map as calibrate_map
-from .topology.growing import merge_maps as merge_maps
-from .topology.growing import remove_from_map as remove_from_map
+from .topology.map_changes import add_to_map as add_to_map
+from .topology.map_changes import calibrate_map as calibrate_map
+from .topology.map_changes import merge_maps as merge_maps
+from .topology.map_changes import remove_from_map as remove_from_map
 from .topology.planner import Planner as Planner
 from .topology.planner import Route as Route
 from .topology.routes import directions as directions

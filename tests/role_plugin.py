@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import salframe
 from salframe.framework.component import Role
-from salframe.testing.expectations import ask, expect
+from salframe.testing.expectations import call_twice, expect
 
 
 class Greeter(Role):
@@ -55,7 +55,7 @@ class Silent(Mute):
 
 
 def check_greeter(make: Callable[[], Greeter]) -> None:
-    said = ask("greet", make().greet)
+    said = call_twice("greet", make().greet)
     expect(said == "hello", "greet", repr(said), "a greeting")
 
 

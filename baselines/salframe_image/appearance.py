@@ -139,7 +139,7 @@ class AppearanceEvidence(EvidenceModel):
     def index(self, descriptions: Sequence[Description], places: PlaceFrames, T_world_pano: np.ndarray) -> None:
         has_views = np.array([VIEWS in description for description in descriptions], bool)
         rows = [_quantise(description[VIEWS]) for description in descriptions if VIEWS in description]
-        self._hold(np.stack(rows) if rows else np.zeros((0, self.config.views, 1), np.int8), has_views, places)
+        self._store(np.stack(rows) if rows else np.zeros((0, self.config.views, 1), np.int8), has_views, places)
 
     def open_index(self, packed: Columns, places: PlaceFrames, T_world_pano: np.ndarray) -> None:
         column = packed.columns.get(PACKED_VIEWS)
@@ -147,9 +147,9 @@ class AppearanceEvidence(EvidenceModel):
             self.index([{}] * len(packed), places, T_world_pano)
             return
         has_views = np.diff(column.start) > 0
-        self._hold(column.values.reshape(has_views.sum(), self.config.views, -1), has_views, places)
+        self._store(column.values.reshape(has_views.sum(), self.config.views, -1), has_views, places)
 
-    def _hold(self, vectors: np.ndarray, has_views: np.ndarray, places: PlaceFrames) -> None:
+    def _store(self, vectors: np.ndarray, has_views: np.ndarray, places: PlaceFrames) -> None:
         """Store the descriptors and the places of the map.
 
         Args:

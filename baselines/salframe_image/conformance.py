@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from salframe.panoramas.perspective import ViewRig
-from salframe.testing.expectations import ask, expect, same
+from salframe.testing.expectations import call_twice, expect, same
 from salframe.testing.rooms import ROOMS, look, stand
 from salframe_image.image_network import ImageNetwork
 
@@ -43,7 +43,7 @@ def check_image_network(make: Callable[[], ImageNetwork]) -> None:
 
 
 def _embed(network: ImageNetwork, checked: str, views: np.ndarray) -> np.ndarray:
-    features = ask(checked, network.embed, views)
+    features = call_twice(checked, network.embed, views)
     fits = isinstance(features, np.ndarray) and features.ndim in (2, 4) and features.dtype == np.float32
     expect(fits, checked, f"{getattr(features, 'dtype', None)} {np.shape(features)}", "float32 (V, C) or (V, C, h, w)")
     expect(len(features) == len(views), checked, f"{len(features)} rows", f"one row per image, {len(views)}")

@@ -8,7 +8,7 @@ import numpy as np
 
 from salframe.framework.errors import ConfigError
 from salframe.panoramas.perspective import ViewRig
-from salframe.testing.expectations import ask, attempt, expect, same
+from salframe.testing.expectations import attempt, call_twice, expect, same
 from salframe.testing.rooms import ROOMS, look, stand
 from salframe_keypoints.descriptors import DescriptorMatcher
 from salframe_keypoints.feature_matcher import FeatureMatcher, ViewFeatures
@@ -81,7 +81,7 @@ def _images(rig: ViewRig) -> np.ndarray:
 def _extract(matcher: FeatureMatcher, what: str, images: np.ndarray) -> list[ViewFeatures]:
     """Extract views and check them."""
     checked = f"extract {what}"
-    views = ask(checked, matcher.extract, images)
+    views = call_twice(checked, matcher.extract, images)
     expect(
         isinstance(views, list) and all(isinstance(view, ViewFeatures) for view in views),
         checked,
@@ -121,7 +121,7 @@ def _match(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Match two views and check the matches."""
     checked = f"match {what}"
-    pixels, positions = ask(checked, matcher.match, query, reference)
+    pixels, positions = call_twice(checked, matcher.match, query, reference)
     shapes = f"pixels {np.shape(pixels)} and positions {np.shape(positions)}"
     fits = np.shape(pixels) == (len(positions), 2) and np.shape(positions) == (len(positions),)
     expect(fits, checked, shapes, "pixels (M, 2) of the query and positions (M,) in the reference")
@@ -141,7 +141,7 @@ def _check_described(matcher: FeatureMatcher, views: Sequence[ViewFeatures]) -> 
     """Check that local descriptors have unit length, and the same dimension for all views including blank ones."""
     dimensions = set()
     for view in views:
-        local = ask("describe", matcher.describe, view)
+        local = call_twice("describe", matcher.describe, view)
         shaped = isinstance(local, np.ndarray) and local.ndim == 2 and local.dtype == np.float32
         expect(shaped, "describe", f"{getattr(local, 'dtype', None)} of shape {np.shape(local)}", "float32 (N, D)")
         norm = np.linalg.norm(local, axis=1)
@@ -163,7 +163,7 @@ def _check_restricted(matcher: FeatureMatcher, view: ViewFeatures, reference: Vi
     left = view.points_px[:, 0] < RIG.width_px / 2
     for what, valid in (("the left half", left), ("no pixel", np.zeros_like(left))):
         checked = f"restrict to {what}"
-        restricted = ask(checked, matcher.restrict, view, valid)
+        restricted = call_twice(checked, matcher.restrict, view, valid)
         expect(isinstance(restricted, ViewFeatures), checked, type(restricted).__name__, "a ViewFeatures")
         _check_view(checked, matcher, restricted, RIG.width_px, RIG.height_px)
         expected = set(map(tuple, view.points_px[valid].tolist()))

@@ -72,22 +72,22 @@ class VerifiedPlaces(Localizer):
         return self._ranking.uses | self._keypoints.uses
 
     def describe(self, panorama: Panorama) -> Description:
-        return _whole(self._ranking.describe(panorama), self._keypoints.describe(panorama))
+        return _combine(self._ranking.describe(panorama), self._keypoints.describe(panorama))
 
     def join(
         self, descriptions: Sequence[Description], T_last_view: np.ndarray, odometry: OdometryNoise
     ) -> Description | None:
         ranked, keypoints = zip(*map(_split, descriptions), strict=True)
         joined = self._ranking.join(ranked, T_last_view, odometry)
-        return None if joined is None else _whole(joined, keypoints[-1])
+        return None if joined is None else _combine(joined, keypoints[-1])
 
     def pack(self, description: Description) -> Description:
         ranked, keypoints = _split(description)
-        return _whole(self._ranking.pack(ranked), self._keypoints.pack(keypoints))
+        return _combine(self._ranking.pack(ranked), self._keypoints.pack(keypoints))
 
     def unpack(self, packed: Description) -> Description:
         ranked, keypoints = _split(packed)
-        return _whole(self._ranking.unpack(ranked), self._keypoints.unpack(keypoints))
+        return _combine(self._ranking.unpack(ranked), self._keypoints.unpack(keypoints))
 
     def index(self, descriptions: Sequence[Description], frames: Sequence[ReferenceFrame]) -> None:
         ranked, keypoints = zip(*map(_split, descriptions), strict=True)
@@ -155,7 +155,7 @@ def _split(description: Description) -> tuple[dict[str, np.ndarray], dict[str, n
     return ranked, keypoints
 
 
-def _whole(ranked: Description, keypoints: Description) -> Description:
+def _combine(ranked: Description, keypoints: Description) -> Description:
     """Combine the arrays of the ranking and of the keypoints to one description; the inverse of `_split`."""
     parts = (_RANKING, ranked), (_KEYPOINTS, keypoints)
     return {prefix + name: array for prefix, arrays in parts for name, array in arrays.items()}

@@ -117,13 +117,17 @@ class AnnotationDetector(Detector):
         if noise == "auto" and not annotations.rendered:
             detected = objects
         elif self._sensor_noise is not None:
-            detected = self._sensor_noise.spoil(panorama, objects, self.config.seed)
+            detected = self._sensor_noise.simulate_detections(panorama, objects, self.config.seed)
         else:
-            detected = spoil(objects, annotations.vocabulary, LEVELS[noise] if isinstance(noise, str) else noise, seed)
+            detected = simulate_errors(
+                objects, annotations.vocabulary, LEVELS[noise] if isinstance(noise, str) else noise, seed
+            )
         return as_detections(detected, ranged=has_points(panorama))
 
 
-def spoil(objects: list[Annotated], vocabulary: Sequence[str], noise: Noise, seed: tuple[int, int]) -> list[Annotated]:
+def simulate_errors(
+    objects: list[Annotated], vocabulary: Sequence[str], noise: Noise, seed: tuple[int, int]
+) -> list[Annotated]:
     """Return the objects with simulated errors.
 
     The random numbers of an object depend only on the seed and its key, not on the other objects.
@@ -155,7 +159,7 @@ def spoil(objects: list[Annotated], vocabulary: Sequence[str], noise: Noise, see
                 points_m=np.concatenate([points_m, nearest.points_m]),
                 solid_angle_sr=np.concatenate([annotated.solid_angle_sr, nearest.solid_angle_sr]),
             )
-        detected.extend(_halves(noisy) if split else [noisy])
+        detected.extend(_split(noisy) if split else [noisy])
     return detected
 
 
@@ -166,7 +170,7 @@ def _nearest_of_label(target: Annotated, objects: list[Annotated]) -> Annotated 
     return min(others, key=lambda o: float(np.linalg.norm(o.points_m.mean(0) - centre)), default=None)
 
 
-def _halves(annotated: Annotated) -> list[Annotated]:
+def _split(annotated: Annotated) -> list[Annotated]:
     """Cut the object into two halves across the length of its box, as an occluder does."""
     _, yaw = upright_box(annotated.points_m)
     along = annotated.points_m[:, :2] @ np.array([np.cos(yaw), np.sin(yaw)])

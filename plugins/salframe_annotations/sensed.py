@@ -13,7 +13,7 @@ import numpy as np
 from salframe.graphs.annotated import Annotated, has_points
 from salframe.graphs.boxes import box_solid_angle
 from salframe.graphs.sensor import SensorModel, read_sensor, value_at
-from salframe.graphs.sightings import sightings
+from salframe.graphs.visibility import object_visibility
 from salframe.panoramas.geometry import column_azimuth, pixel_solid_angles, pose_2d, row_elevation, sample_nearest
 from salframe.panoramas.panorama import Panorama
 
@@ -50,9 +50,9 @@ class SensedNoise:
         """
         return cls(read_sensor(path))
 
-    def spoil(self, panorama: Panorama, objects: Sequence[Annotated], seed: int) -> list[Annotated]:
+    def simulate_detections(self, panorama: Panorama, objects: Sequence[Annotated], seed: int) -> list[Annotated]:
         """Return the simulated detections of the annotated objects of a panorama, followed by false positives."""
-        visibility = sightings(panorama, objects)
+        visibility = object_visibility(panorama, objects)
         probabilities = self._sensor.detection.probability(
             visibility.labels, visibility.solid_angle_sr, visibility.range_m, visibility.hidden_share
         )

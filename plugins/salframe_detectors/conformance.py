@@ -8,7 +8,7 @@ import numpy as np
 
 from salframe.framework.errors import WeightsError
 from salframe.graphs.image_detections import ImageDetections
-from salframe.testing.expectations import ConformanceError, ask, expect, same
+from salframe.testing.expectations import ConformanceError, call_twice, expect, same
 from salframe_detectors.detection_decoder import DecodeRequest, DetectionDecoder
 
 REQUEST = DecodeRequest(width_px=96, height_px=64, num_classes=3, min_score=0.25)
@@ -44,12 +44,12 @@ def check_detection_decoder(make: Callable[[], DetectionDecoder]) -> None:
 
 
 def _check_layout(make: Callable[[], DetectionDecoder], checked: str, outputs: Sequence[np.ndarray]) -> None:
-    answer = ask(checked, make().decode, outputs, REQUEST)
+    answer = call_twice(checked, make().decode, outputs, REQUEST)
     expect(isinstance(answer, list), checked, type(answer).__name__, "a list of ImageDetections")
     expect(len(answer) == BATCH, checked, f"{len(answer)} answers", f"one for each of {BATCH} images")
     for detections in answer:
         _check_found(checked, detections)
-    alone = ask(f"{checked}, the second image alone", make().decode, [array[1:] for array in outputs], REQUEST)
+    alone = call_twice(f"{checked}, the second image alone", make().decode, [array[1:] for array in outputs], REQUEST)
     expect(same(alone, answer[1:]), f"{checked}, the second image alone", "another answer", "the same as in a batch")
 
 

@@ -38,8 +38,8 @@ class Processes(WorkerEngine):
     def ready(self) -> int:
         return self.workers or cpu_count()
 
-    def start(self, alone: bool) -> WorkerProcess:
-        return _Local(None if alone else ONE_THREAD)
+    def start(self, is_only_worker: bool) -> WorkerProcess:
+        return _Local(None if is_only_worker else ONE_THREAD)
 
 
 def _attempt(function: Callable[[Any], Any], item: Any) -> Any:

@@ -41,7 +41,7 @@ AREA_SPAN_LOG = 7.0
 
 
 @dataclass(frozen=True, eq=False)
-class Rays:
+class ObjectBearings:
     """N bearings of objects from panoramas with known poses, in the world.
 
     Attributes:
@@ -78,7 +78,7 @@ class TriangulatedObjects:
     log_area: np.ndarray
 
 
-def triangulate_objects(rays: Rays) -> TriangulatedObjects:
+def triangulate_objects(rays: ObjectBearings) -> TriangulatedObjects:
     """Associate bearings with objects, and return the triangulated objects.
 
     Two bearings with the same label from panoramas of one place give a hypothesis: the point where the bearings meet.
@@ -94,7 +94,7 @@ def triangulate_objects(rays: Rays) -> TriangulatedObjects:
     return _associate(rays, _label_sizes(rays, first))
 
 
-def _label_sizes(rays: Rays, objects: TriangulatedObjects) -> dict[str, tuple[float, float]]:
+def _label_sizes(rays: ObjectBearings, objects: TriangulatedObjects) -> dict[str, tuple[float, float]]:
     """Return the median and the spread of ln(projected area) for each label with at least SIZE_PRIOR_COUNT objects."""
     labels = np.empty(len(objects.position_m), object)
     labels[objects.owner[objects.owner >= 0]] = rays.label[objects.owner >= 0]
@@ -108,7 +108,7 @@ def _label_sizes(rays: Rays, objects: TriangulatedObjects) -> dict[str, tuple[fl
     return sizes
 
 
-def _associate(rays: Rays, sizes: dict[str, tuple[float, float]]) -> TriangulatedObjects:
+def _associate(rays: ObjectBearings, sizes: dict[str, tuple[float, float]]) -> TriangulatedObjects:
     owner = np.full(len(rays.frame), -1)
     position, covariance, area = [np.zeros((0, 3))], [np.zeros((0, 3, 3))], [np.zeros(0)]
     count = 0
@@ -140,7 +140,7 @@ def _bearing_error(range_m: np.ndarray, side_m: np.ndarray | float) -> np.ndarra
 class _LabelRays:
     """The n rays of one label. The method `objects` associates the rays with objects."""
 
-    def __init__(self, rays: Rays, rows: np.ndarray, size: tuple[float, float] | None) -> None:
+    def __init__(self, rays: ObjectBearings, rows: np.ndarray, size: tuple[float, float] | None) -> None:
         self._origin, self._direction = rays.origin_m[rows], rays.direction[rows]
         self._frame, self._log_sr = rays.frame[rows], np.log(rays.solid_angle_sr[rows])
         self._size = size

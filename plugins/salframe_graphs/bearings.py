@@ -53,7 +53,7 @@ def verify_bearings(
         if not len(block):
             continue
         subset, position = pairs.take(block)
-        rays = _Rays(bearing, map_m, subset, similarity[position], weights, tolerance)
+        rays = _PairScorer(bearing, map_m, subset, similarity[position], weights, tolerance)
         yaw_rad, position_m, kernel = rays.best(grid_m)
         explained, graphs_of = subset.best_per_query(kernel)
         has_pose = graphs_of.sum((explained > 0).astype(np.int64)) >= 2
@@ -62,7 +62,7 @@ def verify_bearings(
     return result
 
 
-class _Rays:
+class _PairScorer:
     """The P similar node pairs of K candidates, at least one pair per candidate.
 
     The class uses single precision and evaluates the positions of all candidates at once, because arrays of the shape
@@ -129,7 +129,9 @@ class _Rays:
         share = (
             np.maximum(1 - (z * self._out - horizontal_m * self._up) ** 2 * sharpness, 0) * self._value * self._weight
         )
-        yaw_rad = self._vote(turn, share) if yaw_rad is None else np.broadcast_to(yaw_rad, position_m.shape[:2])
+        yaw_rad = (
+            self._commonest_heading(turn, share) if yaw_rad is None else np.broadcast_to(yaw_rad, position_m.shape[:2])
+        )
         share = np.where(np.abs(_wrapped(turn - yaw_rad[:, k])) < 1.5 * BIN_RAD, share, 0)
         for _ in range(2):
             error_rad = _wrapped(turn - yaw_rad[:, k])
@@ -142,7 +144,7 @@ class _Rays:
         explained = np.maximum.reduceat(kernel, self._node_starts, 1) * self._node_weight
         return np.add.reduceat(explained, self._first_node, 1), yaw_rad, kernel
 
-    def _vote(self, turn: np.ndarray, share: np.ndarray) -> np.ndarray:
+    def _commonest_heading(self, turn: np.ndarray, share: np.ndarray) -> np.ndarray:
         """Return the centres (G, K) float32 of the three adjacent heading bins with the largest sum of `share`, which
         is (G, P)."""
         bins, candidates = round(2 * np.pi / BIN_RAD), self._num_graphs

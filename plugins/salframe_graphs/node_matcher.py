@@ -21,7 +21,7 @@ from salframe.framework.files.reading import reading
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.matcher import GraphMatcher
 from salframe.graphs.scene_index import SceneIndex, SceneLookup
-from salframe.graphs.table import GraphNodes, GraphTable, HeldGraphs, MappedGraphs
+from salframe.graphs.table import GraphNodes, GraphTable, MappedGraphs, MemoryGraphs
 from salframe_graphs.features import feature_products, ring_hop_histograms
 from salframe_graphs.node_pairs import NodePairs, label_counts
 
@@ -164,7 +164,7 @@ class NodeMatcher(GraphMatcher):
     uses_scene_index = True
 
     def index(self, graphs: Sequence[SaliencyGraph]) -> GraphIndex:
-        table = graphs if isinstance(graphs, GraphTable) else HeldGraphs(graphs)
+        table = graphs if isinstance(graphs, GraphTable) else MemoryGraphs(graphs)
         scenes = table.scenes
         if scenes is None and self._looks_up(table):
             scenes = self._new_scene_index()
@@ -172,7 +172,7 @@ class NodeMatcher(GraphMatcher):
         return self._graph_index(table, scenes, self._rarity(table))
 
     def write_index(self, graphs: Sequence[SaliencyGraph], folder: Path) -> None:
-        table = graphs if isinstance(graphs, GraphTable) else HeldGraphs(graphs)
+        table = graphs if isinstance(graphs, GraphTable) else MemoryGraphs(graphs)
         folder.mkdir(parents=True)
         np.save(folder / _RARITY, self._rarity(table))
         if self._looks_up(table):
@@ -214,7 +214,7 @@ class NodeMatcher(GraphMatcher):
         """Return the rarity (L + 1,) of each label as in GraphIndex; all 1 if the setting `rarity` is false."""
         if not self.config.rarity:
             return np.ones(len(table.labels) + 1)
-        num_graphs_with_label = np.append(table.having, 0)
+        num_graphs_with_label = np.append(table.num_graphs_by_label, 0)
         rarity: np.ndarray = np.log((1 + len(table)) / (1 + num_graphs_with_label)) + 1
         return rarity
 

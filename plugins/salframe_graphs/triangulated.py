@@ -11,7 +11,7 @@ from salframe.graphs.detections import Detections
 from salframe.graphs.graph import SaliencyGraph
 from salframe.panoramas.frames import FrameKind, ReferenceFrame
 from salframe.panoramas.geometry import invert_pose, transform_points
-from salframe_graphs.association import Rays, TriangulatedObjects, triangulate_objects
+from salframe_graphs.association import ObjectBearings, TriangulatedObjects, triangulate_objects
 
 HIDDEN_LOG = 0.3
 """Mean of ln(projected area of an object / projected area of its visible part). It is `-size_bias_log` of the
@@ -43,7 +43,7 @@ def place_objects(
     ]
 
 
-def _rays(graphs: Sequence[SaliencyGraph], frames: Sequence[ReferenceFrame]) -> Rays:
+def _rays(graphs: Sequence[SaliencyGraph], frames: Sequence[ReferenceFrame]) -> ObjectBearings:
     """Return the bearings of all objects in the world. A transition frame may show objects of several places."""
     number: dict[str, int] = {}
     kinds = {frame.kind for frame in frames}
@@ -54,7 +54,7 @@ def _rays(graphs: Sequence[SaliencyGraph], frames: Sequence[ReferenceFrame]) -> 
     count = [len(graph) for graph in graphs]
     origin_m = np.array([frame.T_world_pano[:3, 3] for frame in frames])
     direction = [graph.bearing @ frame.T_world_pano[:3, :3].T for graph, frame in zip(graphs, frames, strict=True)]
-    return Rays(
+    return ObjectBearings(
         np.repeat(np.arange(len(frames)), count),
         np.array(group),
         np.array([label for graph in graphs for label in graph.labels], object),

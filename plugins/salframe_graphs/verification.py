@@ -12,7 +12,7 @@ from salframe_graphs.node_pairs import NodePairs
 
 MAX_HYPOTHESES = 120
 """Maximum number of hypotheses for each candidate. A hypothesis consists of two node pairs."""
-MIN_BASE_M, MAX_BASE_M, BASE_WORTH = 0.3, 4.0, 0.1
+MIN_BASE_M, MAX_BASE_M, BASE_WEIGHT = 0.3, 4.0, 0.1
 """Base: the distance between the two nodes of a hypothesis, whose direction gives the heading. Minimum base (m),
 maximum base that increases the rank of a hypothesis (m), and value of one metre of base (in similarity) when hypotheses
 are ranked."""
@@ -118,7 +118,7 @@ def verify(
         scale = scale_bound.clip(map_length / np.maximum(query_length, 1e-9))
     fits = np.abs(scale * query_length - map_length) < tolerance_m[first] + tolerance_m[second]
     fits &= np.minimum(query_length, map_length) > MIN_BASE_M
-    base_value = BASE_WORTH * np.minimum(query_length, MAX_BASE_M)
+    base_value = BASE_WEIGHT * np.minimum(query_length, MAX_BASE_M)
     rank = np.where(fits, similarity[first] + similarity[second] + base_value, -np.inf)
     rows = top_per_group(rank, pairs.graph[first], MAX_HYPOTHESES)
     i1, i2, j1, j2, scale, graph = (a[rows] for a in (i1, i2, j1, j2, scale, pairs.graph[first]))

@@ -56,7 +56,7 @@ class Walks:
         return walk
 
 
-def with_keys_of(query: ViewpointScene, view: ViewpointScene) -> ViewpointScene:
+def with_query_keys(query: ViewpointScene, view: ViewpointScene) -> ViewpointScene:
     """Return the scene of a view with the object keys of the query's viewpoint.
 
     The keys seed the simulated errors. An object can thus have the same errors in all views of a query.

@@ -21,7 +21,7 @@ from salframe.panoramas.geometry import invert_pose, pose_2d, pose_yaw
 from salframe.panoramas.hidden_places import add_hidden_places, hide_query_place_setting
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.query_view import VIEW_SETTINGS, QueryView, as_query
-from salframe_matterport.chains import Walks, with_keys_of
+from salframe_matterport.chains import Walks, with_query_keys
 from salframe_matterport.readers import (
     boxes_path,
     connectivity_path,
@@ -335,7 +335,7 @@ class MatterportAnnotations(NavigableDataset):
         walk = self._walk(scene)
         ids = [*(f"{query_id(scene)}/{view.id.partition('/')[2]}" for view in walk[:-1]), query_id(scene)]
         *earlier, query = (
-            QueryFrame(id, _load(with_keys_of(scene, view), id, self._yaw_rad(id), self.config.query_range))
+            QueryFrame(id, _load(with_query_keys(scene, view), id, self._yaw_rad(id), self.config.query_range))
             for view, id in zip(walk, ids, strict=True)
         )
         if not self._is_driven:

@@ -129,7 +129,7 @@ class MeshDataset(RenderedDataset[FrameSpec]):
         if (self._source / "frames.csv").exists():
             return read_frames(self._source / "frames.csv")
         references = self._house_references()
-        return references + beside(references, self._floors, self.config.queries_per_frame, self.config.seed)
+        return references + draw_queries(references, self._floors, self.config.queries_per_frame, self.config.seed)
 
     def render(self, frame: FrameSpec) -> Panorama:
         return self._renderer.render(frame.pose, self.config.height, frame.id)
@@ -217,7 +217,9 @@ def read_frames(path: Path) -> list[FrameSpec]:
     return list(specs.values())
 
 
-def beside(references: Sequence[FrameSpec], floors: Sequence[FloorMasks], per_frame: int, seed: int) -> list[FrameSpec]:
+def draw_queries(
+    references: Sequence[FrameSpec], floors: Sequence[FloorMasks], per_frame: int, seed: int
+) -> list[FrameSpec]:
     """Return random queries 0.3 to 1.1 m from each reference frame, on free floor of the same room, with random yaw.
 
     A reference frame without free floor at this distance gets no query.

@@ -67,7 +67,7 @@ class Ray(WorkerEngine):
             )
         return self.workers or processors
 
-    def start(self, alone: bool) -> WorkerProcess:
+    def start(self, is_only_worker: bool) -> WorkerProcess:
         return _Remote()
 
     def _connect(self) -> None:

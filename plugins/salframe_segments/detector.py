@@ -21,7 +21,7 @@ from salframe.panoramas.panorama import Panorama
 from salframe_segments.card import Calibration, card_beside, read_card, shipped_card
 from salframe_segments.networks import TFLITE, open_network
 from salframe_segments.semantic import UNSEEN, Classes, PixelClasses, classify, find_objects
-from salframe_segments.voting import Views
+from salframe_segments.view_scores import Views
 
 ADE20K = NetworkWeights(
     name="ade20k",

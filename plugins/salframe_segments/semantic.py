@@ -14,7 +14,7 @@ from salframe.graphs.panels import join_panels
 from salframe.graphs.pixels import without_strays
 from salframe.panoramas.geometry import equirectangular_rays, pixel_solid_angles
 from salframe_segments.instances import find_instances
-from salframe_segments.voting import HEIGHT, Views, vote
+from salframe_segments.view_scores import HEIGHT, Views, average_scores
 
 UNSEEN = 114
 """Grey value of the pixels that a partial panorama does not cover."""
@@ -116,7 +116,7 @@ def classify(
     if not shown.any():
         zeros = np.zeros(covered.shape, np.float32)
         return PixelClasses(names, zeros.astype(np.int32), zeros, zeros > 0)
-    mean, weight = vote(views, shown, probabilities(views.cut(rgb)[shown]))
+    mean, weight = average_scores(views, shown, probabilities(views.cut(rgb)[shown]))
     class_id = mean.argmax(-1)
     probability = np.take_along_axis(mean, class_id[..., None], -1)[..., 0]
     return PixelClasses(names, class_id.astype(np.int32), probability, covered & (weight > 0))

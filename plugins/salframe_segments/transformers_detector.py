@@ -31,7 +31,7 @@ from salframe.panoramas.panorama import Panorama
 from salframe_segments.network_labels import fixed_names, graph_name
 from salframe_segments.semantic import UNSEEN, Classes, classify, find_objects
 from salframe_segments.view_models import NetworkTask, class_probabilities, open_view_model, tasks
-from salframe_segments.voting import Views
+from salframe_segments.view_scores import Views
 
 LEVEL_VIEWS = 6
 """Number of horizontal views for semantic networks, as in the detector `segments`."""
@@ -93,8 +93,8 @@ class TransformersDetector(Detector):
             )
         takes_text = zero_shot or content.get("model_type") in TEXT_MODELS
         model = PretrainedModel(folder, known, self.config.device, self.config.size_px, takes_text=takes_text)
-        self._objects: VotedViews | MergedViews = (
-            VotedViews(model, self.config.fov_deg, self.config.min_score)
+        self._objects: AveragedViews | MergedViews = (
+            AveragedViews(model, self.config.fov_deg, self.config.min_score)
             if known[model.architecture] is NetworkTask.SEMANTIC
             else MergedViews(
                 model, self.config.fov_deg, self.config.min_score, _labels(self.config.labels) if zero_shot else ()
@@ -119,7 +119,7 @@ class TransformersDetector(Detector):
         return self._objects.detect(panorama.rgb, panorama.valid, panorama.range_m)
 
 
-class VotedViews:
+class AveragedViews:
     """Objects from a semantic segmentation network: class probabilities averaged over six horizontal views, as in the
     detector `segments`."""
 

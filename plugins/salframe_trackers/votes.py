@@ -117,7 +117,7 @@ class VoteTracker(Tracker):
         self._votes = [vote and vote.moved(upright, noise) for vote in self._votes]
 
     def observe(self, answer: Localization) -> None:
-        near = [self._is_here(pose) for pose in self._visited]
+        near = [self._is_near_camera(pose) for pose in self._visited]
         rows = [row for row, is_here in enumerate(near) if not is_here][1 - MAX_VOTES :]
         self._visited = [*(self._visited[row] for row in rows), np.eye(4)]
         self._votes = [*(self._votes[row] for row in rows), _vote(answer)]
@@ -153,7 +153,7 @@ class VoteTracker(Tracker):
         place = votes[members[-1]].place if self.find_place is None else self.find_place(pose[:3, 3])
         return TrackedPose(status, place, pose, covariance, float(support[best]))
 
-    def _is_here(self, pose: np.ndarray) -> bool:
+    def _is_near_camera(self, pose: np.ndarray) -> bool:
         """Return whether a pose (4, 4) in the frame of the camera is near the camera, and looks the same way."""
         near = np.linalg.norm(pose[:3, 3]) <= SAME_POSITION_M
         return bool(near and abs(wrap_angle(pose_yaw(pose))) <= np.radians(self.config.agreement_deg))

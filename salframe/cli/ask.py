@@ -22,8 +22,8 @@ def ask(
     apart. Commas separate objects. A number or "no" may stand before an object. "left of", "right of" or "opposite" may
     stand between two objects. Words and colours that are not known are reported.
     """
-    from salframe.localization.asking import ask as run
     from salframe.localization.map import open_map
+    from salframe.localization.text_places import ask as run
 
     answer = run(open_map(map), text)
     if as_json:

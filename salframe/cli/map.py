@@ -24,7 +24,7 @@ from salframe.cli.options import (
 from salframe.cli.output import print_json
 
 if TYPE_CHECKING:
-    from salframe.topology.growing import MapChange
+    from salframe.topology.map_changes import MapChange
     from salframe.topology.planner import Route
 
 app = typer.Typer(help="Build, change, draw and query the map of a building.", no_args_is_help=True)
@@ -59,7 +59,7 @@ def add(
     Uses the method and the settings of the map. Places that the map already contains are replaced.
     """
     from salframe.cli.output import Bars, tell
-    from salframe.topology.growing import add_to_map
+    from salframe.topology.map_changes import add_to_map
 
     with Bars() as bars:
         change = add_to_map(
@@ -81,7 +81,7 @@ def remove(
     as_json: Json = False,
 ) -> None:
     """Remove places, and their areas in the floor masks, from a map."""
-    from salframe.topology.growing import remove_from_map
+    from salframe.topology.map_changes import remove_from_map
 
     _print_change(map, remove_from_map(map, places), as_json)
 
@@ -99,7 +99,7 @@ def merge(
 
     The other maps do not change.
     """
-    from salframe.topology.growing import merge_maps
+    from salframe.topology.map_changes import merge_maps
 
     _print_change(map, merge_maps(map, others), as_json)
 
@@ -111,7 +111,7 @@ def calibrate(map: AnyMap, as_json: Json = False) -> None:
     `salframe build` does this, and each change of a calibrated map does it again.
     """
     from salframe.cli.calibration import describe_calibration
-    from salframe.topology.growing import calibrate_map
+    from salframe.topology.map_changes import calibrate_map
 
     calibration = calibrate_map(map)
     if as_json:

@@ -41,7 +41,7 @@ def disk(image: np.ndarray, centre: np.ndarray, radius: float, colour: Colour) -
     cv2.circle(image, (x, y), round(radius * 2**_BITS), colour, -1, cv2.LINE_AA, _BITS)
 
 
-def coat(image: np.ndarray, polygons: Iterable[tuple[np.ndarray, Colour]], opacity: float) -> np.ndarray:
+def fill_translucent(image: np.ndarray, polygons: Iterable[tuple[np.ndarray, Colour]], opacity: float) -> np.ndarray:
     """Return an image with translucent polygons. Later polygons cover earlier polygons.
 
     Args:

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from salframe.drawing.canvas import FAINT, INK, PAPER, Colour, coat, font, stroke
-from salframe.drawing.lettering import Lettering
+from salframe.drawing.canvas import FAINT, INK, PAPER, Colour, fill_translucent, font, stroke
 from salframe.drawing.outlines import outline_objects
 from salframe.drawing.plan import Plan
+from salframe.drawing.text_placer import TextPlacer
 from salframe.graphs.detections import Detections
 from salframe.graphs.graph import SaliencyGraph
 from salframe.panoramas.camera import Camera
@@ -130,7 +130,7 @@ def draw_outlines(
     """
     order = _by_area(lines)
     polygons = [(line, colours[detections.labels[i]]) for i in order for line in lines[i]]
-    image = coat(rgb, polygons, 0.25)
+    image = fill_translucent(rgb, polygons, 0.25)
     for line, colour in polygons:
         stroke(image, line, PAPER, _letters(rgb) / 4.5, closed=True)
         stroke(image, line, colour, _letters(rgb) / 8, closed=True)
@@ -144,12 +144,12 @@ def name_objects(
     `draw_outlines`."""
     height, width = image.shape[:2]
     has_many = len(detections) > MANY_OBJECTS
-    lettering = Lettering(width, height, round(_letters(image) * (0.8 if has_many else 1)))
+    placer = TextPlacer(width, height, round(_letters(image) * (0.8 if has_many else 1)))
     for i in _by_area(lines)[:MAX_NAMES]:
         label, spot = detections.labels[i], _spot(lines[i], width, height)
         if spot is not None:
-            lettering.put(f"{label} {detections.scores[i]:.2f}", colours[label], *spot)
-    return lettering.draw(image)
+            placer.put(f"{label} {detections.scores[i]:.2f}", colours[label], *spot)
+    return placer.draw(image)
 
 
 def _letters(image: np.ndarray) -> int:

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from salframe.drawing.canvas import INK, PAPER, Colour, coat, disk, fill, stroke
-from salframe.drawing.lettering import Lettering
+from salframe.drawing.canvas import INK, PAPER, Colour, disk, fill, fill_translucent, stroke
+from salframe.drawing.text_placer import TextPlacer
 from salframe.graphs.detections import Detections
 from salframe.graphs.graph import SaliencyGraph, box_footprints
 from salframe.panoramas.camera import Camera
@@ -46,8 +46,8 @@ class Plan:
         self._side, self._colours, self._points = side, colours, max(11, round(side / 50))
         self._middle = np.array([side / 2, side * (0.5 if camera is None else 0.92)])
         self._image: np.ndarray = np.full((side, side, 3), GROUND, np.uint8)
-        self._lettering = Lettering(side, side, self._points)
-        self._lettering.taken.append(np.concatenate([self._middle - self._points, self._middle + self._points]))
+        self._placer = TextPlacer(side, side, self._points)
+        self._placer.taken.append(np.concatenate([self._middle - self._points, self._middle + self._points]))
         reach_m = 1.0 if graph is None else _reach(graph)
         self._scale = (self._middle[1] - 2.2 * self._points) / reach_m
         if camera is not None:
@@ -57,8 +57,8 @@ class Plan:
             self._draw_ring(BEARING_LENGTH)
         else:
             self._draw_rings(reach_m)
-        self._image = self._lettering.draw(self._image)  # names of rings and sides, under the objects
-        self._lettering.names.clear()
+        self._image = self._placer.draw(self._image)  # names of rings and sides, under the objects
+        self._placer.text_boxes.clear()
         if graph is None:
             self._draw_rays(detections)
         else:
@@ -69,7 +69,7 @@ class Plan:
     @property
     def image(self) -> np.ndarray:
         """The plan, (side, side, 3) uint8."""
-        return self._lettering.draw(self._image)
+        return self._placer.draw(self._image)
 
     def pixel(self, xy_m: np.ndarray) -> np.ndarray:
         """Return the pixels (x, y) of the plan, (..., 2), for positions (x, y) in the panorama frame in metres."""
@@ -80,7 +80,7 @@ class Plan:
         with its saliency."""
         place, boxes = self.pixel(graph.centroid_m[:, :2]), self.pixel(box_footprints(graph))
         colours = [self._colours[label] for label in graph.labels]
-        self._image = coat(self._image, zip(boxes, colours, strict=True), 0.35)
+        self._image = fill_translucent(self._image, zip(boxes, colours, strict=True), 0.35)
         for box, colour in zip(boxes, colours, strict=True):
             stroke(self._image, box, colour, self._side / 600, closed=True)
         max_weight = graph.weights.max(initial=1e-9)
@@ -89,14 +89,14 @@ class Plan:
         share = graph.saliency / max(graph.saliency.max(initial=0), 1e-9)
         radius = self._side / 160 * (0.6 + 1.6 * np.sqrt(share))
         around = np.concatenate([place - radius[:, None], place + radius[:, None]], 1)
-        self._lettering.taken += list(around)
+        self._placer.taken += list(around)
         for centre, r, colour in zip(place, radius, colours, strict=True):
             disk(self._image, centre, r + self._side / 500, PAPER)
             disk(self._image, centre, r, colour)
         for i in range(min(len(graph), MAX_NAMES)):
             label, inside = graph.labels[i], ((place[i] >= 0) & (place[i] < self._side)).all()
             if inside:
-                self._lettering.put(label, colours[i], around[i], place[i])
+                self._placer.put(label, colours[i], around[i], place[i])
             else:
                 far_m = np.hypot(*graph.centroid_m[i, :2])
                 self._write(f"{label}, {far_m:.1f} m", self._towards(place[i]), colours[i])
@@ -117,11 +117,11 @@ class Plan:
             azimuth, colour = np.arctan2(bearing[1], bearing[0]), self._colours[label]
             edge = azimuth + width * np.linspace(-0.5, 0.5, 24)
             fan = np.vstack([[0, 0], np.column_stack([np.cos(edge), np.sin(edge)])]) * BEARING_LENGTH
-            self._image = coat(self._image, [(self.pixel(fan), colour)], 0.3)
+            self._image = fill_translucent(self._image, [(self.pixel(fan), colour)], 0.3)
             towards = np.array([-np.sin(azimuth), -np.cos(azimuth)])
             tip = self._middle + BEARING_LENGTH * self._scale * towards
             stroke(self._image, np.stack([self._middle, tip]), colour, self._side / 400)
-            beyond = np.abs(towards) @ self._lettering.measure(label) / 2 + 2
+            beyond = np.abs(towards) @ self._placer.measure(label) / 2 + 2
             self._write(label, tip + beyond * towards, colour)
 
     def _draw_rings(self, reach_m: float) -> None:
@@ -155,7 +155,7 @@ class Plan:
 
     def _write(self, text: str, at: np.ndarray, colour: Colour = GROUND) -> None:
         """Write a text centred on a pixel; nearby if there is no room."""
-        self._lettering.put(text, colour, np.concatenate([at, at]), at)
+        self._placer.put(text, colour, np.concatenate([at, at]), at)
 
 
 def _reach(graph: SaliencyGraph) -> float:

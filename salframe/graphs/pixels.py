@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-STRAY = 4.0
+MAX_DISTANCE_RATIO = 4.0
 """Maximum distance of a point from the median position of the points of its object, in multiples of the median
 distance. Points farther away are strays."""
 
@@ -49,4 +49,4 @@ def without_strays(points_m: np.ndarray) -> np.ndarray:
     """Return the points (n, 3) of an object without stray points. If a mask is too large, some of its points lie on the
     wall behind the object."""
     distance = np.linalg.norm(points_m - np.median(points_m, axis=0), axis=1)
-    return points_m[distance <= STRAY * max(float(np.median(distance)), 0.05)]
+    return points_m[distance <= MAX_DISTANCE_RATIO * max(float(np.median(distance)), 0.05)]

@@ -81,7 +81,7 @@ class GraphNodes:
         return np.log(self.size_m)
 
 
-def count_having(count: np.ndarray, label: np.ndarray, labels: int) -> np.ndarray:
+def count_graphs_by_label(count: np.ndarray, label: np.ndarray, labels: int) -> np.ndarray:
     """Return the number of graphs in which each label occurs, (L,) int64.
 
     Args:
@@ -123,14 +123,14 @@ class GraphTable(Sequence[SaliencyGraph]):
         return len(self.sizes)
 
     @cached_property
-    def having(self) -> np.ndarray:
+    def num_graphs_by_label(self) -> np.ndarray:
         """(L,) int64: number of graphs in which each label occurs."""
-        having = np.zeros(len(self.labels), np.int64)
+        num_graphs_by_label = np.zeros(len(self.labels), np.int64)
         for low in range(0, len(self), _CHUNK):
             count = self.sizes[low : low + _CHUNK]
             label = self._label[self._start[low] : self._start[low + len(count)]]
-            having += count_having(count, label, len(having))
-        return having
+            num_graphs_by_label += count_graphs_by_label(count, label, len(num_graphs_by_label))
+        return num_graphs_by_label
 
     @abstractmethod
     def _values(self, nodes: np.ndarray) -> Mapping[str, np.ndarray]:
@@ -162,7 +162,7 @@ class GraphTable(Sequence[SaliencyGraph]):
         return linked
 
 
-class HeldGraphs(GraphTable):
+class MemoryGraphs(GraphTable):
     """A table of graphs in memory, with unrounded values."""
 
     def __init__(self, graphs: Sequence[SaliencyGraph]) -> None:

@@ -35,12 +35,12 @@ def from_near_side(detect: Callable[[Any, Panorama], Detections]) -> Callable[[A
             if (image := getattr(panorama, name)) is not None
         }
         detections = detect(detector, replace(panorama, annotations=None, **images))
-        return turned_detections(detections, 2 * np.pi * columns / len(side))
+        return rotate_detections(detections, 2 * np.pi * columns / len(side))
 
     return detect_canonical
 
 
-def turned_detections(detections: Detections, angle_rad: float) -> Detections:
+def rotate_detections(detections: Detections, angle_rad: float) -> Detections:
     """Return detections rotated about the vertical axis by angle_rad, counter-clockwise when viewed from above."""
     turn = pose_2d(0, 0, angle_rad)
 

@@ -76,7 +76,7 @@ class LocalizationStatus(StrEnum):
         return self in (LocalizationStatus.OK, LocalizationStatus.NO_POSE)
 
     @property
-    def denies_the_map(self) -> bool:
+    def is_rejection(self) -> bool:
         """Whether an answer with this status states that the query is out-of-map: the query was rejected, or nothing in
         the map is similar to it.
 

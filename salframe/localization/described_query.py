@@ -11,7 +11,7 @@ import numpy as np
 
 from salframe.framework.files.cache import Cache
 from salframe.localization.describing import describe_frame
-from salframe.localization.level_frames import UPSIDE_DOWN, of_turned
+from salframe.localization.level_frames import UPSIDE_DOWN, unturn_description
 from salframe.localization.localizer import Description, Localizer
 from salframe.panoramas.camera_height import LevelSurfaces, find_level_surfaces
 from salframe.panoramas.data_checks import upside_down_note
@@ -142,4 +142,4 @@ def _describe_turned(
 
     turned = QueryFrame(f"{frame.id}, turned upside down", load, frame.content)
     description, seconds = describe_frame(localizer, turned, cache, dataset)
-    return of_turned(description, UPSIDE_DOWN), seconds
+    return unturn_description(description, UPSIDE_DOWN), seconds

@@ -88,7 +88,7 @@ def level_motions(T_last_view: np.ndarray, rotations: list[np.ndarray | None]) -
     return levelled
 
 
-def as_it_stood(answer: Localization, rotation: np.ndarray | None) -> Localization:
+def unlevel_answer(answer: Localization, rotation: np.ndarray | None) -> Localization:
     """Convert the answer to a levelled panorama to an answer with the pose of the tilted camera, and add a note on the
     tilt.
 
@@ -107,7 +107,7 @@ def as_it_stood(answer: Localization, rotation: np.ndarray | None) -> Localizati
     return replace(answer, T_world_query=pose, heading_rad=heading_rad, notes=(*answer.notes, note))
 
 
-def of_turned(description: Description, rotation: np.ndarray) -> Description:
+def unturn_description(description: Description, rotation: np.ndarray) -> Description:
     """Convert the description of a panorama that was turned by a rotation (3, 3) to a description of the panorama
     before this turn: combine the rotation with R_LEVEL_PANO."""
     description, level = split_level(description)

@@ -35,8 +35,7 @@ from salframe.localization.described_query import DescribedQuery, DescribedView,
 from salframe.localization.describing import describe_ahead
 from salframe.localization.detecting import DetectingLocalizer
 from salframe.localization.fusing import FUSED, Fusion, choose_surest, fuse_answers
-from salframe.localization.left_out import check_left_out, left_out_note
-from salframe.localization.level_frames import as_it_stood, better_answer, level_motions, split_level, upright_frame
+from salframe.localization.level_frames import better_answer, level_motions, split_level, unlevel_answer, upright_frame
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map_files import MapParts, find_not_finite, read_map, write_map
 from salframe.localization.next_view import next_view_of
@@ -44,6 +43,7 @@ from salframe.localization.posterior import Posterior
 from salframe.localization.preparing import Tell, python_warning, silent
 from salframe.localization.query_input import query_frame
 from salframe.localization.references import complete_references, describe_references
+from salframe.localization.unusable_frames import check_unusable, unusable_note
 from salframe.panoramas.camera_height import LevelSurfaces
 from salframe.panoramas.data_checks import query_notes
 from salframe.panoramas.dataset import Dataset
@@ -94,7 +94,7 @@ class LocalizationMap:
         self._mapped_files: tuple[FileStamp, ...] = ()
         self._folder: Path | None = None
         self._is_checked = False
-        self._hold(packed, frames, floors)
+        self._set_frames(packed, frames, floors)
 
     @classmethod
     def build(
@@ -111,7 +111,7 @@ class LocalizationMap:
     ) -> LocalizationMap:
         """Describe reference frames, calibrate the probabilities of the localizer, and index the frames.
 
-        Frames that the localizer cannot use are left out, up to MAX_LEFT_OUT_SHARE of them.
+        Frames that the localizer cannot use are left out, up to MAX_UNUSABLE_SHARE of them.
 
         Args:
             localizer: The localizer.
@@ -153,11 +153,11 @@ class LocalizationMap:
         InputMissing as `build`.
         """
         completed = complete_references(localizer, descriptions, frames)
-        check_left_out(completed.left_out, len(frames))
+        check_unusable(completed.unusable_frames, len(frames))
         packed = [localizer.pack(split_level(description)[0]) for description in completed.descriptions]
         upright = [upright_frame(localizer, frame) for frame in completed.frames]
         built = cls(localizer, *in_canonical_order(packed, upright), floors)
-        for note in [*completed.notes, *filter(None, [left_out_note(completed.left_out)])]:
+        for note in [*completed.notes, *filter(None, [unusable_note(completed.unusable_frames)])]:
             tell(note)
         built._index(calibrate and is_calibrated(localizer))
         return built
@@ -196,7 +196,7 @@ class LocalizationMap:
         opened.calibration = parts.read_calibration(localizer.config)
         if not indexed:
             return opened
-        with _blaming(parts.folder, localizer), warnings.catch_warnings():
+        with _convert_array_errors(parts.folder, localizer), warnings.catch_warnings():
             warnings.simplefilter("error", np.exceptions.ComplexWarning)  # raised for complex saved arrays
             if parts.has_index(localizer):
                 localizer.open_index(parts.index_folder(localizer), packed, frames)
@@ -455,7 +455,7 @@ class LocalizationMap:
         was not levelled. Raises as `answer`."""
         if changed := [stamp.path for stamp in self._mapped_files if not stamp.is_current()]:
             raise DataError(f"{changed[0]} was changed while the map was open: open the map again")
-        with nullcontext() if self._folder is None else _blaming(self._folder, self.localizer):
+        with nullcontext() if self._folder is None else _convert_array_errors(self._folder, self.localizer):
             if not self._is_checked and isinstance(self._packed, Columns):
                 check_kinds(self._packed, self.localizer.pack(description))
                 self._is_checked = True
@@ -465,7 +465,7 @@ class LocalizationMap:
         if labels := self.localizer.unknown_labels(description):
             answer = replace(answer, notes=(*answer.notes, unknown_labels_note(labels)))
         shown = self.localizer.shown_directions(description)
-        answer = replace(as_it_stood(answer, rotation), next_view=None if shown is None else next_view_of(shown))
+        answer = replace(unlevel_answer(answer, rotation), next_view=None if shown is None else next_view_of(shown))
         posterior = self.localizer.posterior
         if posterior is None or answer.out_of_map_probability is not None:
             return answer
@@ -488,7 +488,7 @@ class LocalizationMap:
         """Return the descriptions of all reference frames, unpacked."""
         return [self.localizer.unpack(packed) for packed in self._packed]
 
-    def _hold(
+    def _set_frames(
         self, packed: Sequence[Description], frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks]
     ) -> None:
         self._packed, self.frames = packed, frames
@@ -517,8 +517,8 @@ class LocalizationMap:
         """Remove the frames of some places, add others, and index the map."""
         rows = [i for i, frame in enumerate(self.frames) if frame.place not in places]
         remaining = [*(self._packed[i] for i in rows), *packed], [*(self.frames[i] for i in rows), *frames]
-        self._hold(*in_canonical_order(*remaining), floors)
-        with _blaming(self._folder, self.localizer):
+        self._set_frames(*in_canonical_order(*remaining), floors)
+        with _convert_array_errors(self._folder, self.localizer):
             self._index(calibrate=self.calibration is not None)
 
 
@@ -580,7 +580,7 @@ def open_map(directory: str | Path, *, max_false_accept: float | None = None) ->
 
 
 @contextmanager
-def _blaming(folder: Path | None, localizer: Localizer) -> Iterator[None]:
+def _convert_array_errors(folder: Path | None, localizer: Localizer) -> Iterator[None]:
     """Raise DataError if the localizer fails in the `with` block, because it cannot index the saved arrays in `folder`,
     or match with them.
 

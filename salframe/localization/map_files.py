@@ -26,7 +26,7 @@ from salframe.framework.files.array_files import MAX_READ_BYTES, ArrayKind, File
 from salframe.framework.files.columns import Columns, Row, read_columns, write_columns
 from salframe.framework.files.hashes import digest, file_sha256
 from salframe.framework.files.reading import read_json, read_model
-from salframe.framework.files.writing import alone, naming, write_json
+from salframe.framework.files.writing import lock_folder, naming, write_json
 from salframe.framework.validation import Settings, validate
 from salframe.localization.calibration import MapCalibration
 from salframe.localization.localizer import Localizer
@@ -224,7 +224,7 @@ def write_map(directory: Path) -> Iterator[MapParts]:
     check_output(directory)
     existed = directory.exists()
     directory.mkdir(parents=True, exist_ok=True)
-    with alone(directory, "name a new folder"), naming(directory):
+    with lock_folder(directory, "name a new folder"), naming(directory):
         yield from _replace_parts(directory, existed)
 
 

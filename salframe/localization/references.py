@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from salframe.framework.errors import FRAME_ERRORS, DataError, InputMissing
 from salframe.framework.files.cache import Cache
 from salframe.localization.describing import describe_frame
-from salframe.localization.left_out import check_left_out, left_out_note
 from salframe.localization.level_frames import R_LEVEL_PANO, split_level, upright_frame
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.preparing import Tell
+from salframe.localization.unusable_frames import check_unusable, unusable_note
 from salframe.panoramas.frames import ReferenceFrame
 
 
@@ -30,14 +30,14 @@ def describe_references(
     if not frames:
         raise DataError("received no reference frame, expected at least one for a map")
     descriptions, described, notes = [], [], []
-    left_out: dict[str, DataError | InputMissing] = {}
+    unusable_frames: dict[str, DataError | InputMissing] = {}
     for done, frame in enumerate(frames):
         if progress:
             progress(done, len(frames))
         try:
             description, _ = describe_frame(localizer, frame, cache, dataset)
         except FRAME_ERRORS as error:
-            left_out[frame.id] = error
+            unusable_frames[frame.id] = error
             continue
         descriptions.append(description)
         described.append(frame)
@@ -46,9 +46,9 @@ def describe_references(
     if progress:
         progress(len(frames), len(frames))
     completed = complete_references(localizer, descriptions, described)
-    left_out |= completed.left_out
-    check_left_out(left_out, len(frames))
-    for note in [*notes, *completed.notes, *filter(None, [left_out_note(left_out)])]:
+    unusable_frames |= completed.unusable_frames
+    check_unusable(unusable_frames, len(frames))
+    for note in [*notes, *completed.notes, *filter(None, [unusable_note(unusable_frames)])]:
         tell(note)
     packed = [localizer.pack(split_level(description)[0]) for description in completed.descriptions]
     return packed, [upright_frame(localizer, frame) for frame in completed.frames]
@@ -61,13 +61,13 @@ class CompletedReferences:
     Attributes:
         descriptions: The completed descriptions of the frames.
         frames: The frames.
-        left_out: Mapping from the id of each frame that cannot be used to its error.
+        unusable_frames: Mapping from the id of each frame that cannot be used to its error.
         notes: Remarks for the user.
     """
 
     descriptions: Sequence[Description]
     frames: Sequence[ReferenceFrame]
-    left_out: Mapping[str, DataError | InputMissing]
+    unusable_frames: Mapping[str, DataError | InputMissing]
     notes: Sequence[str]
 
 
@@ -91,15 +91,15 @@ def complete_references(
         f"{total - placed} of {total} objects in {len(changed)} reference frames without range are left out, because "
         "no second panorama gives their position"
     )
-    left_out: dict[str, DataError | InputMissing] = {}
+    unusable_frames: dict[str, DataError | InputMissing] = {}
     for frame, description in zip(frames, after, strict=True):
         if reason := localizer.unfit_for_map(description):
-            left_out[frame.id] = InputMissing(f"{frame.id} cannot be a reference frame: {reason}")
-    rows = [number for number, frame in enumerate(frames) if frame.id not in left_out]
+            unusable_frames[frame.id] = InputMissing(f"{frame.id} cannot be a reference frame: {reason}")
+    rows = [number for number, frame in enumerate(frames) if frame.id not in unusable_frames]
     tilted = {number: {R_LEVEL_PANO: rotation} for number, (_, rotation) in enumerate(level) if rotation is not None}
     return CompletedReferences(
         [{**after[row], **tilted[row]} if row in tilted else after[row] for row in rows],
         [frames[row] for row in rows],
-        left_out,
+        unusable_frames,
         [notes] if placed < total else [],
     )

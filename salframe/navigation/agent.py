@@ -9,7 +9,7 @@ import numpy as np
 from salframe.framework.errors import NoRoute
 from salframe.localization.answers import Localization
 from salframe.localization.tracker import Tracker
-from salframe.navigation.guide import Guide, Way
+from salframe.navigation.guide import Guide, WalkingPath
 from salframe.panoramas.geometry import pose_yaw, wrap_angle
 from salframe.topology.topological_map import MapEdge
 
@@ -80,7 +80,7 @@ class Agent:
         """Heading in the world: the known initial heading, updated by odometry only."""
         self._tracker = tracker
         self._last_frame: str | None = None
-        self._initial_guides: tuple[Guide, ...] = (guide.roomy, guide)
+        self._initial_guides: tuple[Guide, ...] = (guide.with_margin, guide)
         self._guides: tuple[Guide, ...] = self._initial_guides
         self._goal, self._arrival_m, self._rng = goal, arrival_m, rng
         self._off_path = False
@@ -123,7 +123,7 @@ class Agent:
             return
         again = any(np.linalg.norm(pose[:2, 3] - stop_m) <= SAME_OBSTACLE_M for stop_m in self._stops_m)
         self._stops_m.append(pose[:2, 3])
-        charts = [guide.chart.stopped(pose, again) for guide in self._guides]
+        charts = [guide.chart.after_collision(pose, again) for guide in self._guides]
         if any(chart is not guide.chart for chart, guide in zip(charts, self._guides, strict=True)):
             self._guides = tuple(Guide(chart, guide.planner) for chart, guide in zip(charts, self._guides, strict=True))
             self._off_path = False
@@ -142,15 +142,15 @@ class Agent:
             return Move(turn_rad, 0.0)
         self._num_turns = 0
         pose = self.pose
-        way = None if pose is None else self._way(pose[:3, 3])
-        if pose is None or way is None:
+        path = None if pose is None else self._best_path(pose[:3, 3])
+        if pose is None or path is None:
             return self._aside()
-        if way.length_m <= self._arrival_m:
+        if path.length_m <= self._arrival_m:
             return None
         if self._off_path:
             return self._aside()
         chart = self._guides[0].chart
-        leg = way.leg(chart.spot(pose[:3, 3]))
+        leg = path.leg(chart.spot(pose[:3, 3]))
         if isinstance(leg, MapEdge):
             self._takes_stairs = True
             return Move(0.0, 0.0, leg)
@@ -165,21 +165,21 @@ class Agent:
         view = answer.next_view
         return None if view is None else float(np.radians(view.turn_deg))
 
-    def _way(self, position_m: np.ndarray) -> Way | None:
+    def _best_path(self, position_m: np.ndarray) -> WalkingPath | None:
         """Return the best path; None if there is no path.
 
         If there is no path, the positions of the recorded collisions are assumed to be wrong, and the collisions are
         removed from the charts.
         """
-        ways = []
+        paths = []
         for guide, penalty_m in zip(self._guides, (0.0, MIN_SAVING_M), strict=True):
             try:
-                way = guide.way(position_m, self._goal)
+                path = guide.shortest_path(position_m, self._goal)
             except NoRoute:
                 continue
-            ways.append((way.length_m + penalty_m, way))
-        if ways:
-            return min(ways, key=lambda entry: entry[0])[1]
+            paths.append((path.length_m + penalty_m, path))
+        if paths:
+            return min(paths, key=lambda entry: entry[0])[1]
         self._guides, self._stops_m = self._initial_guides, []
         return None
 

@@ -14,10 +14,10 @@ import numpy as np
 from salframe.panoramas.floors import FloorMasks, find_floor, floor_numbers
 from salframe.panoramas.geometry import pose_yaw
 from salframe.topology.edges import components, joining_paths, make_edge, sight_pairs
-from salframe.topology.grid import FloorGrid, cell, nearest_pixel, sees
+from salframe.topology.grid import FloorGrid, cell, has_line_of_sight, nearest_pixel
 from salframe.topology.topological_map import MapEdge, MapNode, TopologicalMap
 
-ROOM_M = 0.07
+MARGIN_M = 0.07
 """Safety margin in metres that is added to the radius of the agent if possible, because an agent deviates slightly from
 its path."""
 AHEAD_M, CLEAR_M = 0.1, 0.30
@@ -57,12 +57,12 @@ class Chart(ABC):
         agents can be only at certain positions returns the nearest of these. The default returns `position_m`."""
         return position_m
 
-    def roomy(self) -> Chart:
+    def with_margin(self) -> Chart:
         """Return the chart with a safety margin to walls. In this chart, parts of the building may be out of reach. The
         default returns the chart itself."""
         return self
 
-    def stopped(self, T_world_pano: np.ndarray, again: bool) -> Chart:
+    def after_collision(self, T_world_pano: np.ndarray, again: bool) -> Chart:
         """Return the chart after a collision ahead of the agent; the same chart if the collision adds no knowledge.
 
         Args:
@@ -99,14 +99,14 @@ class FloorChart(Chart):
         there = np.flatnonzero(floor_numbers(self._floors, points_m) == number)
         if start is not None:
             ends = grid.to_pixel(points_m[there, :2])
-            there = there[sees(grid.clear, np.broadcast_to(start, ends.shape), ends)]
+            there = there[has_line_of_sight(grid.clear, np.broadcast_to(start, ends.shape), ends)]
             lengths_m[there] = np.linalg.norm(points_m[there, :2] - position_m[:2], axis=1)
         return lengths_m
 
-    def roomy(self) -> FloorChart:
-        return self._restrict([grid.clearance_m >= self._radius_m + ROOM_M for grid in self._grids])
+    def with_margin(self) -> FloorChart:
+        return self._restrict([grid.clearance_m >= self._radius_m + MARGIN_M for grid in self._grids])
 
-    def stopped(self, T_world_pano: np.ndarray, again: bool) -> FloorChart:
+    def after_collision(self, T_world_pano: np.ndarray, again: bool) -> FloorChart:
         """See Chart. A first collision near a wall or obstacle of the masks may result from a small deviation from the
         path, and changes nothing. For any other collision, an obstacle that is not in the masks is assumed: a disc
         around it is blocked, and the edges of the map are computed again."""

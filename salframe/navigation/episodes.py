@@ -126,10 +126,10 @@ def _draw(site: Site, rng: np.random.Generator, number: int) -> Episode | None:
             continue
         goal = goals[rng.integers(len(goals))]
         try:
-            if not world.joined(start, world.stand_at(world.node(goal), 0.0)):
+            if not world.is_reachable(start, world.stand_at(world.node(goal), 0.0)):
                 continue
             return Episode(
-                number, world.id, tuple(start.ravel().tolist()), goal, guide.way(start[:3, 3], goal).length_m
+                number, world.id, tuple(start.ravel().tolist()), goal, guide.shortest_path(start[:3, 3], goal).length_m
             )
         except (DataError, NoRoute):
             continue
@@ -186,6 +186,8 @@ def _place(request: EpisodeRequest, sites: Mapping[str, Site], rng: np.random.Ge
         if isinstance(request.start, str)
         else world.stand(*request.start, yaw_rad, request.floor)
     )
-    if not world.joined(start, world.stand_at(goal, 0.0)):
+    if not world.is_reachable(start, world.stand_at(goal, 0.0)):
         raise DataError(f"obstacles in the world {name} block every path from the start to {goal.id}")
-    return Episode(number, name, tuple(start.ravel().tolist()), goal.id, guide.way(start[:3, 3], goal.id).length_m)
+    return Episode(
+        number, name, tuple(start.ravel().tolist()), goal.id, guide.shortest_path(start[:3, 3], goal.id).length_m
+    )

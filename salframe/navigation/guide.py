@@ -22,7 +22,7 @@ ENTERED_M = 0.3
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
+class WalkingPath:
     """A path to walk.
 
     Attributes:
@@ -62,11 +62,11 @@ class Guide:
         self._point_m = {node.id: np.array(node.xyz_m) for node in map.nodes}
 
     @cached_property
-    def roomy(self) -> Guide:
+    def with_margin(self) -> Guide:
         """The guide on the chart with a safety margin."""
-        return Guide(self.chart.roomy(), self.planner)
+        return Guide(self.chart.with_margin(), self.planner)
 
-    def way(self, position_m: np.ndarray, goal: str) -> Way:
+    def shortest_path(self, position_m: np.ndarray, goal: str) -> WalkingPath:
         """Return the shortest path from a position (3,) to a node: straight to a node in reach, then along the map.
 
         Raises:
@@ -86,7 +86,7 @@ class Guide:
                 continue
             length_m = float(straight_m[number]) + route.length_m
             if best is None or length_m < best.length_m:
-                best = Way(length_m, np.array([self._point_m[name] for name in route.nodes]), route.legs)
+                best = WalkingPath(length_m, np.array([self._point_m[name] for name in route.nodes]), route.legs)
         if best is None:
             x, y, _ = position_m
             raise NoRoute(f"no path leads from ({x:.2f}, {y:.2f}) m to {goal}")

@@ -25,7 +25,7 @@ from salframe.panoramas.geometry import pose_2d, pose_yaw
 
 SUCCESS_M = 0.5
 """Maximum length of the remaining path, in metres, at which the reported arrival of an agent is a success."""
-LOOSER_M = {"success_1m": 1.0, "success_3m": 3.0}
+SUCCESS_LIMITS_M = {"success_1m": 1.0, "success_3m": 3.0}
 """Larger limits than SUCCESS_M in metres, by the key in the row of an episode. R2R and REVERIE use 3 m."""
 
 Row = dict[str, Any]
@@ -81,12 +81,12 @@ class NavigationConfig(Settings):
     )
 
 
-Look = Callable[[np.ndarray, float, np.ndarray | None], Located]
-"""Function look(T_world_pano, yaw_rad, turn) that localizes an agent. Its arguments are as in `Sight.look`, without
-`world`."""
+LocalizeFunction = Callable[[np.ndarray, float, np.ndarray | None], Located]
+"""Function localize(T_world_pano, yaw_rad, turn) that localizes an agent. Its arguments are as in
+`AgentLocalizer.localize`, without `world`."""
 
 
-def walk(site: Site, look: Look, episode: Episode, config: NavigationConfig, seed: int) -> Row:
+def walk(site: Site, localize: LocalizeFunction, episode: Episode, config: NavigationConfig, seed: int) -> Row:
     """Run an episode, and return its measurements as a row of the results.
 
     The noise depends only on the seed and the episode, so that all methods get the same noise. The agent knows its
@@ -94,7 +94,7 @@ def walk(site: Site, look: Look, episode: Episode, config: NavigationConfig, see
 
     Args:
         site: The world of the episode, and the guide on its chart.
-        look: Function that localizes the agent.
+        localize: Function that localizes the agent.
         episode: The episode.
         config: Settings of navigation.
         seed: Random seed of the noise.
@@ -110,7 +110,7 @@ def walk(site: Site, look: Look, episode: Episode, config: NavigationConfig, see
     collisions, travelled_m, arrived = 0, 0.0, False
     turn: np.ndarray | None = None
     for _ in range(config.budget):
-        located = look(T, agent.yaw_rad, turn)
+        located = localize(T, agent.yaw_rad, turn)
         localized.append(located.answer.status.names_a_place)
         agent.add_localization(located)
         pose = agent.pose
@@ -153,7 +153,7 @@ def walk(site: Site, look: Look, episode: Episode, config: NavigationConfig, see
         "success": success,
         "oracle": min(left_m) <= SUCCESS_M,
         "spl": success * (episode.shortest_m / max_length_m if max_length_m else 1.0),
-        **{key: arrived and left_m[-1] <= bound_m for key, bound_m in LOOSER_M.items()},
+        **{key: arrived and left_m[-1] <= bound_m for key, bound_m in SUCCESS_LIMITS_M.items()},
         "shortest_m": episode.shortest_m,
         "travelled_m": travelled_m,
         "left_m": left_m[-1] if np.isfinite(left_m[-1]) else None,
@@ -187,7 +187,7 @@ def _odometry(before: np.ndarray, after: np.ndarray, turn_error_rad: float, scal
 def _remaining_m(guide: Guide, position_m: np.ndarray, goal: str) -> float:
     """Return the length of the remaining path in metres; inf if no path leads to the goal."""
     try:
-        return guide.way(position_m, goal).length_m
+        return guide.shortest_path(position_m, goal).length_m
     except NoRoute:
         return float("inf")
 

@@ -75,7 +75,7 @@ class World(ABC):
                 floors.
         """
 
-    def joined(self, start: np.ndarray, goal: np.ndarray) -> bool:
+    def is_reachable(self, start: np.ndarray, goal: np.ndarray) -> bool:
         """Return whether there is a walkable path between two poses (4, 4). The default returns True."""
         return True
 
@@ -170,7 +170,7 @@ class FloorWorld(World):
             )
         return pose_2d(x_m, y_m, yaw_rad, self._camera_z_m[number])
 
-    def joined(self, start: np.ndarray, goal: np.ndarray) -> bool:
+    def is_reachable(self, start: np.ndarray, goal: np.ndarray) -> bool:
         nodes = {edge.start: self.node(edge.start) for edge in self.chart.map.edges if edge.storeys}
         nodes |= {edge.end: self.node(edge.end) for edge in self.chart.map.edges if edge.storeys}
         part = {id: self._part(np.array(node.xyz_m)) for id, node in nodes.items()}

@@ -112,7 +112,7 @@ class Connection(Settings):
     length_m: float = Field(gt=0, allow_inf_nan=False)
 
 
-def touch(floor: FloorMasks, other: FloorMasks) -> bool:
+def masks_touch(floor: FloorMasks, other: FloorMasks) -> bool:
     """Return whether the rectangles of two masks overlap or are adjacent, ignoring their heights."""
     (left, bottom, right, top), (other_left, other_bottom, other_right, other_top) = map(_bounds_m, (floor, other))
     gap_m = max(other_left - right, left - other_right, other_bottom - top, bottom - other_top)
@@ -129,7 +129,7 @@ def _stay_apart(floor: FloorMasks, other: FloorMasks) -> bool:
     """Return whether two masks at one height stay separate, because their joined masks would be mostly empty."""
     bounds = np.array([_bounds_m(floor), _bounds_m(other)])
     joined = np.prod((bounds[:, 2:].max(0) - bounds[:, :2].min(0)) / floor.resolution_m)
-    return not touch(floor, other) and bool(joined > MAX_EMPTY_RATIO * (floor.free.size + other.free.size))
+    return not masks_touch(floor, other) and bool(joined > MAX_EMPTY_RATIO * (floor.free.size + other.free.size))
 
 
 def find_floor(floors: Sequence[FloorMasks], xyz_m: Sequence[float] | np.ndarray) -> int | None:
@@ -172,7 +172,7 @@ def floor_pixels(floor: FloorMasks, xy_m: np.ndarray) -> np.ndarray:
 def check_heights(floors: Sequence[FloorMasks]) -> None:
     """Check that floors whose masks overlap or adjoin have different heights. Raises DataError."""
     for floor, other in combinations(floors, 2):
-        if floor.z_m == other.z_m and touch(floor, other):
+        if floor.z_m == other.z_m and masks_touch(floor, other):
             raise DataError(
                 f"two floors with overlapping or adjacent masks are at z = {floor.z_m:g} m, expected a different z_m "
                 "for each"

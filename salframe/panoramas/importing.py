@@ -16,7 +16,7 @@ from salframe.framework.components.registry import registry
 from salframe.framework.config import nest, parse_override
 from salframe.framework.errors import ConfigError, DataError, describe_error
 from salframe.framework.files.reading import read_json
-from salframe.framework.files.writing import alone, atomic_path, write_json, write_text
+from salframe.framework.files.writing import atomic_path, lock_folder, write_json, write_text
 from salframe.panoramas.data_checks import data_notes
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.folder import FolderDataset
@@ -146,7 +146,7 @@ def import_data(
     recording = with_regions(read_recording(importer, source), masks)
     place_source, selected = select(recording, place_from, queries, every)
     _claim(output, importer, Path(source))
-    with alone(output, "name another folder"):
+    with lock_folder(output, "name another folder"):
         writer = _Writer(output, recording)
         for done, panorama in enumerate(selected):
             if progress is not None:

@@ -209,7 +209,7 @@ def _crop(panorama: Panorama, fov_deg: float, focal: float | None) -> Panorama:
         annotations = replace(annotations, instance_id=np.where(inside, instance_id, np.int32(0)))
     elif annotations is not None and annotations.objects is not None:
         objects = annotations.objects
-        annotations = replace(annotations, objects=objects.take(sees(objects.centroid_m, fov_deg, focal)))
+        annotations = replace(annotations, objects=objects.take(is_in_view(objects.centroid_m, fov_deg, focal)))
     return replace(
         panorama,
         rgb=None if panorama.rgb is None else np.where(inside[..., None], panorama.rgb, np.uint8(0)),
@@ -219,7 +219,7 @@ def _crop(panorama: Panorama, fov_deg: float, focal: float | None) -> Panorama:
     )
 
 
-def sees(rays: np.ndarray, fov_deg: float, focal: float | None) -> np.ndarray:
+def is_in_view(rays: np.ndarray, fov_deg: float, focal: float | None) -> np.ndarray:
     """Return whether a view shows each of some directions, (...) bool; false where a direction is NaN.
 
     Args:
@@ -237,6 +237,6 @@ def sees(rays: np.ndarray, fov_deg: float, focal: float | None) -> np.ndarray:
 @lru_cache(maxsize=4)
 def _visible_pixels(height: int, fov_deg: float, focal: float | None) -> np.ndarray:
     """Return whether a view shows each pixel of a panorama, (H, 2H) bool; read-only, shared between calls."""
-    inside = sees(equirectangular_rays(height), fov_deg, focal)
+    inside = is_in_view(equirectangular_rays(height), fov_deg, focal)
     inside.flags.writeable = False
     return inside

@@ -27,7 +27,7 @@ SCALES = 0.1, 0.5, 2.0, 10.0
 
 
 @dataclass(frozen=True)
-class Stranger:
+class MisplacedFrame:
     """A frame that stands outside the region of its place in the masks.
 
     Attributes:
@@ -55,12 +55,12 @@ class RegionComparison:
     """
 
     num_compared: int
-    strangers: tuple[Stranger, ...]
+    misplaced_frames: tuple[MisplacedFrame, ...]
 
     @property
     def is_contradiction(self) -> bool:
-        """Whether more than MAX_SHARE of the frames are strangers."""
-        return len(self.strangers) > MAX_SHARE * self.num_compared
+        """Whether more than MAX_SHARE of the frames are misplaced."""
+        return len(self.misplaced_frames) > MAX_SHARE * self.num_compared
 
 
 def compare_regions(frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks]) -> RegionComparison:
@@ -70,17 +70,17 @@ def compare_regions(frames: Sequence[ReferenceFrame], floors: Sequence[FloorMask
     floors = sorted(floors, key=lambda floor: floor.z_m)
     with_region = {place for floor in floors for place in floor.regions.values()}
     xyz_m = np.array([frame.T_world_pano[:3, 3] for frame in frames])
-    num_compared, strangers = 0, []
+    num_compared, misplaced_frames = 0, []
     for frame, number in zip(frames, floor_numbers(floors, xyz_m).tolist(), strict=True):
         region, near = (None, {None}) if number < 0 else _regions_near(floors[number], frame)
         if frame.place not in with_region and region is None:
             continue
         num_compared += 1
         if frame.kind is FrameKind.TRANSITION and near == {region} and region is not None:
-            strangers.append(Stranger(frame.id, frame.place, region, in_doorway=True))
+            misplaced_frames.append(MisplacedFrame(frame.id, frame.place, region, in_doorway=True))
         elif frame.place not in near and (frame.kind is FrameKind.SCENE or frame.place in with_region):
-            strangers.append(Stranger(frame.id, frame.place, region))
-    return RegionComparison(num_compared, tuple(strangers))
+            misplaced_frames.append(MisplacedFrame(frame.id, frame.place, region))
+    return RegionComparison(num_compared, tuple(misplaced_frames))
 
 
 def check_regions(frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks]) -> str | None:
@@ -92,19 +92,19 @@ def check_regions(frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks]
     """
     check_heights(floors)
     comparison = compare_regions(frames, floors)
-    strangers = comparison.strangers
-    if not strangers:
+    misplaced_frames = comparison.misplaced_frames
+    if not misplaced_frames:
         return None
-    listed = ", ".join(map(str, strangers[:NUM_LISTED]))
-    more = ", ..." if len(strangers) > NUM_LISTED else ""
+    listed = ", ".join(map(str, misplaced_frames[:NUM_LISTED]))
+    more = ", ..." if len(misplaced_frames) > NUM_LISTED else ""
     line = (
-        f"{len(strangers)} of {comparison.num_compared} reference frames stand outside the region of their place in "
-        f"the floor masks: {listed}{more}"
+        f"{len(misplaced_frames)} of {comparison.num_compared} reference frames stand outside the region of their "
+        f"place in the floor masks: {listed}{more}"
     )
     if not comparison.is_contradiction:
         return line
     raise DataError(
-        f"{line}; expected at most {MAX_SHARE:.0%} of the frames: {_likely_cause(frames, floors, strangers)}"
+        f"{line}; expected at most {MAX_SHARE:.0%} of the frames: {_likely_cause(frames, floors, misplaced_frames)}"
     )
 
 
@@ -123,11 +123,13 @@ def _regions_near(floor: FloorMasks, frame: ReferenceFrame) -> tuple[str | None,
     return floor.regions.get(int(floor.region[row, column])), names
 
 
-def _likely_cause(frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks], strangers: Sequence[Stranger]) -> str:
+def _likely_cause(
+    frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks], misplaced_frames: Sequence[MisplacedFrame]
+) -> str:
     """Return the likely cause of the contradiction: the first change of the masks, such as a flip, after which frames
     and regions agree."""
     sample = frames[:: 1 + len(frames) // MAX_FRAMES]
-    for cause, changed in _changes(frames, floors, strangers):
+    for cause, changed in _changes(frames, floors, misplaced_frames):
         comparison = compare_regions(sample, changed)
         if comparison.num_compared and not comparison.is_contradiction:
             return cause
@@ -135,7 +137,7 @@ def _likely_cause(frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks]
 
 
 def _changes(
-    frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks], strangers: Sequence[Stranger]
+    frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks], misplaced_frames: Sequence[MisplacedFrame]
 ) -> Iterator[tuple[str, list[FloorMasks]]]:
     """Yield possible errors of the masks in words, each with the floors after a correction of this error."""
     heights_m = _heights(frames, floors)
@@ -144,7 +146,7 @@ def _changes(
         f"z_m may be wrong ({listed}), expected the height of each floor below its cameras",
         [replace(floor, z_m=z_m) for floor, z_m in zip(floors, heights_m, strict=True)],
     )
-    names = _renaming(strangers)
+    names = _renaming(misplaced_frames)
     renamed = ", ".join(f"{region} is {place}" for region, place in list(names.items())[:NUM_LISTED])
     yield (
         f"names in `regions` may be swapped ({renamed})",
@@ -168,12 +170,12 @@ def _changes(
         )
 
 
-def _renaming(strangers: Sequence[Stranger]) -> dict[str, str]:
-    """Return for each region the place of most strangers that stand on this region."""
+def _renaming(misplaced_frames: Sequence[MisplacedFrame]) -> dict[str, str]:
+    """Return for each region the place of most misplaced frames that stand on this region."""
     places: dict[str, Counter[str]] = defaultdict(Counter)
-    for stranger in strangers:
-        if stranger.region is not None:
-            places[stranger.region][stranger.place] += 1
+    for misplaced_frame in misplaced_frames:
+        if misplaced_frame.region is not None:
+            places[misplaced_frame.region][misplaced_frame.place] += 1
     return {region: count.most_common(1)[0][0] for region, count in places.items()}
 
 

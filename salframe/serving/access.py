@@ -107,7 +107,7 @@ class AccessRules:
             )
 
 
-class Access:
+class AccessMiddleware:
     """Middleware that applies the access rules, and adds SECURITY_HEADERS to each response."""
 
     def __init__(self, app: ASGIApp, rules: AccessRules) -> None:

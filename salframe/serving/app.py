@@ -24,7 +24,7 @@ from salframe.framework.version import __version__
 from salframe.localization.answers import Localization
 from salframe.panoramas.geometry import pose_2d
 from salframe.serving import openapi
-from salframe.serving.access import PUBLIC_FOLDER, Access, AccessRules
+from salframe.serving.access import PUBLIC_FOLDER, AccessMiddleware, AccessRules
 from salframe.serving.bodies import BodyLimits
 from salframe.serving.limits import ServiceLimits
 from salframe.serving.localizing import ServedView, describe_answer, describe_view, localize_view
@@ -187,7 +187,7 @@ def create_app(maps: MapHolder, limits: ServiceLimits, rules: AccessRules) -> AS
     _add_map(app, service)
     app.mount(PUBLIC_FOLDER.rstrip("/"), StaticFiles(directory=PAGE))
     openapi.add_schemas(app, maps.current)
-    layered: ASGIApp = Access(BodyLimits(app, limits), rules)
+    layered: ASGIApp = AccessMiddleware(BodyLimits(app, limits), rules)
     if rules.origins:
         layered = CORSMiddleware(
             layered,
@@ -195,7 +195,7 @@ def create_app(maps: MapHolder, limits: ServiceLimits, rules: AccessRules) -> AS
             allow_methods=["GET", "POST", "DELETE"],
             allow_headers=["Authorization", "Content-Type"],
         )
-    return Measured(layered, service.metrics)
+    return MetricsMiddleware(layered, service.metrics)
 
 
 def _add_queries(app: FastAPI, service: Service) -> None:
@@ -299,7 +299,7 @@ def _add_map(app: FastAPI, service: Service) -> None:
         return FileResponse(PAGE / "api.html")
 
 
-class Measured:
+class MetricsMiddleware:
     """Middleware that counts requests, measures their time, and catches the exceptions of the app.
 
     When the app raises an exception, its handlers have usually sent a response already. If the exception reached the

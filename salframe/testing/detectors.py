@@ -9,13 +9,13 @@ import numpy as np
 from salframe.framework.components.identity import identity
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
-from salframe.graphs.turning import turned_detections
+from salframe.graphs.turning import rotate_detections
 from salframe.panoramas.geometry import wrap_angle
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.turning import turned
-from salframe.testing.expectations import DoesNotApply, ask, attempt, expect, same
+from salframe.testing.expectations import DoesNotApply, attempt, call_twice, expect, same
 from salframe.testing.identities import check_identities
-from salframe.testing.rooms import HEIGHT_PX, PARTS, ROOMS, blind, halved, look, stand
+from salframe.testing.rooms import HEIGHT_PX, PARTS, ROOMS, blank_panorama, halved, look, stand
 from salframe.testing.rules import Rules
 
 YAW_SLACK_M = 0.01
@@ -43,7 +43,7 @@ class DetectorRules(Rules[Detector]):
     def _rooms(self) -> list[tuple[Panorama, Detections]]:
         """Panoramas of the suite's rooms, each with its detections."""
         rooms = [look(room, room.name, stand(room), self._parts) for room in ROOMS]
-        return [(room, ask(f"detect in the {room.id}", self._detector.detect, room)) for room in rooms]
+        return [(room, call_twice(f"detect in the {room.id}", self._detector.detect, room)) for room in rooms]
 
     def detections_are_well_formed(self) -> None:
         check_needs(self._detector.needs)
@@ -97,7 +97,7 @@ class DetectorRules(Rules[Detector]):
 
     def a_blank_panorama_has_no_detections(self) -> None:
         checked = "detect in a blank panorama"
-        detections = self._check(checked, blind(self._parts))
+        detections = self._check(checked, blank_panorama(self._parts))
         expect(len(detections) == 0, checked, f"{len(detections)} objects", "Detections.empty()")
 
     def its_needs_suffice(self) -> None:
@@ -108,7 +108,7 @@ class DetectorRules(Rules[Detector]):
         self._check(f"detect with {' and '.join(sorted(needs))} alone", panorama)
 
     def _check(self, checked: str, panorama: Panorama) -> Detections:
-        detections: Detections = ask(checked, self._detector.detect, panorama)
+        detections: Detections = call_twice(checked, self._detector.detect, panorama)
         _check_detections(checked, detections)
         return detections
 
@@ -166,8 +166,8 @@ def _turn(
     detector: Detector, panorama: Panorama, detections: Detections, columns: int
 ) -> tuple[Detections, Detections]:
     """Return the detections rotated with the panorama, and the detections in the rotated panorama."""
-    after = ask(_name_turn(panorama, columns), detector.detect, turned(panorama, columns))
-    return turned_detections(detections, -np.pi * columns / HEIGHT_PX), after
+    after = call_twice(_name_turn(panorama, columns), detector.detect, turned(panorama, columns))
+    return rotate_detections(detections, -np.pi * columns / HEIGHT_PX), after
 
 
 def _check_turn(detector: Detector, panorama: Panorama, detections: Detections, columns: int) -> None:

@@ -14,9 +14,9 @@ from salframe.localization.evidence_model import EvidenceColumn, EvidenceModel
 from salframe.localization.localizer import Description, Localizer
 from salframe.panoramas.panorama import Panorama
 from salframe.testing.configurations import on_rooms
-from salframe.testing.expectations import ConformanceError, DoesNotApply, ask, attempt, expect, same
+from salframe.testing.expectations import ConformanceError, DoesNotApply, attempt, call_twice, expect, same
 from salframe.testing.localizers import LocalizerRules
-from salframe.testing.rooms import PARTS, blind, query_frames
+from salframe.testing.rooms import PARTS, blank_panorama, query_frames
 from salframe.testing.rules import Rules, RuleStatus, check_all
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
@@ -69,8 +69,8 @@ class EvidenceRules(Rules[EvidenceModel]):
         model = self.make()
         for what, panorama in self._panoramas():
             arrays = self._arrays(what, panorama)
-            packed = ask(f"pack {what}", model.pack, {**self._base(panorama), **arrays})
-            unpacked = ask(f"unpack {what}", model.unpack, packed)
+            packed = call_twice(f"pack {what}", model.pack, {**self._base(panorama), **arrays})
+            unpacked = call_twice(f"unpack {what}", model.unpack, packed)
             expect(
                 unpacked.keys() == arrays.keys(),
                 f"unpack {what}",
@@ -92,7 +92,7 @@ class EvidenceRules(Rules[EvidenceModel]):
         query = query_frames()[0].load()
         rest = [(f"a panorama without {part}", PARTS - {part}) for part in sorted(self.make().uses)]
         without = [(what, query_frames(parts)[0].load()) for what, parts in rest]
-        return [(f"the {query.id}", query), *without, ("a blank panorama", blind(PARTS))]
+        return [(f"the {query.id}", query), *without, ("a blank panorama", blank_panorama(PARTS))]
 
     def _base(self, panorama: Panorama) -> Description:
         """Return the description of a panorama without this evidence."""
@@ -103,7 +103,7 @@ class EvidenceRules(Rules[EvidenceModel]):
 
     def _arrays(self, what: str, panorama: Panorama) -> Description:
         checked, model = f"describe {what}", self.make()
-        arrays: Description = ask(checked, model.describe, panorama, self._base(panorama))
+        arrays: Description = call_twice(checked, model.describe, panorama, self._base(panorama))
         are_arrays = all(isinstance(array, np.ndarray) and array.dtype != object for array in arrays.values())
         expect(are_arrays, checked, {name: type(array).__name__ for name, array in arrays.items()}, "arrays of numbers")
         return arrays

@@ -44,7 +44,7 @@ def attempt(checked: str, function: Callable[..., Any], *arguments: Any) -> Any:
         ) from error
 
 
-def ask(checked: str, function: Callable[..., Any], *arguments: Any) -> Any:
+def call_twice(checked: str, function: Callable[..., Any], *arguments: Any) -> Any:
     """Return function(*arguments), and check that the function is pure.
 
     The function is called twice with read-only arrays. Both answers must be equal, and the arguments must not change.

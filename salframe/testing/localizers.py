@@ -23,9 +23,9 @@ from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.turning import turned
 from salframe.testing.configurations import differences, on_rooms, random_config
 from salframe.testing.detectors import check_needs, turns
-from salframe.testing.expectations import DoesNotApply, ask, attempt, expect, same
+from salframe.testing.expectations import DoesNotApply, attempt, call_twice, expect, same
 from salframe.testing.identities import check_identities
-from salframe.testing.rooms import HEIGHT_PX, PARTS, blind, halved, map_frames, query_frames, random_frames
+from salframe.testing.rooms import HEIGHT_PX, PARTS, blank_panorama, halved, map_frames, query_frames, random_frames
 from salframe.testing.rules import Rules
 
 SEEDS = (0, 1, 2)
@@ -128,7 +128,7 @@ class LocalizerRules(Rules[Localizer]):
                     random.check_query("another worker, for the second time", worker, number)
 
     def sparse_input_raises_no_error(self) -> None:
-        inputs = {"of a blank panorama": blind(PARTS), "of half a panorama": halved(self._answers[0][0])}
+        inputs = {"of a blank panorama": blank_panorama(PARTS), "of half a panorama": halved(self._answers[0][0])}
         for what, panorama in inputs.items():
             _answer(self._map, what, panorama, self._frames)
 
@@ -147,7 +147,7 @@ class LocalizerRules(Rules[Localizer]):
 
     def small_maps_give_answers(self) -> None:
         """Check maps that are too small or empty to learn a vocabulary or to normalize scores."""
-        blank = ReferenceFrame("blank", "nowhere", np.eye(4), load=lambda: blind(PARTS))
+        blank = ReferenceFrame("blank", "nowhere", np.eye(4), load=lambda: blank_panorama(PARTS))
         first = self._frames[0]
         for what, frames in (
             ("one frame", [first]),
@@ -155,7 +155,7 @@ class LocalizerRules(Rules[Localizer]):
             ("one blank frame", [blank]),
         ):
             small = _build(f"build of {what}", self.make(), frames)
-            for query in (self._answers[0][0], blind(PARTS)):
+            for query in (self._answers[0][0], blank_panorama(PARTS)):
                 _answer(small, f"of the {query.id} in a map of {what}", query, frames)
 
 
@@ -282,7 +282,7 @@ def _answer(
     reference_map: LocalizationMap, what: str, panorama: Panorama, frames: Sequence[ReferenceFrame]
 ) -> Localization:
     """Describe and match a panorama, and check the description and the answer."""
-    description: Description = ask(
+    description: Description = call_twice(
         f"describe {what}", lambda query: _describe(reference_map.localizer, query), panorama
     )
     arrays = all(isinstance(array, np.ndarray) and array.dtype != object for array in description.values())
@@ -292,7 +292,7 @@ def _answer(
         {name: type(part).__name__ for name, part in description.items()},
         "arrays, none of them of dtype object",
     )
-    answer, checked = ask(f"match {what}", reference_map.answer, description), f"match {what}"
+    answer, checked = call_twice(f"match {what}", reference_map.answer, description), f"match {what}"
     places, scores = [ranked.place for ranked in answer.places], [ranked.score for ranked in answer.places]
     expect(len(set(places)) == len(places), checked, f"the places {places}", "one entry per place")
     references = {(frame.id, frame.place) for frame in frames}

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from salframe.framework.errors import NoRoute
-from salframe.testing.expectations import ask, expect
+from salframe.testing.expectations import call_twice, expect
 from salframe.testing.rules import Rules
 from salframe.topology.planner import Planner, Route
 from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap
@@ -37,7 +37,7 @@ class PlannerRules(Rules[Planner]):
             replace(_walk(*walk), path_m=BEND) if walk == ("door", "room") else _walk(*walk) for walk in WALKS
         )
         planner = self.make()
-        ask("prepare", planner.prepare, TopologicalMap(nodes, edges))
+        call_twice("prepare", planner.prepare, TopologicalMap(nodes, edges))
         return planner
 
     def the_shortest_route_is_returned(self) -> None:
@@ -58,7 +58,7 @@ class PlannerRules(Rules[Planner]):
 
     def _check_route(self, start: str, goal: str, through: tuple[str, ...]) -> None:
         checked = f"route from {start} to {goal}"
-        route: Route = ask(checked, self._planner.route, start, goal)
+        route: Route = call_twice(checked, self._planner.route, start, goal)
         expect(isinstance(route, Route), checked, type(route).__name__, "Route")
         expect(route.nodes == through, checked, f"{route.nodes}", f"the shortest route, {through}")
         legs = [(leg.start, leg.end) for leg in route.legs]

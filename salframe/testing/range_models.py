@@ -11,9 +11,9 @@ from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.range_model import RangeModel
 from salframe.panoramas.turning import turned
 from salframe.testing.detectors import check_needs, turns
-from salframe.testing.expectations import ask, attempt, expect, same
+from salframe.testing.expectations import attempt, call_twice, expect, same
 from salframe.testing.identities import check_identities
-from salframe.testing.rooms import PARTS, ROOMS, blind, halved, look, stand
+from salframe.testing.rooms import PARTS, ROOMS, blank_panorama, halved, look, stand
 from salframe.testing.rules import Rules
 
 TURN_SHARE = 0.95
@@ -31,7 +31,7 @@ class RangeModelRules(Rules[RangeModel]):
     def _rooms(self) -> list[tuple[Panorama, np.ndarray]]:
         """Panoramas of the suite's rooms, each with its estimated range image."""
         rooms = [look(room, room.name, stand(room), self._model.needs) for room in ROOMS]
-        return [(room, ask(f"estimate of the {room.id}", self._model.estimate, room)) for room in rooms]
+        return [(room, call_twice(f"estimate of the {room.id}", self._model.estimate, room)) for room in rooms]
 
     def ranges_are_well_formed(self) -> None:
         check_needs(self._model.needs, PARTS - {"range"})
@@ -59,10 +59,12 @@ class RangeModelRules(Rules[RangeModel]):
         inputs = {
             "an empty room": look(room.emptied(), "empty", stand(room), needs),
             "half a panorama": halved(self._rooms[-1][0]),
-            "a blank panorama": blind(needs),
+            "a blank panorama": blank_panorama(needs),
         }
         for what, panorama in inputs.items():
-            _check_range(f"estimate of {what}", panorama, ask(f"estimate of {what}", self._model.estimate, panorama))
+            _check_range(
+                f"estimate of {what}", panorama, call_twice(f"estimate of {what}", self._model.estimate, panorama)
+            )
 
 
 def _check_range(checked: str, panorama: Panorama, range_m: np.ndarray) -> None:
@@ -88,7 +90,7 @@ def _check_range(checked: str, panorama: Panorama, range_m: np.ndarray) -> None:
 def _check_turn(model: RangeModel, panorama: Panorama, before: np.ndarray, columns: int) -> None:
     """Check that the rolled panorama gives the same ranges, rolled by the same number of columns."""
     checked = f"estimate of the {panorama.id} rolled by {columns} columns"
-    after = np.roll(ask(checked, model.estimate, turned(panorama, columns)), -columns, 1)
+    after = np.roll(call_twice(checked, model.estimate, turned(panorama, columns)), -columns, 1)
     near = np.abs(after - before) <= model.turn_tolerance * before
     share = float((near | (np.isnan(after) & np.isnan(before))).mean())
     expect(

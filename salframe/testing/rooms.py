@@ -158,11 +158,11 @@ def _paint(room: FurnishedRoom, points_m: np.ndarray, instance_id: np.ndarray) -
     return np.clip(colour[instance_id] * lightness[patch % 4096][..., None], 0, 255).astype(np.uint8)
 
 
-def blind(parts: Set[str]) -> Panorama:
+def blank_panorama(parts: Set[str]) -> Panorama:
     """Return a blank panorama: black, without range and without instances."""
     shape = (HEIGHT_PX, 2 * HEIGHT_PX)
     return Panorama(
-        "blind",
+        "blank",
         rgb=np.zeros((*shape, 3), np.uint8) if "rgb" in parts else None,
         range_m=np.full(shape, np.nan, np.float32) if "range" in parts else None,
         annotations=Annotations(np.zeros(shape, np.int32), {}) if "annotations" in parts else None,

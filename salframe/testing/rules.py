@@ -10,7 +10,7 @@ from typing import Generic, TypeVar
 
 from salframe.testing.expectations import ConformanceError, DoesNotApply, attempt
 
-Made = TypeVar("Made")
+ComponentT = TypeVar("ComponentT")
 Rule = tuple[str, Callable[[], object]]
 """Name of a rule, and the function that checks it. The function raises ConformanceError if the rule is broken."""
 
@@ -78,17 +78,17 @@ class Conformance:
         return "\n".join(f"{self.component}: {result}" for result in self.rules)
 
 
-class Rules(Generic[Made]):
+class Rules(Generic[ComponentT]):
     """Base class for the rules of a role.
 
     Each public method is a rule, and its name is the name of the rule. Rules are checked in the order of their
     definition. All rules depend on the first: if it fails, they are skipped.
     """
 
-    def __init__(self, make: Callable[[], Made]) -> None:
+    def __init__(self, make: Callable[[], ComponentT]) -> None:
         self._make = make
 
-    def make(self) -> Made:
+    def make(self) -> ComponentT:
         """Return a new component, with the same configuration each time."""
         return attempt("creation of the component", self._make)
 

@@ -14,7 +14,7 @@ import numpy as np
 from salframe.framework.errors import ConfigError, DataError
 from salframe.graphs.graph import SaliencyGraph, without_range
 from salframe.graphs.scene_index import SceneCandidates, SceneIndex
-from salframe.testing.expectations import ask, attempt, expect, same
+from salframe.testing.expectations import attempt, call_twice, expect, same
 from salframe.testing.rooms import ROOMS, room_graph
 from salframe.testing.rules import Rules
 
@@ -135,7 +135,7 @@ class SceneIndexRules(Rules[SceneIndex]):
         expect(False, checked, "no error", error.__name__)
 
     def _query(self, checked: str, query: SaliencyGraph, count: int) -> SceneCandidates:
-        candidates = ask(checked, lambda query: self._index.candidates(query, count), query)
+        candidates = call_twice(checked, lambda query: self._index.candidates(query, count), query)
         expect(isinstance(candidates, SceneCandidates), checked, type(candidates).__name__, "SceneCandidates")
         kinds = (
             candidates.scene.dtype,

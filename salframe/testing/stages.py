@@ -19,7 +19,7 @@ from salframe.graphs.saliency import SaliencyModel
 from salframe.graphs.table import MappedGraphs, write_graphs
 from salframe.localization.positioner import PoseEstimate, PoseStatus, Positioner
 from salframe.panoramas.geometry import invert_pose, is_rigid, pose_2d, pose_errors, transform_points
-from salframe.testing.expectations import DoesNotApply, ask, attempt, expect, same
+from salframe.testing.expectations import DoesNotApply, attempt, call_twice, expect, same
 from salframe.testing.rooms import ROOMS, box_detections, room_graph
 from salframe.testing.rules import Rules
 
@@ -49,7 +49,7 @@ class SaliencyRules(Rules[SaliencyModel]):
 
     def _check(self, what: str, objects: Detections) -> None:
         checked = f"score of {what}"
-        share = ask(checked, self.make().score, objects)
+        share = call_twice(checked, self.make().score, objects)
         fits = isinstance(share, np.ndarray) and share.shape == (len(objects),)
         expect(fits, checked, f"shape {np.shape(share)}", f"({len(objects)},)")
         expect(share.dtype == np.float64, checked, f"dtype {share.dtype}", "float64")
@@ -110,7 +110,9 @@ class MatcherRules(Rules[GraphMatcher]):
 
     def index_and_match_do_not_change_their_input(self) -> None:
         matcher, count = self._matcher, len(self._graphs)
-        ask("index and match", lambda graphs: matcher.match(graphs[0], matcher.index(graphs), count), self._graphs)
+        call_twice(
+            "index and match", lambda graphs: matcher.match(graphs[0], matcher.index(graphs), count), self._graphs
+        )
 
     def at_most_top_k_matches_are_returned(self) -> None:
         for scene, room in enumerate(ROOMS):
@@ -169,7 +171,7 @@ class MatcherRules(Rules[GraphMatcher]):
         return matches
 
     def _query(self, checked: str, query: SaliencyGraph) -> list[GraphMatch]:
-        return ask(checked, lambda query: self._matcher.match(query, self._index, len(self._graphs)), query)
+        return call_twice(checked, lambda query: self._matcher.match(query, self._index, len(self._graphs)), query)
 
 
 def _check_matches(
@@ -220,7 +222,7 @@ class PositionerRules(Rules[Positioner]):
     def points_without_noise_give_the_exact_pose(self) -> None:
         for weights in (None, np.linspace(0.5, 1.5, len(REFERENCE_M))):
             checked = "solve of 8 points without noise" + ("" if weights is None else ", weighted")
-            estimate = ask(checked, self.make().solve, QUERY_M, REFERENCE_M, weights)
+            estimate = call_twice(checked, self.make().solve, QUERY_M, REFERENCE_M, weights)
             _check_exact(checked, estimate)
 
     def another_instance_gives_the_same_answer(self) -> None:
@@ -246,7 +248,7 @@ class PositionerRules(Rules[Positioner]):
     def directions_without_noise_give_the_exact_pose(self) -> None:
         bearing = QUERY_M / np.linalg.norm(QUERY_M, axis=1, keepdims=True)
         checked = "resect of 8 directions without noise"
-        estimate = ask(checked, self.make().resect, bearing, REFERENCE_M)
+        estimate = call_twice(checked, self.make().resect, bearing, REFERENCE_M)
         _check_estimate(checked, estimate, len(REFERENCE_M))
         if estimate.status is PoseStatus.NO_RANGE:
             raise DoesNotApply("the positioner does not support directions")
@@ -261,7 +263,7 @@ class PositionerRules(Rules[Positioner]):
         }
         for what, (query, reference) in failing.items():
             checked = f"solve of {what}"
-            estimate = ask(checked, self.make().solve, query, reference)
+            estimate = call_twice(checked, self.make().solve, query, reference)
             _check_estimate(checked, estimate, len(query))
             failed = estimate.status is not PoseStatus.OK
             expect(failed, checked, "a pose", "a status that says why there is no pose")

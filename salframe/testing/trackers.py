@@ -37,7 +37,7 @@ class TrackerRules(Rules[Tracker]):
     recovers after the camera was moved without odometry."""
 
     def a_new_tracker_is_lost(self) -> None:
-        belief = _believe(self.make(), "belief of a new tracker")
+        belief = _get_belief(self.make(), "belief of a new tracker")
         expect(belief.status is TrackStatus.LOST, "belief of a new tracker", belief.status, TrackStatus.LOST)
 
     def correct_answers_are_tracked(self) -> None:
@@ -54,18 +54,18 @@ class TrackerRules(Rules[Tracker]):
     def the_belief_moves_by_odometry(self) -> None:
         tracker, motion = self._tracked(), pose_2d(1.0, 0.3, 0.8)
         _call("move", tracker.move, motion)
-        belief = _believe(tracker, "belief after a motion")
+        belief = _get_belief(tracker, "belief after a motion")
         _expect_near(belief, "belief after a motion", _walk(NUM_STEPS - 1) @ motion)
 
     def a_belief_changes_nothing(self) -> None:
         tracker = self._tracked()
-        first, second = (_believe(tracker, "belief") for _ in range(2))
+        first, second = (_get_belief(tracker, "belief") for _ in range(2))
         expect(same(first, second), "belief, twice", "two different beliefs", "the same belief")
 
     def a_single_wrong_answer_is_outvoted(self) -> None:
         tracker = self._tracked()
         _step(tracker, _motion(NUM_STEPS), _answer(pose_2d(30.0, -9.0, 2.0, 1.5), "cellar"))
-        _expect_near(_believe(tracker, "belief"), "belief after a wrong answer", _walk(NUM_STEPS))
+        _expect_near(_get_belief(tracker, "belief"), "belief after a wrong answer", _walk(NUM_STEPS))
 
     def a_motion_without_odometry_is_recovered_from(self) -> None:
         tracker, start = self._tracked(), pose_2d(40.0, 5.0, -1.0, 1.5)
@@ -87,7 +87,7 @@ class TrackerRules(Rules[Tracker]):
         tracker = self._tracked()
         for step in range(NUM_STEPS, NUM_STEPS + 3 * MAX_RECOVERY):
             _step(tracker, _motion(step), FAILED)
-        belief = _believe(tracker, "belief")
+        belief = _get_belief(tracker, "belief")
         checked = f"belief after {3 * MAX_RECOVERY} failed answers"
         expect(belief.status is not TrackStatus.TRACKING, checked, belief.status, "lost or out-of-map")
 
@@ -124,7 +124,7 @@ def _call(checked: str, function: object, argument: object) -> None:
     expect(returned is None, checked, f"the result {returned!r}", "None")
 
 
-def _believe(tracker: Tracker, checked: str) -> TrackedPose:
+def _get_belief(tracker: Tracker, checked: str) -> TrackedPose:
     belief = attempt(checked, tracker.belief)
     expect(isinstance(belief, TrackedPose), checked, type(belief).__name__, "TrackedPose")
     return belief  # type: ignore[no-any-return]
@@ -132,7 +132,7 @@ def _believe(tracker: Tracker, checked: str) -> TrackedPose:
 
 def _expect_pose(tracker: Tracker, checked: str, pose: np.ndarray, place: str) -> None:
     """Check that a tracker tracks this pose in this place."""
-    belief = _believe(tracker, checked)
+    belief = _get_belief(tracker, checked)
     expect(belief.status is TrackStatus.TRACKING, checked, f"the status {belief.status}", TrackStatus.TRACKING)
     _expect_near(belief, checked, pose)
     expect(belief.place == place, checked, f"the place {belief.place}", place)

@@ -11,7 +11,7 @@ import numpy as np
 from salframe.framework.errors import DataError
 from salframe.panoramas.floors import FloorMasks, check_heights, find_floor
 from salframe.panoramas.frames import FrameKind, ReferenceFrame
-from salframe.topology.connections import apart_note
+from salframe.topology.connections import disconnected_note
 from salframe.topology.edges import components, joining_paths, make_edge, sight_pairs
 from salframe.topology.grid import FloorGrid, cell, nearest_pixel
 from salframe.topology.topological_map import (
@@ -74,7 +74,7 @@ def build_topology(
             f"two nodes of the map would have the name {duplicates[0]!r}, "
             "expected places with different names on different floors"
         )
-    if note := apart_note(floors, edges):
+    if note := disconnected_note(floors, edges):
         notes.append(note)
     sources = sources or TopologySources()
     return TopologicalMap(tuple(nodes), tuple(edges), tuple(floors), settings, tuple(notes), sources)

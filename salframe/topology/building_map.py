@@ -185,7 +185,7 @@ def _build_topology(plan: FloorPlan, settings: TopologySettings, connections: Se
 
 
 @dataclass(frozen=True)
-class Whereabouts:
+class MapAnswer:
     """The answer of a map to a query.
 
     Attributes:
@@ -213,7 +213,7 @@ def ask_map(
     planner: str | None = None,
     *,
     warn: Callable[[str], object] = python_warning,
-) -> Whereabouts:
+) -> MapAnswer:
     """Localize a query with a saved map, find the nearest node, and plan the route to a node, place or sign.
 
     The route begins at the estimated position, which becomes the node `here`. Without a pose, it begins at the node of
@@ -233,32 +233,30 @@ def ask_map(
     """
     localization, topology = read_map(Path(directory), _read_both)
     answer = localization.localize(frame, warn=warn)
-    whereabouts = Whereabouts(
-        answer, heading_rad=None if answer.T_world_query is None else pose_yaw(answer.T_world_query)
-    )
+    map_answer = MapAnswer(answer, heading_rad=None if answer.T_world_query is None else pose_yaw(answer.T_world_query))
     if answer.accepted is False:
         reason = f"{frame.id} was not localized ({answer.summary})"
-        return whereabouts if goal is None else replace(whereabouts, no_route=f"no route to {goal}: {reason}")
+        return map_answer if goal is None else replace(map_answer, no_route=f"no route to {goal}: {reason}")
     if topology is None:
         reason = "the map has no topology: build it from data with floor masks or range"
-        return whereabouts if goal is None else replace(whereabouts, no_route=f"no route to {goal}: {reason}")
+        return map_answer if goal is None else replace(map_answer, no_route=f"no route to {goal}: {reason}")
     start = next((node.id for node in topology.nodes if answer.places[0].frame in node.frames), None)
-    whereabouts = replace(whereabouts, node=start)
+    map_answer = replace(map_answer, node=start)
     try:
         if answer.T_world_query is not None:
             topology = with_position(topology, answer.T_world_query[:3, 3])
             nearest = min((edge for edge in topology.edges if edge.start == HERE), key=lambda edge: edge.length_m)
-            whereabouts, start = replace(whereabouts, node=nearest.end, distance_m=nearest.length_m), HERE
+            map_answer, start = replace(map_answer, node=nearest.end, distance_m=nearest.length_m), HERE
         if goal is None:
-            return whereabouts
+            return map_answer
         if start is None:
             raise NoRoute(f"no route to {goal}: the reference frame {answer.places[0].frame} has no node in the map")
-        return replace(whereabouts, route=find_route(topology, start, goal, planner))
+        return replace(map_answer, route=find_route(topology, start, goal, planner))
     except (DataError, NoRoute, UnknownName) as error:
         if goal is None:
-            return whereabouts
+            return map_answer
         reason = str(error) if isinstance(error, NoRoute) else f"no route to {goal}: {error}"
-        return replace(whereabouts, no_route=reason)
+        return replace(map_answer, no_route=reason)
 
 
 def _read_both(parts: MapParts) -> tuple[LocalizationMap, TopologicalMap | None]:

@@ -58,12 +58,12 @@ def connect_storeys(topology: TopologicalMap, connections: Iterable[Connection])
         edge = _edge(topology, connection)
         every[frozenset((edge.start, edge.end))] = connection, edge
     edges = [edge for edge in topology.edges if not edge.storeys] + [edge for _, edge in every.values()]
-    notes = [note for note in topology.notes if note != apart_note(topology.floors, topology.edges)]
+    notes = [note for note in topology.notes if note != disconnected_note(topology.floors, topology.edges)]
     return replace(
         topology,
         edges=tuple(edges),
         connections=tuple(connection for connection, _ in every.values()),
-        notes=(*notes, *filter(None, [apart_note(topology.floors, edges)])),
+        notes=(*notes, *filter(None, [disconnected_note(topology.floors, edges)])),
     )
 
 
@@ -111,7 +111,7 @@ def restore_connections(topology: TopologicalMap, connections: Iterable[Connecti
     return topology
 
 
-def apart_note(floors: Sequence[FloorMasks], edges: Sequence[MapEdge]) -> str | None:
+def disconnected_note(floors: Sequence[FloorMasks], edges: Sequence[MapEdge]) -> str | None:
     """Return a note about floors that no edge connects; None if all floors are connected."""
     pairs = np.array([edge.storeys for edge in edges if edge.storeys], int).reshape(-1, 2) - 1
     count = len(set(components(len(floors), pairs).tolist()))

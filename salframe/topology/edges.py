@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from salframe.topology.grid import FloorGrid, pixel_graph, sees
+from salframe.topology.grid import FloorGrid, has_line_of_sight, pixel_graph
 from salframe.topology.topological_map import MapEdge
 
 
@@ -20,7 +20,7 @@ def sight_pairs(grid: FloorGrid, pixels: np.ndarray) -> np.ndarray:
         (E, 2) int64, indices i < j of the positions of each pair.
     """
     first, second = np.triu_indices(len(pixels), 1)
-    visible = sees(grid.clear, pixels[first], pixels[second])
+    visible = has_line_of_sight(grid.clear, pixels[first], pixels[second])
     return np.column_stack([first[visible], second[visible]])
 
 
@@ -131,6 +131,6 @@ def _pull_straight(clear: np.ndarray, line: np.ndarray) -> np.ndarray:
     corners = [0]
     while corners[-1] < len(line) - 1:
         ahead = np.arange(corners[-1] + 1, len(line))
-        visible = sees(clear, np.broadcast_to(line[corners[-1]], (len(ahead), 2)), line[ahead])
+        visible = has_line_of_sight(clear, np.broadcast_to(line[corners[-1]], (len(ahead), 2)), line[ahead])
         corners.append(int(ahead[visible].max()))
     return line[corners]

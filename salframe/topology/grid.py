@@ -106,7 +106,7 @@ def nearest_pixel(allowed: np.ndarray, position: np.ndarray) -> np.ndarray | Non
     return centres[np.linalg.norm(centres - position, axis=1).argmin()] if len(centres) else None
 
 
-def sees(clear: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+def has_line_of_sight(clear: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
     """Return whether all pixels on the straight line from start to end are clear.
 
     The test is exact: it includes every pixel that the line crosses.
@@ -123,7 +123,7 @@ def sees(clear: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
     steep = np.abs(end[:, 0] - start[:, 0]) > np.abs(end[:, 1] - start[:, 1])
     for image, selected, axes in ((clear, ~steep, [0, 1]), (clear.T, steep, [1, 0])):
         pairs = np.flatnonzero(selected & visible)
-        visible[pairs] = _sees_flat(image, start[pairs][:, axes], end[pairs][:, axes])
+        visible[pairs] = _is_flat_line_clear(image, start[pairs][:, axes], end[pairs][:, axes])
     return visible
 
 
@@ -132,9 +132,9 @@ def _at(image: np.ndarray, position: np.ndarray) -> np.ndarray:
     return image[row, column]
 
 
-def _sees_flat(clear: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Return the result of `sees` for lines that cross at least as many columns as rows. Such a line is clear if, at
-    each crossing from one column to the next, the pixels on both sides are clear."""
+def _is_flat_line_clear(clear: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Return the result of `has_line_of_sight` for lines that cross at least as many columns as rows. Such a line is
+    clear if, at each crossing from one column to the next, the pixels on both sides are clear."""
     swap = start[:, 1] > end[:, 1]
     start, end = np.where(swap[:, None], end, start), np.where(swap[:, None], start, end)
     across = end[:, 1] - start[:, 1]

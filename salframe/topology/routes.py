@@ -16,7 +16,7 @@ from salframe.graphs.texts import text_key
 from salframe.panoramas.floors import find_floor
 from salframe.panoramas.geometry import wrap_angle
 from salframe.topology.edges import joining_paths, make_edge
-from salframe.topology.grid import FloorGrid, cell, nearest_pixel, sees
+from salframe.topology.grid import FloorGrid, cell, has_line_of_sight, nearest_pixel
 from salframe.topology.planner import Planner, Route
 from salframe.topology.topological_map import EdgeKind, MapEdge, MapNode, NodeKind, TopologicalMap
 from salframe.topology.transitions import close_doorways
@@ -71,7 +71,7 @@ def directions(route: Route, heading_rad: float | None = None) -> list[Step]:
             steps.append(Step(leg.end, leg.length_m, leg.azimuth_rad, None, leg.kind, leg.storeys[1]))
             heading_rad = None
             continue
-        for to, length_m, azimuth_rad in _stretches(leg):
+        for to, length_m, azimuth_rad in _straight_parts(leg):
             turn_rad = (
                 None if heading_rad is None else -float(wrap_angle(heading_rad - azimuth_rad))
             )  # in (-pi, pi]: a half turn is to the left
@@ -80,7 +80,7 @@ def directions(route: Route, heading_rad: float | None = None) -> list[Step]:
     return steps
 
 
-def _stretches(leg: MapEdge) -> list[tuple[str | None, float, float]]:
+def _straight_parts(leg: MapEdge) -> list[tuple[str | None, float, float]]:
     """Return the straight parts of an edge. For each part: the id of the node where it ends (None if it ends at a
     corner), its length in metres, and its azimuth in radians."""
     if not leg.path_m:
@@ -194,7 +194,7 @@ def with_position(topology: TopologicalMap, xyz_m: np.ndarray, node_id: str = HE
     if pixel is None or not others:
         raise DataError(f"the floor at z = {floor.z_m:g} m has no clear floor or no nodes, expected both for a route")
     pixels = grid.to_pixel(np.array([node.xyz_m[:2] for node in others]))
-    visible = sees(grid.clear, np.broadcast_to(pixel, pixels.shape), pixels)
+    visible = has_line_of_sight(grid.clear, np.broadcast_to(pixel, pixels.shape), pixels)
     paths = [(int(node), np.array([pixel, pixels[node]])) for node in np.flatnonzero(visible)]
     if not paths:
         component = np.array([0] + [1] * len(others))

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from salframe_annotations.detector import MEASURED, AnnotationDetector, spoil
+from salframe_annotations.detector import MEASURED, AnnotationDetector, simulate_errors
 from salframe_annotations.sensed import SENSORS, SensedNoise
 
 from salframe.framework.components.identity import identity
@@ -16,7 +16,7 @@ from salframe.framework.files.hashes import file_sha256
 from salframe.framework.validation import validate
 from salframe.graphs.annotated import seen_objects
 from salframe.graphs.sensor import DetectionModel, Errors, FalseObjects, Provenance, SensorModel, read_sensor
-from salframe.graphs.sightings import sightings
+from salframe.graphs.visibility import object_visibility
 from salframe.panoramas.geometry import sample_nearest
 from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
 
@@ -90,13 +90,13 @@ def drawn():
     for frame in range(FRAMES):
         pano = panorama(f"frame-{frame}")
         objects = seen_objects(pano)
-        pairs.append((objects, noise.spoil(pano, objects, 0)))
+        pairs.append((objects, noise.simulate_detections(pano, objects, 0)))
     return pairs
 
 
 def test_each_object_is_found_as_often_as_the_model_says(drawn):
     pano = panorama()
-    shown = sightings(pano, seen_objects(pano))
+    shown = object_visibility(pano, seen_objects(pano))
     chance = SENSOR.detection.probability(shown.labels, shown.solid_angle_sr, shown.range_m, shown.hidden_share)
     assert np.ptp(chance) > 0.2
     keys = [one.key for _, found in drawn for one in found if one.key > 0]
@@ -167,7 +167,7 @@ def test_partial_views_have_false_positives_in_proportion_to_their_solid_angle(a
     share = (azimuth_deg[1] - azimuth_deg[0]) / 360 * (np.sin(np.radians([top_deg, bottom_deg])) @ (0.5, -0.5))
     empty = Panorama("x", valid=view, annotations=Annotations(np.zeros(view.shape, np.int32)))
     noise, seeds = SensedNoise(MANY), 400
-    drawn = [one for seed in range(seeds) for one in noise.spoil(empty, [], (seed, 0))]
+    drawn = [one for seed in range(seeds) for one in noise.simulate_detections(empty, [], (seed, 0))]
     expected = 50 * share
     assert len(drawn) / seeds == pytest.approx(expected, abs=4 * np.sqrt(expected / seeds))
     assert sample_nearest(view, np.array([one.points_m.mean(0) for one in drawn])).all()
@@ -177,7 +177,7 @@ def test_a_view_outside_the_measured_elevations_has_its_share_too():
     view = np.zeros((180, 360), bool)
     view[:60] = True  # above 30 degrees; all measured false positives are lower
     empty = Panorama("x", valid=view, annotations=Annotations(np.zeros(view.shape, np.int32)))
-    counts = [len(SensedNoise(SENSOR).spoil(empty, [], (seed, 0))) for seed in range(60)]
+    counts = [len(SensedNoise(SENSOR).simulate_detections(empty, [], (seed, 0))) for seed in range(60)]
     assert np.mean(counts) == pytest.approx(2 / 4, abs=4 * np.sqrt(0.5 / 60))
 
 
@@ -198,8 +198,8 @@ def test_draws_are_keyed_by_seed_frame_and_object(file):
 def test_other_objects_change_no_objects_draws():
     noise, whole = SensedNoise(EXACT), panorama()
     objects = seen_objects(whole)
-    found = {one.key: one for one in noise.spoil(whole, objects, (0, 0))}
-    fewer = {one.key: one for one in noise.spoil(whole, objects[::2], (0, 0))}
+    found = {one.key: one for one in noise.simulate_detections(whole, objects, (0, 0))}
+    fewer = {one.key: one for one in noise.simulate_detections(whole, objects[::2], (0, 0))}
     assert fewer
     assert set(fewer) == {key for key in found if key % 2 == 1}
     for key, one in fewer.items():
@@ -222,10 +222,10 @@ def test_without_range_bearings_and_labels_are_drawn(tmp_path):
     """Nothing hides what has no range, and its range is the reference: as many are found as the model says then."""
     noise, pano = SensedNoise(SENSOR), replace(panorama(), range_m=None)
     objects = seen_objects(pano)
-    shown = sightings(pano, objects)
+    shown = object_visibility(pano, objects)
     chance = SENSOR.detection.probability(shown.labels, shown.solid_angle_sr)
     views = [replace(pano, id=f"frame-{frame}") for frame in range(FRAMES)]
-    found = [one for view in views for one in noise.spoil(view, objects, 0) if one.key > 0]
+    found = [one for view in views for one in noise.simulate_detections(view, objects, 0) if one.key > 0]
     assert len(found) / FRAMES == pytest.approx(chance.sum(), abs=4 * np.sqrt((chance * (1 - chance)).sum() / FRAMES))
     detections = detect(pano, noise=write(tmp_path, SENSOR))
     assert np.isnan(detections.centroid_m).all()
@@ -243,9 +243,9 @@ def test_object_lists_take_it():
     listed = Panorama("list", annotations=Annotations(objects=boxes))
     objects = seen_objects(listed)
     chance = SENSOR.detection.probability(
-        ("chair",) * 50, sightings(listed, objects).solid_angle_sr, sightings(listed, objects).range_m
+        ("chair",) * 50, object_visibility(listed, objects).solid_angle_sr, object_visibility(listed, objects).range_m
     )
-    counts = [len(SensedNoise(EXACT).spoil(listed, objects, (0, frame))) for frame in range(100)]
+    counts = [len(SensedNoise(EXACT).simulate_detections(listed, objects, (0, frame))) for frame in range(100)]
     assert np.mean(counts) == pytest.approx(chance.sum(), abs=4 * np.sqrt((chance * (1 - chance)).sum() / 100))
 
 
@@ -280,7 +280,7 @@ def test_uniform_levels_draw_as_they_did_under_their_old_names(level, missed, mi
 
 def test_shares_of_ones_own_are_still_taken():
     assert len(detect(panorama(), noise={"missed": 1.0})) == 0
-    assert spoil([], [], AnnotationDetector.Config(noise={"missed": 1.0}).noise, (0, 0)) == []
+    assert simulate_errors([], [], AnnotationDetector.Config(noise={"missed": 1.0}).noise, (0, 0)) == []
 
 
 def test_an_unknown_level_and_a_missing_or_foreign_file_are_told(tmp_path):

@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 import pytest
-from city import describe_rooms
+from house_map import describe_rooms
 from salframe_graphs.localizer import SaliencyGraphLocalizer
 from salframe_graphs.places.localizer import SaliencyPlacesLocalizer
 

@@ -6,7 +6,7 @@ from collections import deque
 
 import numpy as np
 import pytest
-from city import city_of_houses
+from house_map import map_of_houses
 from salframe_graphs.retrieval.compiled_lists import CompiledLists
 from salframe_graphs.retrieval.inverted_lists import InvertedLists
 
@@ -20,8 +20,8 @@ MIN_FIRST = {"inverted-lists": 0.7, "compiled-lists": 0.9}
 
 
 @pytest.fixture(scope="module")
-def city():
-    return city_of_houses(3)
+def synthetic_map():
+    return map_of_houses(3)
 
 
 def _seconds(function, *arguments):
@@ -34,16 +34,16 @@ def _seconds(function, *arguments):
     ("component", "count"),
     [(InvertedLists, 1_000), (InvertedLists, 10_000), (CompiledLists, 10_000), (CompiledLists, 100_000)],
 )
-def test_a_query(component, count, city, tmp_path):
+def test_a_query(component, count, synthetic_map, tmp_path):
     if component is CompiledLists:
         pytest.importorskip("numba")
     index, folder = component(), tmp_path / "index"
-    making_s = _seconds(deque, city.scenes(count), 0)
-    build_s = _seconds(index.build, city.scenes(count), folder) - making_s
+    making_s = _seconds(deque, synthetic_map.scenes(count), 0)
+    build_s = _seconds(index.build, synthetic_map.scenes(count), folder) - making_s
     open_s = _seconds(index.open, folder)
     seconds, rank = [], []
     for number in np.random.default_rng(0).integers(0, count, QUERIES).tolist():
-        query = city.query(number)
+        query = synthetic_map.query(number)
         start = time.process_time()
         found = index.candidates(query, CANDIDATES)
         seconds.append(time.process_time() - start)

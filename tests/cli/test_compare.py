@@ -9,7 +9,7 @@ from command_line import run
 from rich.console import Console
 
 from salframe.cli import tables
-from salframe.evaluation.tasks.localization.table import COLUMNS, USUAL
+from salframe.evaluation.tasks.localization.table import COLUMNS, DEFAULT_COLUMNS
 
 
 def test_compare_prints_a_table(fakes):
@@ -39,7 +39,7 @@ def test_a_narrow_terminal_cuts_no_column(fakes, monkeypatch):
     assert max(map(len, lines[:-1])) <= 80
     assert not any("…" in line for line in lines)
     headings = " ".join(lines).split()
-    usual = [COLUMNS[name].heading for name in USUAL if name != "seed_range"]
+    usual = [COLUMNS[name].heading for name in DEFAULT_COLUMNS if name != "seed_range"]
     assert all(word in headings for heading in usual for word in heading.split())
     assert sum(line.strip().startswith("reader") for line in lines) == 2  # accuracy, and costs
 

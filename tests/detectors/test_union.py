@@ -20,7 +20,7 @@ from salframe.framework.components.settings import list_settings
 from salframe.framework.errors import ConfigError, WeightsError
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
-from salframe.graphs.turning import turned_detections
+from salframe.graphs.turning import rotate_detections
 from salframe.panoramas.panorama import Panorama
 
 COLUMNS = ("scores", "centroid_m", "size_m", "yaw_rad", "bearing", "solid_angle_sr")
@@ -179,8 +179,8 @@ def test_neither_the_order_of_detectors_nor_a_turn_changes_anything_else(seed):
             np.testing.assert_array_equal(getattr(again, name), getattr(united, name))
     for angle_rad in (0.1, 2.0, np.pi):
         turned, expected = (
-            unite([turned_detections(one, angle_rad) for one in found]),
-            turned_detections(united, angle_rad),
+            unite([rotate_detections(one, angle_rad) for one in found]),
+            rotate_detections(united, angle_rad),
         )
         assert turned.labels == expected.labels
         np.testing.assert_allclose(turned.centroid_m, expected.centroid_m, atol=1e-9)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from ball_plugin import BALLS, angular_radius, balls
 
-from salframe.drawing.lettering import Lettering
 from salframe.drawing.object_picture import (
     COLOURS,
     choose_colours,
@@ -16,6 +15,7 @@ from salframe.drawing.object_picture import (
     name_objects,
 )
 from salframe.drawing.plan import Plan
+from salframe.drawing.text_placer import TextPlacer
 from salframe.graphs.detections import Detections
 from salframe.graphs.graph import GraphConfig, build_graph
 from salframe.panoramas.camera import Camera
@@ -104,10 +104,10 @@ def test_names_lie_on_the_objects():
 
 
 def test_a_name_lies_on_a_large_object_and_beside_a_small_one():
-    lettering = Lettering(1000, 500, 20)
-    lettering.put("table", (1, 2, 3), np.array([300, 200, 700, 400]), np.array([500.0, 300]))
-    lettering.put("cup", (1, 2, 3), np.array([100, 100, 104, 104]), np.array([102.0, 102]))
-    table, cup = lettering.names
+    placer = TextPlacer(1000, 500, 20)
+    placer.put("table", (1, 2, 3), np.array([300, 200, 700, 400]), np.array([500.0, 300]))
+    placer.put("cup", (1, 2, 3), np.array([100, 100, 104, 104]), np.array([102.0, 102]))
+    table, cup = placer.text_boxes
     np.testing.assert_allclose(table.box.reshape(2, 2).mean(0), [500, 300])
     assert cup.box[3] <= 100
     assert cup.box[0] < 102 < cup.box[2]
@@ -115,17 +115,17 @@ def test_a_name_lies_on_a_large_object_and_beside_a_small_one():
 
 
 def test_crowded_names_keep_clear_of_each_other_and_stay_in_the_picture():
-    lettering = Lettering(1200, 700, 18)
+    placer = TextPlacer(1200, 700, 18)
     for number in range(40):
         at = np.array([1190.0, 5.0]) - (number % 7, -(number % 5))
-        lettering.put(f"chair 0.{number:02d}", (9, 9, 9), np.concatenate([at - 2, at + 2]), at)
-    boxes = np.array([name.box for name in lettering.names])
+        placer.put(f"chair 0.{number:02d}", (9, 9, 9), np.concatenate([at - 2, at + 2]), at)
+    boxes = np.array([name.box for name in placer.text_boxes])
     assert (boxes[:, :2] >= 0).all()
     assert (boxes[:, 2:] <= (1200, 700)).all()
     a, b = np.triu_indices(len(boxes), 1)
     overlap = np.minimum(boxes[a, 2:], boxes[b, 2:]) - np.maximum(boxes[a, :2], boxes[b, :2])
     assert not (overlap > 1e-6).all(1).any()
-    assert sum(name.leads_to is not None for name in lettering.names) > 20
+    assert sum(name.leads_to is not None for name in placer.text_boxes) > 20
 
 
 def test_a_label_has_its_colour_in_every_picture_and_no_two_share_one():

@@ -72,7 +72,7 @@ class SizeTask(PagedTask[QueryFrame, Survey[QueryFrame], SizeRow, SizeLine]):
     row = SizeRow
     line = SizeLine
     columns = COLUMNS
-    usual = tuple(COLUMNS)
+    default_columns = tuple(COLUMNS)
     about = "A description of one array is small."
 
     def survey(self, dataset: Dataset) -> Survey[QueryFrame]:

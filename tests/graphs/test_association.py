@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from salframe_graphs.association import Rays, triangulate_objects
+from salframe_graphs.association import ObjectBearings, triangulate_objects
 
 CAMERAS = np.array([[0, 0, 1.5], [1, 0, 1.5], [0, 1, 1.5], [1, 1, 1.5]])
 
@@ -17,7 +17,9 @@ def rays_of(points_m, labels, noise_rad=0.0):
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     frame = np.repeat(np.arange(len(CAMERAS)), len(points_m))
     label = np.tile(np.array(labels, object), len(CAMERAS))
-    return Rays(frame, np.zeros(len(CAMERAS), int), label, CAMERAS[frame], direction, 0.25 / distance[:, 0] ** 2)
+    return ObjectBearings(
+        frame, np.zeros(len(CAMERAS), int), label, CAMERAS[frame], direction, 0.25 / distance[:, 0] ** 2
+    )
 
 
 def test_equal_labels_are_told_apart_and_lie_where_the_objects_are():
@@ -42,5 +44,7 @@ def test_the_covariance_covers_the_errors_of_noisy_bearings():
 
 def test_an_object_of_one_panorama_has_no_position():
     rays = rays_of(np.array([[2.5, 0.5, 0.6]]), ["chair"])
-    alone = Rays(*(getattr(rays, name)[:1] if name != "group" else rays.group for name in Rays.__dataclass_fields__))
+    alone = ObjectBearings(
+        *(getattr(rays, name)[:1] if name != "group" else rays.group for name in ObjectBearings.__dataclass_fields__)
+    )
     assert triangulate_objects(alone).owner.tolist() == [-1]

@@ -11,7 +11,7 @@ from salframe_graphs.places.place_index import index_places
 from salframe_graphs.places.poses import Poses
 from salframe_graphs.places.query_objects import QueryObjects
 from salframe_graphs.places.rates import Likelihood, shipped_rates
-from salframe_graphs.places.search import search, settle
+from salframe_graphs.places.search import refine_final_pose, search
 from scipy.stats import multivariate_t, norm
 
 from salframe.graphs.detections import unit_vectors
@@ -92,31 +92,33 @@ def test_bearings_behind_the_camera_do_not_match():
     assert share[0, 0] < 1e-12
 
 
-@pytest.mark.parametrize("raised_m", [0.0, 0.3, -0.3])
-def test_bearings_give_place_pose_and_height_of_the_camera(raised_m):
+@pytest.mark.parametrize("camera_height_offset_m", [0.0, 0.3, -0.3])
+def test_bearings_give_place_pose_and_height_of_the_camera(camera_height_offset_m):
     rooms = [room(seed) for seed in range(6)]
-    T = pose_2d(0.6, -0.3, 2.2, raised_m)
+    T = pose_2d(0.6, -0.3, 2.2, camera_height_offset_m)
     graph = bearings(LABELS, transform_points(invert_pose(T), rooms[3]))
     scorer = scorer_of([place(LABELS, points, str(k)) for k, points in enumerate(rooms)], graph)
     refined = scorer.refine(best_poses(scorer, 3))
     best = int(refined.score.argmax())
     assert refined.poses.place[best] == 3
     start = refined.poses.take(np.array([best]))
-    pose, covariance = settle(scorer, start, scorer.score(start)[1], 0.0)
+    pose, covariance = refine_final_pose(scorer, start, scorer.score(start)[1], 0.0)
     estimate = [*pose.shift_m[0], pose.yaw_rad[0] % (2 * np.pi)]
-    np.testing.assert_allclose(estimate, [0.6, -0.3, 2.2], atol=0.01 + 0.03 * abs(raised_m))
-    assert pose.raised_m[0] == pytest.approx(raised_m, abs=0.01 + 0.1 * abs(raised_m))
+    np.testing.assert_allclose(estimate, [0.6, -0.3, 2.2], atol=0.01 + 0.03 * abs(camera_height_offset_m))
+    assert pose.camera_height_offset_m[0] == pytest.approx(
+        camera_height_offset_m, abs=0.01 + 0.1 * abs(camera_height_offset_m)
+    )
     assert (np.diag(covariance) > 0).all()
 
 
-@pytest.mark.parametrize("raised_m", [-0.22, 0.0, 0.22])
-def test_a_hypothesis_has_the_height_of_the_camera(raised_m):
+@pytest.mark.parametrize("camera_height_offset_m", [-0.22, 0.0, 0.22])
+def test_a_hypothesis_has_the_height_of_the_camera(camera_height_offset_m):
     """The initial poses, before they are fitted, include one near the pose at each height of the camera."""
     points = room(3)
-    graph = bearings(LABELS, transform_points(invert_pose(pose_2d(0.6, -0.3, 2.2, raised_m)), points))
+    graph = bearings(LABELS, transform_points(invert_pose(pose_2d(0.6, -0.3, 2.2, camera_height_offset_m)), points))
     poses = best_poses(scorer_of([place(LABELS, points)], graph), 3)
     offset_m = np.hypot(*(poses.shift_m - [0.6, -0.3]).T)
-    assert (offset_m + np.abs(poses.raised_m - raised_m)).min() < 0.1
+    assert (offset_m + np.abs(poses.camera_height_offset_m - camera_height_offset_m)).min() < 0.1
 
 
 def test_bearings_from_several_positions_are_one_query():
@@ -137,7 +139,7 @@ def test_objects_with_and_without_range_are_one_query():
     graph = concatenate_graphs([bearings(LABELS[4:], local_m[4:]), with_range(LABELS[:4], local_m[:4])])
     index = index_places([place(LABELS, points)], [np.zeros((1, 3))], RATES, LIKELIHOOD)
     result = search(QueryObjects.of(graph, index.vocabulary), index, RATES, LIKELIHOOD, 3)
-    pose, _ = settle(result.scorer, result.poses, result.share(0), 0.0)
+    pose, _ = refine_final_pose(result.scorer, result.poses, result.share(0), 0.0)
     np.testing.assert_allclose([*pose.shift_m[0], pose.yaw_rad[0]], [-0.4, 0.2, 0.7], atol=0.01)
     assert (result.share(0).max(1) > 0.5).all()
 
@@ -149,6 +151,6 @@ def test_ranges_that_are_off_by_one_factor_give_the_factor(factor):
     scorer = scorer_of([place(LABELS, points)], with_range(LABELS, local_m))
     refined = scorer.refine(best_poses(scorer, 3))
     start = refined.poses.take(np.array([int(refined.score.argmax())]))
-    pose, _ = settle(scorer, start, scorer.score(start)[1], 0.0)
+    pose, _ = refine_final_pose(scorer, start, scorer.score(start)[1], 0.0)
     assert pose.scale[0] == pytest.approx(1 / factor, rel=0.02)
     np.testing.assert_allclose([*pose.shift_m[0], pose.yaw_rad[0]], [0.5, -0.6, 2.0], atol=0.06)

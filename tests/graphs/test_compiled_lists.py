@@ -16,8 +16,8 @@ from salframe_graphs.retrieval.postings import POSITION_M
 from scene_scores import list_scores, pose_scores, refurnished, similarity, some_graph, turned
 
 from salframe.framework.errors import DataError
-from salframe.graphs.city import City
 from salframe.graphs.graph import SaliencyGraph, without_range
+from salframe.graphs.synthetic_map import SyntheticMap
 from salframe.panoramas.geometry import pose_2d, transform_points
 from salframe.testing.expectations import same
 
@@ -40,15 +40,15 @@ def rooms(count, seed=1):
 
 
 @pytest.fixture(scope="module")
-def city():
-    return City(2, rooms(40))
+def synthetic_map():
+    return SyntheticMap(2, rooms(40))
 
 
 @pytest.fixture(scope="module")
-def folders(city, tmp_path_factory):
+def folders(synthetic_map, tmp_path_factory):
     """The folders of a compiled and of an inverted index of MANY scenes."""
     folder = tmp_path_factory.mktemp("indexes")
-    graphs = [*city.scenes(MANY)]
+    graphs = [*synthetic_map.scenes(MANY)]
     CompiledLists().build(graphs, folder / "compiled")
     InvertedLists().build(graphs, folder / "inverted")
     return folder
@@ -113,36 +113,39 @@ def test_of_the_same_objects_those_that_stand_alike_come_first(tmp_path):
 
 
 @pytest.mark.parametrize("count", [1, 100, MAX_VERIFIED, MANY])
-def test_without_range_the_candidates_are_those_of_inverted_lists(folders, city, count):
+def test_without_range_the_candidates_are_those_of_inverted_lists(folders, synthetic_map, count):
     compiled, inverted = opened(CompiledLists, folders / "compiled"), opened(InvertedLists, folders / "inverted")
     for number in range(0, MANY, 1500):
-        query = without_range(city.query(number))
+        query = without_range(synthetic_map.query(number))
         assert same(compiled.candidates(query, count), inverted.candidates(query, count))
 
 
 @pytest.mark.parametrize("count", [3, 100, 3000])
-def test_where_no_pose_is_near_enough_the_candidates_are_those_of_inverted_lists(folders, city, count):
+def test_where_no_pose_is_near_enough_the_candidates_are_those_of_inverted_lists(folders, synthetic_map, count):
     compiled = opened(CompiledLists, folders / "compiled", max_shift_m=1e-9)
     inverted = opened(InvertedLists, folders / "inverted")
     for number in range(0, MANY, 1500):
-        assert same(compiled.candidates(city.query(number), count), inverted.candidates(city.query(number), count))
+        assert same(
+            compiled.candidates(synthetic_map.query(number), count),
+            inverted.candidates(synthetic_map.query(number), count),
+        )
 
 
-def test_fewer_candidates_are_the_first_of_more_than_are_verified(folders, city):
+def test_fewer_candidates_are_the_first_of_more_than_are_verified(folders, synthetic_map):
     compiled = opened(CompiledLists, folders / "compiled")
     for number in range(0, MANY, 4000):
-        more = compiled.candidates(city.query(number), 2 * MAX_VERIFIED)
+        more = compiled.candidates(synthetic_map.query(number), 2 * MAX_VERIFIED)
         assert len(more) == 2 * MAX_VERIFIED
         assert (np.diff(more.score) <= 0).all()
-        few = compiled.candidates(city.query(number), 50)
+        few = compiled.candidates(synthetic_map.query(number), 50)
         assert few.scene.tolist() == more.scene[:50].tolist()
 
 
-def test_the_scene_of_a_query_comes_first_more_often_than_in_inverted_lists(folders, city):
+def test_the_scene_of_a_query_comes_first_more_often_than_in_inverted_lists(folders, synthetic_map):
     compiled, inverted = opened(CompiledLists, folders / "compiled"), opened(InvertedLists, folders / "inverted")
     numbers = np.random.default_rng(0).permutation(MANY)[:100].tolist()
     first = {
-        index: np.mean([index.candidates(city.query(number), 1).scene[0] == number for number in numbers])
+        index: np.mean([index.candidates(synthetic_map.query(number), 1).scene[0] == number for number in numbers])
         for index in (compiled, inverted)
     }
     assert first[compiled] > 0.9
@@ -154,10 +157,10 @@ def test_the_scene_of_a_query_comes_first_more_often_than_in_inverted_lists(fold
     [{"height_scale_m": 1.0}, {"size_scale": (0.2, 0.2)}, {"tolerance_m": 1.0}, {"tolerance_share": 0.3},
      {"max_shift_m": 0.3}],
 )  # fmt: skip
-def test_every_setting_changes_the_candidates(folders, city, settings):
+def test_every_setting_changes_the_candidates(folders, synthetic_map, settings):
     default = opened(CompiledLists, folders / "compiled")
     other = opened(CompiledLists, folders / "compiled", **settings)
-    assert not same(other.candidates(city.query(5), 100), default.candidates(city.query(5), 100))
+    assert not same(other.candidates(synthetic_map.query(5), 100), default.candidates(synthetic_map.query(5), 100))
 
 
 def test_an_index_without_positions_is_refused(folders):
@@ -165,12 +168,12 @@ def test_an_index_without_positions_is_refused(folders):
         opened(CompiledLists, folders / "inverted")
 
 
-def test_a_query_does_not_compile(folders, city):
+def test_a_query_does_not_compile(folders, synthetic_map):
     index = opened(CompiledLists, folders / "compiled")
     kernels = kernel_cache.load_kernels()
     compiled = [*kernels.scan_lists.signatures, *kernels.verify_scenes.signatures]
-    index.candidates(city.query(3), 100)
-    index.candidates(without_range(city.query(3)), 5000)
+    index.candidates(synthetic_map.query(3), 100)
+    index.candidates(without_range(synthetic_map.query(3)), 5000)
     assert [*kernels.scan_lists.signatures, *kernels.verify_scenes.signatures] == compiled
 
 

@@ -7,7 +7,7 @@ from salframe_graphs.features import feature_products, node2vec, ring_hop_histog
 from scipy.sparse import random_array
 
 from salframe.graphs.graph import SaliencyGraph
-from salframe.graphs.table import GraphNodes, HeldGraphs
+from salframe.graphs.table import GraphNodes, MemoryGraphs
 from salframe.panoramas.geometry import pose_2d
 
 
@@ -29,7 +29,7 @@ def test_ring_and_hop_histograms_by_hand():
         np.zeros(3),
         np.array([[0, 1]]),
     )
-    found = histograms(HeldGraphs([graph]))
+    found = histograms(MemoryGraphs([graph]))
     a = np.array([[0, 0, 0], [0, 1, 0], [0, 0, 1], [0, 1, 0], [0, 0, 0]]).ravel()
     np.testing.assert_allclose(found[0], a / np.linalg.norm(a))
 
@@ -71,7 +71,7 @@ def defined_histograms(graph, vocabulary):
 def test_histograms_are_as_defined():
     """Graphs of other sizes together, node by node; a label that the vocabulary lacks is not counted."""
     graphs = [graph_of(room(seed, nodes=3 + seed % 9)) for seed in range(30)]
-    table = HeldGraphs(graphs)
+    table = MemoryGraphs(graphs)
     expected = np.concatenate([defined_histograms(graph, table.vocabulary) for graph in graphs])
     np.testing.assert_allclose(histograms(table), expected, atol=1e-12)
     query = graph_of(room(7, labels=(*LABELS, "stranger")))

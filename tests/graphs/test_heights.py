@@ -11,7 +11,7 @@ from salframe_graphs.places.heights import (
     unpack_height,
 )
 from salframe_graphs.places.outline import free_outline
-from salframe_graphs.places.shown import ShownPlaces
+from salframe_graphs.places.scene_frames import SceneFrames
 
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.panorama import Panorama
@@ -47,10 +47,10 @@ def test_the_height_of_the_last_view_is_the_median_of_what_all_views_know():
 
 
 def test_the_height_of_a_place_is_that_of_its_median_camera_over_the_floor():
-    shown = ShownPlaces(("a", "b", "c"), np.arange(3), np.arange(6), np.array([0, 3, 5, 6]))
+    scene_frames = SceneFrames(("a", "b", "c"), np.arange(3), np.arange(6), np.array([0, 3, 5, 6]))
     z_m = np.array([1.5, 1.6, 0.4, 4.5, 4.5, 1.0])
     height_m = np.array([1.5, 1.6, 0.4, np.nan, 1.4, np.nan])
-    np.testing.assert_allclose(place_heights(shown, height_m, z_m), [1.5, 1.4, np.nan])
+    np.testing.assert_allclose(place_heights(scene_frames, height_m, z_m), [1.5, 1.4, np.nan])
 
 
 @pytest.mark.parametrize("height_m", [0.5, 1.0, 2.0])

@@ -11,7 +11,7 @@ from salframe_graphs.places.place_index import index_places
 from salframe_graphs.places.poses import Poses
 from salframe_graphs.places.query_objects import QueryObjects
 from salframe_graphs.places.rates import Likelihood, shipped_rates
-from salframe_graphs.places.search import settle
+from salframe_graphs.places.search import refine_final_pose
 from scipy.stats import norm
 
 from salframe.graphs.graph import SaliencyGraph
@@ -152,7 +152,7 @@ def test_the_pose_lies_within_its_covariance():
         seen = room + np.column_stack([rng.normal(0, 0.1, (8, 2)), np.zeros(8)])
         scorer = scored(places, query(LABELS, seen), rates)
         refined = scorer.refine(at(0, 0, 0)).poses
-        pose, covariance = settle(scorer, refined, scorer.score(refined)[1], 0.0)
+        pose, covariance = refine_final_pose(scorer, refined, scorer.score(refined)[1], 0.0)
         found.append([*pose.shift_m[0], pose.yaw_rad[0]])
         expected.append(np.diag(covariance))
     ratio = np.std(found, 0) / np.sqrt(np.mean(expected, 0))
@@ -169,7 +169,7 @@ def test_one_object_out_of_place_does_not_move_the_pose():
     places = [replace(place(LABELS, moved), variance_m2=np.full(8, 1e-3))]
     scorer = scored(places, query(LABELS, room))
     refined = scorer.refine(at(0, 0, 0)).poses
-    pose, _ = settle(scorer, refined, np.eye(8), 0.0)
+    pose, _ = refine_final_pose(scorer, refined, np.eye(8), 0.0)
     assert np.hypot(*pose.shift_m[0]) < 0.4 / 8 / 3
 
 

@@ -7,7 +7,7 @@ from salframe.framework.errors import DataError
 from salframe.framework.files.columns import read_columns, write_columns
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.packing import graph_from_arrays, graph_to_arrays, pack_graph, unpack_graph
-from salframe.graphs.table import HeldGraphs, MappedGraphs, write_graphs
+from salframe.graphs.table import MappedGraphs, MemoryGraphs, write_graphs
 from salframe.testing.expectations import same
 
 
@@ -43,14 +43,14 @@ def test_graphs_come_back_as_packing_rounds_them(graphs, mapped):
     assert len(mapped) == len(graphs)
     for kept, graph in zip(mapped, graphs, strict=True):
         assert same(kept, graph_from_arrays(unpack_graph(pack_graph(graph_to_arrays(graph)))))
-    assert list(HeldGraphs(graphs)) == graphs
+    assert list(MemoryGraphs(graphs)) == graphs
     with pytest.raises(IndexError):
         mapped[len(graphs)]
 
 
 @pytest.mark.parametrize("held", [True, False])
 def test_adjacency_is_padded_to_the_largest_graph(graphs, mapped, held):
-    table, numbers = HeldGraphs(graphs) if held else mapped, np.array([5, 0, 17, 3])
+    table, numbers = MemoryGraphs(graphs) if held else mapped, np.array([5, 0, 17, 3])
     linked = table.adjacency(numbers)
     assert linked.shape[1] == max(len(graphs[number]) for number in numbers)
     for graph, of_graph in zip((table[number] for number in numbers.tolist()), linked, strict=True):
@@ -60,7 +60,7 @@ def test_adjacency_is_padded_to_the_largest_graph(graphs, mapped, held):
 
 @pytest.mark.parametrize("held", [True, False])
 def test_nodes_are_taken_graph_by_graph(graphs, mapped, held):
-    table, numbers = HeldGraphs(graphs) if held else mapped, np.array([5, 0, 17, 3])
+    table, numbers = MemoryGraphs(graphs) if held else mapped, np.array([5, 0, 17, 3])
     chosen, nodes = [table[number] for number in numbers.tolist()], table.take(numbers)
     assert nodes.count.tolist() == [len(graph) for graph in chosen]
     assert [table.labels[i] for i in nodes.label] == [label for graph in chosen for label in graph.labels]
@@ -71,18 +71,20 @@ def test_nodes_are_taken_graph_by_graph(graphs, mapped, held):
 
 @pytest.mark.parametrize("held", [True, False])
 def test_labels_are_counted_once_a_graph(graphs, mapped, held):
-    table = HeldGraphs(graphs) if held else mapped
-    assert table.having.tolist() == [sum(name in graph.labels for graph in graphs) for name in table.labels]
+    table = MemoryGraphs(graphs) if held else mapped
+    assert table.num_graphs_by_label.tolist() == [
+        sum(name in graph.labels for graph in graphs) for name in table.labels
+    ]
 
 
 def test_tables_of_no_graphs_and_of_empty_ones(tmp_path):
     empty = next(graph for graph in map(some_graph, map(np.random.default_rng, range(100))) if not len(graph))
     write_graphs([empty, empty], tmp_path / "graphs")
-    for table in (HeldGraphs([]), HeldGraphs([empty, empty]), MappedGraphs(read_columns(tmp_path / "graphs"))):
+    for table in (MemoryGraphs([]), MemoryGraphs([empty, empty]), MappedGraphs(read_columns(tmp_path / "graphs"))):
         every = np.arange(len(table))
         assert len(table.take(every)) == 0
         assert table.adjacency(every).shape == (len(table), 0, 0)
-        assert table.having.tolist() == []
+        assert table.num_graphs_by_label.tolist() == []
     assert len(table) == 2
 
 

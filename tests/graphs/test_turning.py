@@ -7,7 +7,7 @@ import pytest
 
 from salframe.graphs.boxes import detections_from_points
 from salframe.graphs.detections import Detections
-from salframe.graphs.turning import from_near_side, peak_column, turned_detections
+from salframe.graphs.turning import from_near_side, peak_column, rotate_detections
 from salframe.panoramas.geometry import column_azimuth, equirectangular_rays, pose_2d, transform_points
 from salframe.panoramas.panorama import Annotations, Panorama
 
@@ -38,7 +38,7 @@ def test_turned_detections_are_those_of_turned_points():
     expected = detections_from_points(
         list("abcde"), np.full(5, 0.5), [transform_points(turn, cloud) for cloud in clouds]
     )
-    turned = turned_detections(found, 2.3)
+    turned = rotate_detections(found, 2.3)
     assert turned.labels == expected.labels
     for name in ("scores", "centroid_m", "size_m", "yaw_rad"):
         np.testing.assert_allclose(getattr(turned, name), getattr(expected, name), atol=1e-5)

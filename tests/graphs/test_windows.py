@@ -5,7 +5,7 @@ import pytest
 from salframe_graphs.places.merging import Place
 from salframe_graphs.places.place_index import index_places
 from salframe_graphs.places.rates import Likelihood, shipped_rates
-from salframe_graphs.places.shown import ShownPlaces
+from salframe_graphs.places.scene_frames import SceneFrames
 from salframe_graphs.places.windows import Windows
 
 CAMERAS_M = np.array([[0.0, 0, 1.5], [6.0, 0, 1.9], [0, 0, 9.0]])
@@ -36,7 +36,7 @@ def windows():
         place(2, "attic", [("chest", (0, 0, 8.0), 0.01, 1)]),
     ]
     index = index_places(places, CAMERAS_M[:, None], shipped_rates(), Likelihood())
-    return index, Windows(index, ShownPlaces.of(places), CAMERAS_M, 5.0)
+    return index, Windows(index, SceneFrames.of(places), CAMERAS_M, 5.0)
 
 
 def objects_of(index, place):

@@ -33,7 +33,7 @@ def test_only_a_place_or_a_pose_is_an_answer():
 
 
 def test_a_status_denies_the_map_where_the_query_was_compared_with_it():
-    assert {status for status in LocalizationStatus if status.denies_the_map} == {"out-of-map", "no-match", "low-score"}
+    assert {status for status in LocalizationStatus if status.is_rejection} == {"out-of-map", "no-match", "low-score"}
 
 
 def probable(*probabilities):

@@ -11,9 +11,9 @@ from salframe_matterport.dataset import MatterportAnnotations
 from salframe_planners.planners import Dijkstra
 
 from salframe.framework.errors import DataError
+from salframe.navigation.agent_localizer import localize_nearest
 from salframe.navigation.episodes import Site, draw_episodes, place_episodes, read_episode_requests
 from salframe.navigation.guide import Guide
-from salframe.navigation.sight import see_place
 from salframe.panoramas.geometry import pose_yaw
 
 EDGES = ("ab", "ac")
@@ -103,7 +103,7 @@ def test_an_agent_sees_as_queries_do(world, building):
 
 
 def test_told_its_place_an_agent_stands_at_its_viewpoint(world):
-    found = see_place(world, at(world, "b", 0.7), 0.4)
+    found = localize_nearest(world, at(world, "b", 0.7), 0.4)
     np.testing.assert_allclose(found.answer.T_world_query, at(world, "b", 0.4))
     assert found.frame == "fake/b"
 
@@ -151,7 +151,7 @@ def test_a_real_building_is_connected_and_walked(real_root):
     guide = Guide(world.chart, Dijkstra.Config())
     for node in world.chart.map.nodes:
         pose = world.stand_at(node, 0.0)
-        assert guide.way(pose[:3, 3], world.chart.map.nodes[0].id).length_m < 30
+        assert guide.shortest_path(pose[:3, 3], world.chart.map.nodes[0].id).length_m < 30
     for edge in world.chart.map.edges:
         a, b = (np.array(world.node(name).xyz_m) for name in (edge.start, edge.end))
         pose, stopped = world.move(

@@ -32,51 +32,53 @@ def test_a_position_in_a_wall_sees_what_its_nearest_floor_does(world):
 
 
 def test_ways_lead_straight_or_through_the_door(world):
-    way = guide(world.chart).way(A_WEST, "b")
-    assert way.length_m == pytest.approx(6.0)
-    way = guide(world.chart).way(np.array([3.0, 3.5, 1.5]), "b")
+    path = guide(world.chart).shortest_path(A_WEST, "b")
+    assert path.length_m == pytest.approx(6.0)
+    path = guide(world.chart).shortest_path(np.array([3.0, 3.5, 1.5]), "b")
     door = np.array([4.1, 2.0])
-    assert way.length_m == pytest.approx(np.hypot(1.1, 1.5) + 2.9, abs=0.1)
-    np.testing.assert_allclose(way.corners_m[-2:, :2], [door, [7.0, 2.0]], atol=0.06)
+    assert path.length_m == pytest.approx(np.hypot(1.1, 1.5) + 2.9, abs=0.1)
+    np.testing.assert_allclose(path.corners_m[-2:, :2], [door, [7.0, 2.0]], atol=0.06)
 
 
 def test_no_way_is_an_error(world):
     with pytest.raises(NoRoute, match=r"no path leads from \(1.00, 2.00\) m to attic"):
-        guide(world.chart).way(A_WEST, "attic")
+        guide(world.chart).shortest_path(A_WEST, "attic")
 
 
 def test_a_roomy_chart_keeps_its_distance(world):
     point = np.array([[3.0, 0.2, 0.0]])
     beside_the_wall = np.array([1.0, 0.2, 1.5])
     assert np.isfinite(world.chart.reach(beside_the_wall, point)).all()
-    assert np.isinf(world.chart.roomy().reach(beside_the_wall, point)).all()
+    assert np.isinf(world.chart.with_margin().reach(beside_the_wall, point)).all()
 
 
 def test_a_bump_in_the_open_is_walked_around(world):
     stopped_at = pose_2d(2.0, 2.0, 0.0, 1.5)
-    chart = world.chart.stopped(stopped_at, again=False)
+    chart = world.chart.after_collision(stopped_at, again=False)
     assert chart is not world.chart
     centre = np.array([2.0 + BUMP_AHEAD_M, 2.0])
-    way = guide(chart).way(np.array([2.0, 2.0, 1.5]), "b")
-    line = np.vstack([[2.0, 2.0], way.corners_m[:, :2]])
+    path = guide(chart).shortest_path(np.array([2.0, 2.0, 1.5]), "b")
+    line = np.vstack([[2.0, 2.0], path.corners_m[:, :2]])
     walked = np.concatenate([a + (b - a) * np.linspace(0, 1, 200)[:, None] for a, b in pairwise(line)])
     assert np.linalg.norm(walked - centre, axis=1).min() > BUMP_M - 0.06
-    assert way.length_m == pytest.approx(
+    assert path.length_m == pytest.approx(
         np.hypot(1.0, 1.5) + np.hypot(1.1, 1.5) + 2.9, abs=0.1
     )  # via a-north, which is still visible from (2, 2)
-    assert guide(world.chart).way(np.array([2.0, 2.0, 1.5]), "b").length_m == pytest.approx(5.0)
+    assert guide(world.chart).shortest_path(np.array([2.0, 2.0, 1.5]), "b").length_m == pytest.approx(5.0)
 
 
 def test_a_bump_beside_a_known_wall_tells_nothing(world):
-    assert world.chart.stopped(pose_2d(3.75, 1.0, 0.0, 1.5), again=False) is world.chart
-    assert world.chart.stopped(pose_2d(30.0, 1.0, 0.0, 1.5), again=True) is world.chart
+    assert world.chart.after_collision(pose_2d(3.75, 1.0, 0.0, 1.5), again=False) is world.chart
+    assert world.chart.after_collision(pose_2d(30.0, 1.0, 0.0, 1.5), again=True) is world.chart
 
 
 def test_a_second_bump_there_does(world):
     point = np.array([[3.75, 1.5, 0.0]])
     here = np.array([3.75, 0.6, 1.5])
     np.testing.assert_allclose(world.chart.reach(here, point), [0.9])
-    assert np.isinf(world.chart.stopped(pose_2d(3.75, 0.8, np.pi / 2, 1.5), again=True).reach(here, point)).all()
+    assert np.isinf(
+        world.chart.after_collision(pose_2d(3.75, 0.8, np.pi / 2, 1.5), again=True).reach(here, point)
+    ).all()
 
 
 def test_an_edge_is_joined_at_its_corners():

@@ -50,16 +50,16 @@ def test_only_points_of_the_own_storey_are_in_reach(tower):
 
 
 def test_a_path_to_the_other_storey_takes_the_stairs(site):
-    way = site.guide.way(BELOW, "up-b")
-    assert way.length_m == pytest.approx(2.0 + STAIRS_M + 6.0)
-    np.testing.assert_allclose(way.leg(BELOW), [-2.0, 0.0], atol=1e-9)
-    edge = way.leg(np.array([1.2, 2.1, CAMERA_M]))
+    path = site.guide.shortest_path(BELOW, "up-b")
+    assert path.length_m == pytest.approx(2.0 + STAIRS_M + 6.0)
+    np.testing.assert_allclose(path.leg(BELOW), [-2.0, 0.0], atol=1e-9)
+    edge = path.leg(np.array([1.2, 2.1, CAMERA_M]))
     assert (edge.start, edge.end, edge.length_m) == ("a-west", "up-a-west", STAIRS_M)
-    assert site.guide.way(ABOVE, "b").length_m == pytest.approx(2.0 + STAIRS_M + 6.0)
+    assert site.guide.shortest_path(ABOVE, "b").length_m == pytest.approx(2.0 + STAIRS_M + 6.0)
 
 
 def test_a_collision_on_a_storey_leaves_the_other_one_as_it_is(tower):
-    chart = tower.chart.stopped(pose_2d(2.0, 2.0, 0.0, STOREY_M + CAMERA_M), again=False)
+    chart = tower.chart.after_collision(pose_2d(2.0, 2.0, 0.0, STOREY_M + CAMERA_M), again=False)
     above, below = np.array([[4.1, 2.0, STOREY_M]]), np.array([[4.1, 2.0, 0.0]])
     assert np.isinf(chart.reach(np.array([1.5, 2.0, STOREY_M + CAMERA_M]), above)).all()
     np.testing.assert_allclose(chart.reach(np.array([1.5, 2.0, CAMERA_M]), below), [2.6])
@@ -81,7 +81,7 @@ def test_stairs_are_taken_from_their_foot_alone(tower):
 
 
 def test_the_storeys_are_joined(tower):
-    assert tower.joined(pose_2d(1.0, 1.0, 0.0, CAMERA_M), pose_2d(7.0, 2.0, 0.0, STOREY_M + CAMERA_M))
+    assert tower.is_reachable(pose_2d(1.0, 1.0, 0.0, CAMERA_M), pose_2d(7.0, 2.0, 0.0, STOREY_M + CAMERA_M))
     assert tower.region(pose_2d(7.0, 2.0, 0.0, STOREY_M + CAMERA_M)) == "up-b"
 
 

@@ -24,7 +24,9 @@ def site(world):
 
 def episode(site, x, y, goal="b", number=0) -> Episode:
     start = pose_2d(x, y, 2.0, 1.5)
-    return Episode(number, "floor", tuple(start.ravel().tolist()), goal, site.guide.way(start[:3, 3], goal).length_m)
+    return Episode(
+        number, "floor", tuple(start.ravel().tolist()), goal, site.guide.shortest_path(start[:3, 3], goal).length_m
+    )
 
 
 NOWHERE = Located(Localization((), None, LocalizationStatus.NO_OBJECTS))

@@ -55,9 +55,9 @@ def test_what_was_moved_since_the_map_was_made_stops_the_agent():
 def test_what_was_moved_may_shut_a_room_off(world):
     shut = FloorWorld("floor", Apartment(), [masks()], references(), [masks((3.7, 1.0, 4.0, 3.0))])
     here, there = pose_2d(1.0, 2.0, 0.0, 1.5), pose_2d(7.0, 2.0, 0.0, 1.5)
-    assert world.joined(here, there)
-    assert not shut.joined(here, there)
-    assert shut.joined(here, pose_2d(2.0, 0.5, 0.0, 1.5))
+    assert world.is_reachable(here, there)
+    assert not shut.is_reachable(here, there)
+    assert shut.is_reachable(here, pose_2d(2.0, 0.5, 0.0, 1.5))
 
 
 @pytest.mark.parametrize("place", [(4.1, 0.5), (0.1, 2.0), (-3.0, 2.0), (50.0, 2.0)])

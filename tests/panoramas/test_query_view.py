@@ -13,7 +13,7 @@ from salframe.framework.errors import InputMissing
 from salframe.panoramas.folder import FolderDataset
 from salframe.panoramas.geometry import pixel_solid_angles
 from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
-from salframe.panoramas.query_view import as_query, sees
+from salframe.panoramas.query_view import as_query, is_in_view
 
 HEIGHT = 256
 
@@ -96,7 +96,7 @@ def test_listed_objects_are_seen_where_their_middle_is() -> None:
 
 
 def test_nothing_is_seen_in_an_unknown_direction() -> None:
-    assert sees(np.array([[np.nan] * 3, [1.0, 0, 0]]), 120, None).tolist() == [False, True]
+    assert is_in_view(np.array([[np.nan] * 3, [1.0, 0, 0]]), 120, None).tolist() == [False, True]
 
 
 def test_without_settings_a_query_is_what_was_taken() -> None:

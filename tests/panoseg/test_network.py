@@ -8,7 +8,7 @@ torch = pytest.importorskip("torch", reason="the network is trained with torch: 
 from salframe_panoseg.classes import CHANNELS  # noqa: E402
 
 from salframe.framework.errors import WeightsError  # noqa: E402
-from training.panoseg.network import Closed, PanoSeg, SeamConv  # noqa: E402
+from training.panoseg.network import PanoSeg, SeamConv, WrapPad  # noqa: E402
 
 STRIDE = 32
 """Columns of a pixel of the encoder's last block."""
@@ -32,7 +32,7 @@ def test_a_convolution_pads_as_tensorflow_does_and_closes_the_seam(kernel, strid
 @pytest.mark.parametrize(("before", "after"), [(1, 1), (0, 1), (1, 2), (2, 2)])
 def test_the_gradient_of_a_closed_image_is_that_of_finite_differences(before, after):
     image = torch.randn(1, 2, 5, 7, dtype=torch.float64, requires_grad=True)
-    assert torch.autograd.gradcheck(lambda image: Closed.apply(image, before, after), (image,))
+    assert torch.autograd.gradcheck(lambda image: WrapPad.apply(image, before, after), (image,))
 
 
 def test_turning_the_panorama_by_the_stride_turns_the_answer_exactly():

@@ -25,7 +25,7 @@ from salframe.framework.components import installation
 from salframe.framework.errors import DataError
 from salframe.panoramas.geometry import pose_2d
 from salframe.topology.building_map import build_map
-from salframe.topology.growing import remove_from_map
+from salframe.topology.map_changes import remove_from_map
 
 SENSOR = Path(salframe_annotations.__file__).parent / "sensors" / "panoseg.json"
 MAPS = ("sift", "sovs", "proposed")

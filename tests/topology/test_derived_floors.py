@@ -17,7 +17,7 @@ from salframe.panoramas.panorama import Panorama
 from salframe.topology.build import build_topology
 from salframe.topology.building_map import build_map
 from salframe.topology.derived_floors import derive_floors, extend_floors
-from salframe.topology.growing import add_to_map
+from salframe.topology.map_changes import add_to_map
 from salframe.topology.routes import find_route
 from salframe.topology.store import open_topology
 from salframe.topology.topological_map import NodeKind, PartSource, TopologySources

@@ -11,7 +11,7 @@ from plans import RESOLUTION_M, block, two_rooms
 from salframe.framework.errors import DataError
 from salframe.panoramas.floors import FloorMasks
 from salframe.topology.edges import components, joining_paths, sight_pairs
-from salframe.topology.grid import FloorGrid, cell, nearest_pixel, pixel_graph, sees
+from salframe.topology.grid import FloorGrid, cell, has_line_of_sight, nearest_pixel, pixel_graph
 
 
 def test_pixels_and_metres_are_laid_out_as_floor_masks_say():
@@ -72,14 +72,14 @@ def test_sight_is_stopped_by_every_pixel_the_line_crosses(seed):
     lines = shapely.linestrings(np.stack([start[:, ::-1], end[:, ::-1]], 1))
     expected = ~shapely.intersects(lines, blocked)
     assert 0.1 < expected.mean() < 0.9
-    np.testing.assert_array_equal(sees(clear, start, end), expected)
-    np.testing.assert_array_equal(sees(clear, end, start), expected)
+    np.testing.assert_array_equal(has_line_of_sight(clear, start, end), expected)
+    np.testing.assert_array_equal(has_line_of_sight(clear, end, start), expected)
 
 
 def test_sight_does_not_slip_between_two_corners():
     clear = np.array([[True, False], [False, True]])
-    assert not sees(clear, np.array([[0.5, 0.5]]), np.array([[1.5, 1.5]])).any()
-    assert sees(np.ones((1, 1), bool), np.array([[0.5, 0.5]]), np.array([[0.5, 0.5]])).all()
+    assert not has_line_of_sight(clear, np.array([[0.5, 0.5]]), np.array([[1.5, 1.5]])).any()
+    assert has_line_of_sight(np.ones((1, 1), bool), np.array([[0.5, 0.5]]), np.array([[0.5, 0.5]])).all()
 
 
 def test_the_nearest_pixel_is_the_position_itself_where_that_is_allowed():
@@ -139,7 +139,7 @@ def test_what_sight_leaves_apart_is_joined_by_the_shortest_ways():
     assert {frozenset((i, j)) for i, j, _ in paths} == set(tree)
     for i, j, corners in paths:
         np.testing.assert_array_equal(corners[[0, -1]], nodes[[i, j]])
-        assert sees(clear, corners[:-1], corners[1:]).all()
+        assert has_line_of_sight(clear, corners[:-1], corners[1:]).all()
         length = np.linalg.norm(np.diff(corners, axis=0), axis=1).sum()
         assert np.linalg.norm(nodes[i] - nodes[j]) < length <= tree[frozenset((i, j))] + 1e-9
         assert len(corners) > 2

@@ -25,9 +25,9 @@ from salframe.framework.files.cache import Cache
 from salframe.localization.localizer import Localizer
 from salframe.localization.map import LocalizationMap
 from salframe.localization.preparing import prepare
+from salframe.navigation.agent_localizer import AgentLocalizer
 from salframe.navigation.episodes import Episode, Site, draw_episodes
 from salframe.navigation.guide import Guide
-from salframe.navigation.sight import Sight
 from salframe.navigation.walk import SUCCESS_M, EpisodeStatus, NavigationConfig, walk
 from salframe.navigation.world import FloorWorld, open_worlds
 from salframe.panoramas.dataset import Dataset
@@ -104,8 +104,8 @@ def walk_all(
         episodes = [one for one in episodes if not _is_on_one_floor(given, one)][:count]
     success = {}
     for name, agent_site in (("given", site), ("derived", derived_site)):
-        sight = Sight(localizer, dataset.content_key, positioning=True)
-        success[name] = [_walk(agent_site, site.guide, sight, episode, config, seed) for episode in episodes]
+        agent_localizer = AgentLocalizer(localizer, dataset.content_key, positioning=True)
+        success[name] = [_walk(agent_site, site.guide, agent_localizer, episode, config, seed) for episode in episodes]
     return success
 
 
@@ -115,12 +115,14 @@ def _is_on_one_floor(world: FloorWorld, episode: Episode) -> bool:
     return find_floor(floors, start_m) == find_floor(floors, goal_m)
 
 
-def _walk(site: Site, guide: Guide, sight: Sight, episode: Episode, config: NavigationConfig, seed: int) -> bool:
+def _walk(
+    site: Site, guide: Guide, localizer: AgentLocalizer, episode: Episode, config: NavigationConfig, seed: int
+) -> bool:
     """Return whether an agent reaches the goal of an episode. False if its map does not have the goal."""
     try:
-        row = walk(site, partial(sight.look, site.world), episode, config, seed)
+        row = walk(site, partial(localizer.localize, site.world), episode, config, seed)
         end_m = np.array(row["path"][-1][:3])
-        return row["status"] is EpisodeStatus.ARRIVED and guide.way(end_m, episode.goal).length_m <= SUCCESS_M
+        return row["status"] is EpisodeStatus.ARRIVED and guide.shortest_path(end_m, episode.goal).length_m <= SUCCESS_M
     except SalframeError as error:
         print(f"  episode {episode.number} fails: {error}")
         return False

@@ -31,16 +31,16 @@ def target(panorama: LabelledPanorama, index: Mapping[str, int]) -> tuple[np.nda
     return classes[panorama.instance_id], from_panorama(centre_m[panorama.instance_id] - points_m).astype(np.float32)
 
 
-def spoil(rgb: np.ndarray, range_m: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def degrade(rgb: np.ndarray, range_m: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Return colour with random exposure, tint, contrast and noise, and range with random scale, noise and holes."""
     light = (rgb / np.float32(255)) ** rng.uniform(0.7, 1.4) * rng.uniform(0.6, 1.4) * rng.uniform(0.88, 1.12, 3)
     light = light + rng.normal(0, rng.uniform(0, 0.03), light.shape)
-    spoilt = range_m * rng.normal(1, 0.02) * (1 + rng.normal(0, rng.uniform(0, 0.02), range_m.shape))
+    degraded_m = range_m * rng.normal(1, 0.02) * (1 + rng.normal(0, rng.uniform(0, 0.02), range_m.shape))
     if rng.random() < HOLED:
         for _ in range(rng.integers(1, 12)):
             row, column, height, width = rng.integers((0, 0, 4, 4), (HEIGHT, 2 * HEIGHT, 48, 48))
-            spoilt[row : row + height, column : column + width] = np.nan
-    return (light.clip(0, 1) * 255).astype(np.uint8), spoilt.astype(np.float32)
+            degraded_m[row : row + height, column : column + width] = np.nan
+    return (light.clip(0, 1) * 255).astype(np.uint8), degraded_m.astype(np.float32)
 
 
 class Samples(Dataset):
@@ -75,7 +75,7 @@ class Samples(Dataset):
         rng = np.random.default_rng((self._seed, self._start + item))
         panorama = read_panorama(self._paths[rng.choice(len(self._paths), p=self._shares)])
         class_id, vote_m = target(panorama, self._index)
-        image = network_input(*spoil(panorama.rgb, panorama.range_m, rng))
+        image = network_input(*degrade(panorama.rgb, panorama.range_m, rng))
         turn = int(rng.integers(2 * HEIGHT))
         image, class_id, vote_m = (np.roll(array, turn, -1) for array in (image, class_id, vote_m))
         if rng.random() < MIRRORED:

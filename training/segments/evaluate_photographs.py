@@ -55,7 +55,7 @@ VIEWS = ((3, 120, 512), (4, 100, 512), (6, 90, 512), (6, 75, 512), (8, 75, 512),
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class ViewResult:
     """Result of a detector on a view: pixel confusion matrix, objects, and labelled parts."""
 
     pixels: np.ndarray
@@ -103,7 +103,7 @@ def measure_views(model: Path, views: Sequence[View], settings: dict[str, Any]) 
             "detector", "segments", {**settings, "model": str(model), "views": number, "fov_deg": fov_deg}
         )
         detector = registry().build("detector", config)
-        pixels = np.sum([look(detector, view, view.panorama(height)).pixels for view in views], 0)
+        pixels = np.sum([evaluate_view(detector, view, view.panorama(height)).pixels for view in views], 0)
         metrics[f"{number} of {fov_deg} deg, {height} rows"] = {
             "accuracy": accuracy(pixels),
             "mean_iou": mean_iou(pixels),
@@ -113,7 +113,7 @@ def measure_views(model: Path, views: Sequence[View], settings: dict[str, Any]) 
 
 def measure(detector: Detector, views: Sequence[View], height: int) -> dict[str, Any]:
     """Run a detector on photographs, and return its metrics by name."""
-    results = [look(detector, view, view.panorama(height)) for view in views]
+    results = [evaluate_view(detector, view, view.panorama(height)) for view in views]
     pixels = np.sum([result.pixels for result in results], 0)
     named = [result.objects.named for result in results]
     figures: dict[str, Any] = {}
@@ -140,7 +140,7 @@ def measure(detector: Detector, views: Sequence[View], height: int) -> dict[str,
     return figures
 
 
-def look(detector: Detector, view: View, panorama: Panorama) -> Seen:
+def evaluate_view(detector: Detector, view: View, panorama: Panorama) -> ViewResult:
     """Run a detector on the panorama of a photograph, and compare the result with the labels."""
     detections = detector.detect(panorama)
     if isinstance(detector, SegmentsDetector):
@@ -149,7 +149,7 @@ def look(detector: Detector, view: View, panorama: Panorama) -> Seen:
         answers = [class_image(detections)]
     pixels = np.sum([confusion(view.labels, see_panorama(view.camera, answer)) for answer in answers], 0)
     laid = lay_on_sphere(view.camera, view.labels, ROWS, smooth=False)
-    return Seen(pixels, lay_objects(detections, laid), parts_of(laid))
+    return ViewResult(pixels, lay_objects(detections, laid), parts_of(laid))
 
 
 def class_pixels(detector: SegmentsDetector, panorama: Panorama, turn_deg: float) -> np.ndarray:

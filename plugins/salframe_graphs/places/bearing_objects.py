@@ -156,7 +156,7 @@ class BearingObjects(ObservedObjects):
     def pair_log_odds(self, i: np.ndarray, relative: RelativeObjects) -> np.ndarray:
         return self._log_odds(i, relative)
 
-    def pair_points(self, i: np.ndarray, j: np.ndarray, raised_m: float) -> PairPoints:
+    def pair_points(self, i: np.ndarray, j: np.ndarray, camera_height_offset_m: float) -> PairPoints:
         """Return the positions of query objects at the ranges that agree with their elevation and solid angle.
 
         The range has the mean and the variance over RANGES_M, weighted by the likelihood of elevation and solid angle.
@@ -164,7 +164,7 @@ class BearingObjects(ObservedObjects):
         errors = self._errors
         _, side_m, log_area = (values[j, None] for values in self._map_size)
         sine, cosine = np.sin(self._elevation_rad[i]), np.cos(self._elevation_rad[i])
-        height_m = self._map_height_m[j] - raised_m - self._origin_m[2, i]
+        height_m = self._map_height_m[j] - camera_height_offset_m - self._origin_m[2, i]
         lift_m2 = (
             (errors.bearing_error_rad * RANGES_M) ** 2
             + errors.vertical_error_m**2

@@ -56,7 +56,7 @@ def rank_distant_views(
     if not len(result.poses):
         return None
     poses = result.poses.at(matched[result.poses.place])
-    names = places.shown.name[poses.place]
+    names = places.scene_frames.name[poses.place]
     of_poses = evidence.gather(nodes, description, poses.place, names, poses, result.score, of_poses=True)
     best = int(np.argmax(of_poses.scores(config.weights) if of_poses.values else result.score))
     scores = [
@@ -66,7 +66,7 @@ def rank_distant_views(
     if all(score is None for score in scores):
         return None
     score = combine_groups(scores, [group.distance_m for group in groups], config.distant_views.same_place_m)
-    names, first, row = np.unique(places.shown.name[matched], return_index=True, return_inverse=True)
+    names, first, row = np.unique(places.scene_frames.name[matched], return_index=True, return_inverse=True)
     of_name = np.full(len(names), -np.inf)
     np.logaddexp.at(of_name, row, score)
     order = np.lexsort((first, -of_name))
@@ -92,6 +92,6 @@ def _group_scores(
     scorer = PlaceLikelihood(nodes, index, config.rates, config.likelihood, sectors, height_m)
     poses = group.poses(shift_m, yaw_rad, len(matched))
     likelihood = np.logaddexp(scorer.score(poses)[0], scorer.score_without_pose())
-    names, in_map = places.shown.name[matched], poses.at(matched)
+    names, in_map = places.scene_frames.name[matched], poses.at(matched)
     gathered = evidence.gather(nodes, group.description, matched, names, in_map, likelihood)
     return gathered.scores(config.weights)

@@ -124,13 +124,13 @@ class PlaceEvidence:
         self.places, self._matching = places, matching
         for model in self._models:
             own = [model.arrays_of(description) for description in descriptions]
-            model.index(own, places.shown, places.T_world_pano)
+            model.index(own, places.scene_frames, places.T_world_pano)
 
     def open_index(self, packed: Columns, places: MapPlaces, matching: PanoramaScores) -> None:
         """Index an opened map for all components."""
         self.places, self._matching = places, matching
         for model in self._models:
-            model.open_index(packed, places.shown, places.T_world_pano)
+            model.open_index(packed, places.scene_frames, places.T_world_pano)
 
     def gather(
         self,

@@ -154,7 +154,7 @@ class PanoramaEvidence(EvidenceModel):
             for name, score in made.matching.place_scores(raised).items():
                 if name in places.number:
                     panorama[places.number[name]] = score
-        return {"panorama": panorama[places.shown.name[made.place]]}
+        return {"panorama": panorama[places.scene_frames.name[made.place]]}
 
 
 class LabelEvidence(EvidenceModel):

@@ -57,7 +57,7 @@ def fit_positions(
     scale = (np.abs(products) + scale_error**-2) / (squares + scale_error**-2)
     yaw = np.angle(products)
     shift = map_mean - scale * np.exp(1j * yaw) * query_mean
-    return Poses(poses.place, np.array([shift.real, shift.imag]).T, yaw, poses.raised_m, scale)
+    return Poses(poses.place, np.array([shift.real, shift.imag]).T, yaw, poses.camera_height_offset_m, scale)
 
 
 def fit_step(
@@ -84,7 +84,7 @@ def fit_step(
     likelihood = scorer.likelihood
     prior = np.array([0, 0, 0, likelihood.camera_height_error_m**-2, likelihood.scale_error**-2])
     offset = np.zeros((len(poses), 5))
-    offset[:, 3], offset[:, 4] = poses.raised_m, poses.scale - 1
+    offset[:, 3], offset[:, 4] = poses.camera_height_offset_m, poses.scale - 1
     information = np.tile(np.diag(prior) + _RIDGE, (len(poses), 1, 1))
     gradient = prior * offset
     if len(poses) == 1:  # one matrix product, which takes a third of the time
@@ -103,7 +103,7 @@ def fit_step(
         poses.place,
         poses.shift_m + step[:, :2],
         poses.yaw_rad + step[:, 2],
-        poses.raised_m + step[:, 3],
+        poses.camera_height_offset_m + step[:, 3],
         poses.scale + step[:, 4],
     )
     return moved, information

@@ -10,7 +10,7 @@ import numpy as np
 from salframe.graphs.graph import SaliencyGraph
 from salframe.panoramas.camera_height import camera_height
 from salframe.panoramas.panorama import Panorama
-from salframe_graphs.places.shown import ShownPlaces
+from salframe_graphs.places.scene_frames import SceneFrames
 
 HEIGHT, PACKED_HEIGHT = "camera_height_m", "camera_height_mm"
 """Keys of the height in a description, and in a packed description."""
@@ -74,20 +74,20 @@ def at_map_height(query: SaliencyGraph, height_m: float, map_height_m: np.ndarra
     return replace(query, centroid_m=query.centroid_m + np.array([0, 0, offset_m])) if offset_m else query
 
 
-def place_heights(shown: ShownPlaces, frame_height_m: np.ndarray, frame_z_m: np.ndarray) -> np.ndarray:
+def place_heights(scene_frames: SceneFrames, frame_height_m: np.ndarray, frame_z_m: np.ndarray) -> np.ndarray:
     """Return the typical camera height (K,) above the floor in each place, in metres.
 
     This is the median z of the cameras of the place's scene frames, minus the median z of the floor below them. It is
     NaN for a place without a frame of known height.
 
     Args:
-        shown: The places and their scene frames.
+        scene_frames: The places and their scene frames.
         frame_height_m: (S,) height of each frame's camera above the floor, NaN where it is unknown.
         frame_z_m: (S,) z of each frame in the world.
     """
     floor_z_m = frame_z_m - frame_height_m
-    heights_m = np.full(len(shown), np.nan)
-    for place, frames in enumerate(np.split(shown.frame, shown.start[1:-1])):
+    heights_m = np.full(len(scene_frames), np.nan)
+    for place, frames in enumerate(np.split(scene_frames.frame, scene_frames.start[1:-1])):
         known_m = floor_z_m[frames][np.isfinite(floor_z_m[frames])]
         if len(known_m):
             heights_m[place] = np.median(frame_z_m[frames]) - np.median(known_m)

@@ -16,7 +16,7 @@ MAX_PAIRS, MAX_HYPOTHESES = 40, 100
 hypothesis consists of two pairs."""
 MIN_LOG_RATIO = -2.0
 """Minimum log ratio of label, height and size of a pair of objects."""
-MIN_BASE_M, MAX_BASE_M, BASE_WORTH = 0.3, 4.0, 0.3
+MIN_BASE_M, MAX_BASE_M, BASE_WEIGHT = 0.3, 4.0, 0.3
 """Base: the distance between the two objects of a hypothesis. Minimum base (m), maximum base that increases the rank of
 a hypothesis (m), and the value of one metre of base (in log ratio) when hypotheses are ranked."""
 MAX_SHIFT_M = 6.0
@@ -47,13 +47,20 @@ def best_poses(scorer: PlaceLikelihood, max_poses: int) -> Poses:
     is_base = (i[first] != i[second]) & (j[first] != j[second])
     first, second = first[is_base], second[is_base]
     heights_m = np.multiply(RAISED_SIGMAS, scorer.likelihood.camera_height_error_m) if scorer.has_bearings else [0.0]
-    poses = Poses.concatenate([_hypotheses(scorer, i, j, first, second, raised_m) for raised_m in heights_m])
+    poses = Poses.concatenate(
+        [_hypotheses(scorer, i, j, first, second, camera_height_offset_m) for camera_height_offset_m in heights_m]
+    )
     poses = poses.take(np.argsort(poses.place, kind="stable"))
     return poses.take(top_per_group(_support(scorer, i, j, poses), poses.place, max_poses))
 
 
 def _hypotheses(
-    scorer: PlaceLikelihood, i: np.ndarray, j: np.ndarray, first: np.ndarray, second: np.ndarray, raised_m: float
+    scorer: PlaceLikelihood,
+    i: np.ndarray,
+    j: np.ndarray,
+    first: np.ndarray,
+    second: np.ndarray,
+    camera_height_offset_m: float,
 ) -> Poses:
     """Return at most MAX_HYPOTHESES poses of each place, sorted by place.
 
@@ -63,10 +70,10 @@ def _hypotheses(
         j: (P,) map object of each pair.
         first: (H,) index of the first pair of each hypothesis.
         second: (H,) index of the second pair of each hypothesis, in the same place.
-        raised_m: Height of the camera above its expected height, in metres.
+        camera_height_offset_m: Height of the camera above its expected height, in metres.
     """
     index = scorer.index
-    points, place = _points(scorer, i, j, raised_m), index.place[j]
+    points, place = _points(scorer, i, j, camera_height_offset_m), index.place[j]
     map_point, variance = index.position[j], index.variance_m2[j]
     base, map_base = points.position[second] - points.position[first], map_point[second] - map_point[first]
     length, map_length = np.abs(base), np.abs(map_base)
@@ -81,7 +88,7 @@ def _hypotheses(
     scale_error = np.where(scales, scorer.likelihood.scale_error, 0.0)
     slack = SLACK_SIGMAS * np.sqrt(error_m2 + (scale_error * length) ** 2)
     fits = (np.abs(length - map_length) < slack) & (np.minimum(length, map_length) > MIN_BASE_M)
-    rank = points.value[first] + points.value[second] + BASE_WORTH * np.minimum(map_length, MAX_BASE_M)
+    rank = points.value[first] + points.value[second] + BASE_WEIGHT * np.minimum(map_length, MAX_BASE_M)
     rank -= np.where(scales, 0, 0.5 * (length - map_length) ** 2 / error_m2 + 0.5 * np.log(error_m2))
     rows = np.sort(top_per_group(np.where(fits, rank, -np.inf), place[first], MAX_HYPOTHESES))
     first, second, length = first[rows], second[rows], length[rows]
@@ -92,18 +99,18 @@ def _hypotheses(
     middle = (points.position[first] + points.position[second]) / 2
     shift = (map_point[first] + map_point[second]) / 2 - scale * turn * middle
     shift_m = np.array([shift.real, shift.imag]).T
-    poses = Poses(place[first], shift_m, np.angle(turn), np.full(len(shift), raised_m), scale)
+    poses = Poses(place[first], shift_m, np.angle(turn), np.full(len(shift), camera_height_offset_m), scale)
     camera_offset = as_complex(index.cameras_m)[poses.place] - shift[:, None]
     return poses.take(np.flatnonzero(np.abs(camera_offset).min(1, initial=np.inf) < MAX_SHIFT_M))
 
 
-def _points(scorer: PlaceLikelihood, i: np.ndarray, j: np.ndarray, raised_m: float) -> PairPoints:
+def _points(scorer: PlaceLikelihood, i: np.ndarray, j: np.ndarray, camera_height_offset_m: float) -> PairPoints:
     """Return the positions of query objects i (P,), each paired with one of the map objects j (P,).
 
-    The camera is `raised_m` metres above its expected height.
+    The camera is `camera_height_offset_m` metres above its expected height.
     """
     parts = scorer.rows_of(i)
-    points = [part.pair_points(row, j[position], raised_m) for part, position, row in parts]
+    points = [part.pair_points(row, j[position], camera_height_offset_m) for part, position, row in parts]
     if len(points) == 1:
         return points[0]
     order = np.argsort(np.concatenate([np.arange(len(i))[position] for _, position, _ in parts]))

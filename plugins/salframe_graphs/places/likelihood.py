@@ -50,7 +50,7 @@ class PlaceLikelihood:
     Attributes:
         query: The n objects of the query, first those with range.
         index: The places, with M objects.
-        parts: The query's objects with range, and those without range; an empty part is left out.
+        object_groups: The query's objects with range, and those without range; an empty group is left out.
         log_ratio: (n, M) float32, log ratio of the observations that do not depend on the pose.
         same_label: (n, M) bool, whether query object and map object have the same label.
     """
@@ -77,14 +77,14 @@ class PlaceLikelihood:
         """
         self.query, self.index, self.rates, self.likelihood = query, index, rates, likelihood
         self.sectors = sectors
-        self._map_height_m = index.z_m + index.segments.spread(index.raised_m(camera_height_m))
-        self.parts: list[ObservedObjects] = []
+        self._map_height_m = index.z_m + index.segments.spread(index.camera_height_offset_m(camera_height_m))
+        self.object_groups: list[ObservedObjects] = []
         if query.num_ranged:
-            self.parts.append(RangedObjects(query.ranged, index, rates, likelihood, camera_height_m))
+            self.object_groups.append(RangedObjects(query.ranged, index, rates, likelihood, camera_height_m))
         if self.has_bearings:
-            self.parts.append(BearingObjects(query.bearings, index, rates, likelihood, self._map_height_m))
-        self.same_label = np.concatenate([part.same_label for part in self.parts])
-        self.log_ratio = np.concatenate([part.log_ratio for part in self.parts])
+            self.object_groups.append(BearingObjects(query.bearings, index, rates, likelihood, self._map_height_m))
+        self.same_label = np.concatenate([group.same_label for group in self.object_groups])
+        self.log_ratio = np.concatenate([group.log_ratio for group in self.object_groups])
         self._minus_log_clutter = float(-np.log(rates.clutter))
         self._detection_logit, self._detection_per_distance = index.detection_logit, rates.detection_per_distance
         if not query.num_ranged:
@@ -98,21 +98,21 @@ class PlaceLikelihood:
         return self.query.num_ranged < len(self.query)
 
     def rows_of(self, i: np.ndarray) -> list[tuple[ObservedObjects, np.ndarray | slice, np.ndarray]]:
-        """Group query objects i (P,) by part: objects with range, and objects with a bearing only.
+        """Split query objects i (P,) by group: objects with range, and objects with a bearing only.
 
         Returns:
-            For each part that contains objects of `i`: the part, the positions of its objects in `i`, and the indices
-            of these objects in the part.
+            For each group that contains objects of `i`: the group, the positions of its objects in `i`, and the indices
+            of these objects in the group.
         """
-        if len(self.parts) == 1:
-            return [(self.parts[0], slice(None), i)]
+        if len(self.object_groups) == 1:
+            return [(self.object_groups[0], slice(None), i)]
         first = 0
         rows: list[tuple[ObservedObjects, np.ndarray | slice, np.ndarray]] = []
-        for part in self.parts:
-            count = len(part.log_ratio)
+        for group in self.object_groups:
+            count = len(group.log_ratio)
             position = np.flatnonzero((i >= first) & (i < first + count))
             if len(position):
-                rows.append((part, position, i[position] - first))
+                rows.append((group, position, i[position] - first))
             first += count
         return rows
 
@@ -124,8 +124,8 @@ class PlaceLikelihood:
             relative: The T map objects.
         """
         log_odds = np.empty(len(i))
-        for part, position, row in self.rows_of(i):
-            log_odds[position] = part.pair_log_odds(row, relative.take(position))
+        for group, position, row in self.rows_of(i):
+            log_odds[position] = group.pair_log_odds(row, relative.take(position))
         return log_odds
 
     def detection_logit(self, objects: np.ndarray, distance_m: np.ndarray) -> np.ndarray:
@@ -146,7 +146,10 @@ class PlaceLikelihood:
         maximum."""
         likelihood = self.likelihood
         deviation = np.array(
-            [poses.raised_m / likelihood.camera_height_error_m, (poses.scale - 1) / likelihood.scale_error]
+            [
+                poses.camera_height_offset_m / likelihood.camera_height_error_m,
+                (poses.scale - 1) / likelihood.scale_error,
+            ]
         )
         return -0.5 * (deviation * deviation).sum(0)
 
@@ -199,7 +202,7 @@ class PlaceLikelihood:
         yaw_rad = spread(poses.yaw_rad)
         offset = self.index.position[objects] - spread(as_complex(poses.shift_m))
         offset *= spread(np.exp(-1j * poses.yaw_rad))
-        height_m = self._map_height_m[objects] - spread(poses.raised_m)
+        height_m = self._map_height_m[objects] - spread(poses.camera_height_offset_m)
         return RelativeObjects(objects, offset, height_m, yaw_rad, spread(poses.scale))
 
     def _columns(self, poses: Poses) -> PoseColumns:
@@ -211,8 +214,8 @@ class PlaceLikelihood:
         relative = self.relative(poses, columns)
         logit = self.detection_logit(columns.objects, np.abs(relative.offset))
         is_shown = None if self.sectors is None else self.sectors.show(relative.offset)
-        parts = [part.log_odds(relative) for part in self.parts]
-        log_odds = parts[0] if len(parts) == 1 else np.concatenate(parts)
+        by_group = [group.log_odds(relative) for group in self.object_groups]
+        log_odds = by_group[0] if len(by_group) == 1 else np.concatenate(by_group)
         log_odds += logit
         odds, total = _share_odds(np.exp(np.minimum(log_odds, MAX_LOG_RATIO, out=log_odds), out=log_odds), columns)
         total = 1 + total
@@ -225,9 +228,9 @@ class PlaceLikelihood:
 
         The fit is in closed form if all objects have range. Otherwise it is one Gauss-Newton step.
         """
-        part = self.parts[0]
-        if len(self.parts) == 1 and isinstance(part, RangedObjects):
-            return fit_positions(part, self.index, poses, columns, share, self.likelihood.scale_error)
+        group = self.object_groups[0]
+        if len(self.object_groups) == 1 and isinstance(group, RangedObjects):
+            return fit_positions(group, self.index, poses, columns, share, self.likelihood.scale_error)
         t, i = np.nonzero(share.T > MIN_PAIR_SHARE)
         pose = columns.poses.spread(np.arange(len(poses)))[t]
         return fit_step(self, poses, pose, i, self.relative(poses, columns).take(t), share[i, t])[0]

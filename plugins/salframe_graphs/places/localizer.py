@@ -48,7 +48,7 @@ from salframe_graphs.places.map_places import MapPlaces
 from salframe_graphs.places.outline import OUTLINE
 from salframe_graphs.places.poses import Poses
 from salframe_graphs.places.query_objects import QueryObjects
-from salframe_graphs.places.search import Ranking, SearchResult, search, settle
+from salframe_graphs.places.search import Ranking, SearchResult, refine_final_pose, search
 from salframe_graphs.places.settings import PlacesConfig
 from salframe_graphs.sectors import Sectors, shown_bins
 from salframe_graphs.views import sectors_from_arrays, sectors_to_arrays
@@ -209,7 +209,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
 
     def _place_graphs(self) -> Iterator[SaliencyGraph]:
         """Return the graphs of the scene frames of all places, place by place."""
-        return (self._matching.graphs[number] for number in self._map.shown.frame)
+        return (self._matching.graphs[number] for number in self._map.scene_frames.frame)
 
     def match(self, description: Description) -> Localization:
         query = graph_from_arrays(description)
@@ -229,9 +229,11 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         best, share = ranking.search.poses.take(pose_row[:1]), ranking.search.share(int(pose_row[0]))
         if (share.sum(1) > 0.5).sum() < MIN_EXPLAINED:
             return self._without_pose(places, names[0])
-        pose, covariance = settle(ranking.search.scorer, best, share, MIN_DEVIATION_M)
+        pose, covariance = refine_final_pose(ranking.search.scorer, best, share, MIN_DEVIATION_M)
         height_m = height_of(description) * pose.scale[0]  # the same ranges measured the height
-        camera_z_m = self._map.camera_z_m(int(ranking.poses.place[pose_row[0]]), height_m) + pose.raised_m[0]
+        camera_z_m = (
+            self._map.camera_z_m(int(ranking.poses.place[pose_row[0]]), height_m) + pose.camera_height_offset_m[0]
+        )
         T_world_query = pose_2d(pose.shift_m[0, 0], pose.shift_m[0, 1], pose.yaw_rad[0], camera_z_m)
         return Localization(places, T_world_query, LocalizationStatus.OK, covariance)
 
@@ -318,14 +320,14 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         pose_name = places.names_at(poses)
         has_pose = np.zeros(len(places.names), bool)
         has_pose[pose_name] = True
-        others = ranked[~has_pose[places.shown.name[ranked]]]
+        others = ranked[~has_pose[places.scene_frames.name[ranked]]]
         rows = np.concatenate([pose_place, others])
         without_pose = result.scorer.score_without_pose()
         # A place that was not searched gets the minimum likelihood of the searched places.
         position = np.minimum(np.searchsorted(matched, others), len(matched) - 1)
         other_likelihood = np.where(matched[position] == others, without_pose[position], without_pose.min())
         value = np.concatenate([np.logaddexp(result.score, without_pose[result.poses.place]), other_likelihood])
-        numbers = np.concatenate([pose_name, places.shown.name[others]])
+        numbers = np.concatenate([pose_name, places.scene_frames.name[others]])
         evidence = self._evidence.gather(nodes, description, rows, numbers, poses, value)
         return _Hypotheses(numbers, evidence, poses, result)
 
@@ -338,7 +340,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         if self._scenes is None:
             return all_places, all_places
         num_ranked = count if len(all_places) <= MAX_RANKED else max(count, MAX_RANKED)
-        shown = self._map.shown
-        scenes = self._scenes.candidates(query, num_ranked * shown.padded.shape[1]).scene
-        places = np.array([*dict.fromkeys(shown.place[scenes].tolist())], int)
+        scene_frames = self._map.scene_frames
+        scenes = self._scenes.candidates(query, num_ranked * scene_frames.padded.shape[1]).scene
+        places = np.array([*dict.fromkeys(scene_frames.place[scenes].tolist())], int)
         return np.sort(places[:count]), all_places if len(all_places) <= MAX_RANKED else np.sort(places[:num_ranked])

@@ -19,12 +19,12 @@ from salframe_graphs.places.merging import gather_places
 from salframe_graphs.places.place_index import PLACE_COLUMNS, PlaceIndex, index_places, place_rows, read_places
 from salframe_graphs.places.poses import Poses
 from salframe_graphs.places.rates import Likelihood, Rates
-from salframe_graphs.places.shown import ShownPlaces
+from salframe_graphs.places.scene_frames import SceneFrames
 from salframe_graphs.places.windows import Windows
 
 _PLACES = "places"
 """Name under which the places are stored in the folder of a map's index."""
-_SHOWN_COLUMNS = {"name": ArrayKind("U", ()), "frames": ArrayKind("u", (None,))}
+_SCENE_FRAMES_COLUMNS = {"name": ArrayKind("U", ()), "frames": ArrayKind("u", (None,))}
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,13 +32,13 @@ class MapPlaces:
     """K places of a map with S reference frames.
 
     Attributes:
-        shown: The places and their scene frames.
+        scene_frames: The places and their scene frames.
         index: The objects of the places.
         T_world_pano: (S, 3, 4) poses of the frames.
         regions: The floor area of each place; None if it is unknown.
     """
 
-    shown: ShownPlaces
+    scene_frames: SceneFrames
     index: PlaceIndex
     T_world_pano: np.ndarray
     regions: Regions | None
@@ -69,20 +69,20 @@ class MapPlaces:
         places = gather_places(graphs, frames, rates, place_of, merged)
         T_world_pano = np.array([frame.T_world_pano[:3] for frame in frames])
         cameras_m = [T_world_pano[list(place.frames), :, 3] for place in places]
-        shown = ShownPlaces.of(places)
-        camera_height_m = place_heights(shown, heights_m, T_world_pano[:, 2, 3])
+        scene_frames = SceneFrames.of(places)
+        camera_height_m = place_heights(scene_frames, heights_m, T_world_pano[:, 2, 3])
         triangulated = np.array([graph.variance_m2.any() for graph in graphs])
-        has_boxes = _of_places(shown, ~triangulated)
+        has_boxes = _of_places(scene_frames, ~triangulated)
         index = index_places(places, cameras_m, rates, likelihood, camera_height_m, has_boxes)
-        return cls(shown, index, T_world_pano, regions)
+        return cls(scene_frames, index, T_world_pano, regions)
 
     def write(self, folder: Path) -> None:
         """Write the places to a folder, without the poses, which the map stores with its frames."""
-        shown = self.shown
-        frames = np.split(shown.frame.astype(np.uint32), shown.start[1:-1])
+        scene_frames = self.scene_frames
+        frames = np.split(scene_frames.frame.astype(np.uint32), scene_frames.start[1:-1])
         rows = (
-            {"name": np.array(shown.names[name]), "frames": of_place, **objects}
-            for name, of_place, objects in zip(shown.name, frames, place_rows(self.index), strict=True)
+            {"name": np.array(scene_frames.names[name]), "frames": of_place, **objects}
+            for name, of_place, objects in zip(scene_frames.name, frames, place_rows(self.index), strict=True)
         )
         write_columns(folder / _PLACES, rows)
 
@@ -106,37 +106,37 @@ class MapPlaces:
             T_world_pano: (S, 3, 4) poses of the frames.
             regions: The floor area of each place, or None.
         """
-        columns = read_columns(folder / _PLACES, {**_SHOWN_COLUMNS, **PLACE_COLUMNS}).columns
+        columns = read_columns(folder / _PLACES, {**_SCENE_FRAMES_COLUMNS, **PLACE_COLUMNS}).columns
         names, frames = columns["name"], columns["frames"]
-        shown = ShownPlaces(names.words or (), names.values.astype(int), frames.values.astype(int), frames.start)
+        scene_frames = SceneFrames(names.words or (), names.values.astype(int), frames.values.astype(int), frames.start)
         height_m = np.full(num_frames, np.nan)
         if height_mm is not None:
             height_m[np.diff(height_mm.start) > 0] = height_mm.values / 1000
-        camera_height_m = place_heights(shown, height_m, T_world_pano[:, 2, 3])
+        camera_height_m = place_heights(scene_frames, height_m, T_world_pano[:, 2, 3])
         measured = np.ones(num_frames, bool)
         if deviation_mm is not None:
             measured = np.diff(deviation_mm.start) == 0
-        cameras_m = T_world_pano[shown.padded, :2, 3]
-        index = read_places(columns, cameras_m, camera_height_m, _of_places(shown, measured))
-        return cls(shown, index, T_world_pano, regions)
+        cameras_m = T_world_pano[scene_frames.padded, :2, 3]
+        index = read_places(columns, cameras_m, camera_height_m, _of_places(scene_frames, measured))
+        return cls(scene_frames, index, T_world_pano, regions)
 
     def __len__(self) -> int:
-        return len(self.shown)
+        return len(self.scene_frames)
 
     @property
     def names(self) -> Sequence[str]:
         """The distinct names of the places."""
-        return self.shown.names
+        return self.scene_frames.names
 
     @property
     def number(self) -> dict[str, int]:
         """Mapping from each place name to its position in `names`."""
-        return self.shown.number
+        return self.scene_frames.number
 
     def windows(self, radius_m: float) -> Windows:
         """Return the windows of the places. A window consists of all objects of the map up to `radius_m` metres from
         the frames of a place."""
-        return Windows(self.index, self.shown, self._frames_m, radius_m)
+        return Windows(self.index, self.scene_frames, self._frames_m, radius_m)
 
     @cached_property
     def _frames_m(self) -> np.ndarray:
@@ -158,24 +158,24 @@ class MapPlaces:
         This is the place of the region at the pose. It is the matched place if there is no region at the pose, or if
         the place of the region is not in the map.
         """
-        matched = self.shown.name[poses.place]
+        matched = self.scene_frames.name[poses.place]
         if self.regions is None:
             return matched
-        height_m = self._frames_m[self.shown.frame[self.shown.start[poses.place]], 2]
+        height_m = self._frames_m[self.scene_frames.frame[self.scene_frames.start[poses.place]], 2]
         region_name = self._name_of_region[self.regions.at(poses.shift_m, height_m)]
         return np.where(region_name >= 0, region_name, matched)
 
     def heights_m(self, name: int) -> np.ndarray:
         """Return the world heights (N,) in metres of the scene frames of the place `names[name]`, ascending."""
-        return np.sort(self._frames_m[self.shown.of_name(name), 2])
+        return np.sort(self._frames_m[self.scene_frames.of_name(name), 2])
 
     def camera_z_m(self, place: int, camera_height_m: float) -> float:
         """Return the world z of a camera at the height `camera_height_m` above the floor of a place, in metres.
 
         If that height or the height of the place's cameras is unknown, return the median z of the place's cameras.
         """
-        frames = self.shown.frame[self.shown.start[place] : self.shown.start[place + 1]]
-        return float(np.median(self._frames_m[frames, 2]) - self.index.raised_m(camera_height_m)[place])
+        frames = self.scene_frames.frame[self.scene_frames.start[place] : self.scene_frames.start[place + 1]]
+        return float(np.median(self._frames_m[frames, 2]) - self.index.camera_height_offset_m(camera_height_m)[place])
 
     def nearest_frames(self, names: np.ndarray, poses: Poses, row: np.ndarray) -> list[int]:
         """Return the scene frame of each place that is nearest to a pose.
@@ -189,13 +189,15 @@ class MapPlaces:
             Indices of N frames.
         """
         near_m = np.append(poses.shift_m, [[np.nan, np.nan]], 0)[row]
-        nearest: list[int] = self.shown.nearest(names, self._frames_m[:, :2], near_m).tolist()
+        nearest: list[int] = self.scene_frames.nearest(names, self._frames_m[:, :2], near_m).tolist()
         return nearest
 
 
-def _of_places(shown: ShownPlaces, of_frames: np.ndarray) -> np.ndarray:
+def _of_places(scene_frames: SceneFrames, of_frames: np.ndarray) -> np.ndarray:
     """Return for each place whether `of_frames` (S,) bool is true for all its scene frames, (K,) bool."""
-    return np.array([of_frames[frames].all() for frames in np.split(shown.frame, shown.start[1:-1])], bool)
+    return np.array(
+        [of_frames[frames].all() for frames in np.split(scene_frames.frame, scene_frames.start[1:-1])], bool
+    )
 
 
 def _places_at(regions: Regions, xy_m: np.ndarray, frame: ReferenceFrame) -> list[str | None]:

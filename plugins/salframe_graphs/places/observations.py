@@ -89,10 +89,10 @@ class ObservedObjects(ABC):
         """Return the log odds (T,) of T pairs, like `log_odds`: query object i[t] is map object t."""
 
     @abstractmethod
-    def pair_points(self, i: np.ndarray, j: np.ndarray, raised_m: float) -> PairPoints:
+    def pair_points(self, i: np.ndarray, j: np.ndarray, camera_height_offset_m: float) -> PairPoints:
         """Return the positions of query objects i (P,) under the assumption that they are the map objects j (P,).
 
-        The camera is `raised_m` metres above its expected height.
+        The camera is `camera_height_offset_m` metres above its expected height.
         """
 
     @abstractmethod

@@ -18,7 +18,7 @@ LOWEST_M, HIGHEST_M = 1.85, 2.3
 """Minimum and maximum height (m) above the floor of an outline's points: above most furniture and below lintels."""
 USUAL_HEIGHT_M = 1.5
 """Assumed height (m) of a camera above the floor if its height is unknown."""
-ERROR_LOG, STRAY, PEAK, MAX_SQUARED = 0.1, 0.15, 3.0, 50.0
+ERROR_LOG, OUTLIER_FRACTION, PEAK, MAX_SQUARED = 0.1, 0.15, 3.0, 50.0
 """Standard deviation of the logarithm of a range, fraction of outlier bins, maximum likelihood ratio of an inlier, and
 upper bound of the squared deviation in standard deviations."""
 _MAX_M = 65.535
@@ -73,7 +73,9 @@ def _fit(offset_m: np.ndarray, yaw_rad: np.ndarray, outline_m: np.ndarray) -> np
     expected = outline_m.ravel().take(bins + BINS * np.arange(len(bins))[:, None])
     with np.errstate(divide="ignore"):
         deviation = (0.5 / ERROR_LOG) * np.log((x * x + y * y) / (expected * expected))
-    ratio = np.log(STRAY + (1 - STRAY) * PEAK * np.exp(-0.5 * np.minimum(deviation * deviation, MAX_SQUARED)))
+    ratio = np.log(
+        OUTLIER_FRACTION + (1 - OUTLIER_FRACTION) * PEAK * np.exp(-0.5 * np.minimum(deviation * deviation, MAX_SQUARED))
+    )
     return np.where(np.isfinite(deviation), ratio, 0).sum(-1)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from salframe.framework.files.array_files import ArrayKind
 from salframe.framework.files.columns import PackedColumn, Row
 from salframe.graphs.segments import Segments, ranges
-from salframe.graphs.table import count_having
+from salframe.graphs.table import count_graphs_by_label
 from salframe.panoramas.geometry import as_complex
 from salframe_graphs.places.merging import Place
 from salframe_graphs.places.rates import Likelihood, Rates
@@ -87,7 +87,7 @@ class PlaceIndex:
         """(K,) float64 sum of the rarities of each place's objects."""
         return self.segments.sum(self.rarity[self.label])
 
-    def raised_m(self, camera_height_m: float) -> np.ndarray:
+    def camera_height_offset_m(self, camera_height_m: float) -> np.ndarray:
         """Return the camera height of each place minus `camera_height_m`, (K,) in metres.
 
         Both are heights above the floor. The difference is 0 if one of them is unknown (NaN).
@@ -103,7 +103,7 @@ class PlaceIndex:
         z is relative to a camera at `camera_height_m` above the floor. If this height or the camera height of a place
         is unknown (NaN), the two heights are assumed to be equal.
         """
-        height_m = self.z_m + self.segments.spread(self.raised_m(camera_height_m))
+        height_m = self.z_m + self.segments.spread(self.camera_height_offset_m(camera_height_m))
         has_box = self.segments.spread(self.has_boxes).astype(np.float64)
         values = np.stack([height_m, self.log_size[:, 0] * has_box, self.log_size[:, 2] * has_box])
         return np.concatenate([values, values**2, np.ones((1, values.shape[1])), has_box[None]])
@@ -209,7 +209,7 @@ def _index(
     return PlaceIndex(
         {name: i for i, name in enumerate(names)},
         number / number.sum(),
-        np.log((1 + len(count)) / (1 + count_having(count, label, len(names) + 1))) + 1,
+        np.log((1 + len(count)) / (1 + count_graphs_by_label(count, label, len(names) + 1))) + 1,
         count,
         label.astype(np.int64),
         values["xyz_m"][:, :2],

@@ -18,19 +18,19 @@ class Poses:
         place: (C,) index of the place of each pose.
         shift_m: (C, 2) x and y in the world, metres.
         yaw_rad: (C,) heading in the world.
-        raised_m: (C,) height of the camera above its expected height; by default 0.
+        camera_height_offset_m: (C,) height of the camera above its expected height; by default 0.
         scale: (C,) factor from the query's ranges to true ranges; by default 1.
     """
 
     place: np.ndarray
     shift_m: np.ndarray
     yaw_rad: np.ndarray
-    raised_m: np.ndarray = None  # type: ignore[assignment]  # set in __post_init__
+    camera_height_offset_m: np.ndarray = None  # type: ignore[assignment]  # set in __post_init__
     scale: np.ndarray = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
-        if self.raised_m is None:
-            object.__setattr__(self, "raised_m", np.zeros(len(self.place)))
+        if self.camera_height_offset_m is None:
+            object.__setattr__(self, "camera_height_offset_m", np.zeros(len(self.place)))
         if self.scale is None:
             object.__setattr__(self, "scale", np.ones(len(self.place)))
 
@@ -44,11 +44,17 @@ class Poses:
 
     def take(self, rows: np.ndarray) -> Poses:
         """Return the poses with the indices `rows`."""
-        return Poses(self.place[rows], self.shift_m[rows], self.yaw_rad[rows], self.raised_m[rows], self.scale[rows])
+        return Poses(
+            self.place[rows],
+            self.shift_m[rows],
+            self.yaw_rad[rows],
+            self.camera_height_offset_m[rows],
+            self.scale[rows],
+        )
 
     def at(self, place: np.ndarray) -> Poses:
         """Return the same poses with other indices (C,) of their places."""
-        return Poses(place, self.shift_m, self.yaw_rad, self.raised_m, self.scale)
+        return Poses(place, self.shift_m, self.yaw_rad, self.camera_height_offset_m, self.scale)
 
     def where(self, chosen: np.ndarray, other: Poses) -> Poses:
         """Return the poses of `self` where `chosen` (C,) is true, and the poses of `other` elsewhere."""
@@ -56,22 +62,22 @@ class Poses:
             self.place,
             np.where(chosen[:, None], self.shift_m, other.shift_m),
             np.where(chosen, self.yaw_rad, other.yaw_rad),
-            np.where(chosen, self.raised_m, other.raised_m),
+            np.where(chosen, self.camera_height_offset_m, other.camera_height_offset_m),
             np.where(chosen, self.scale, other.scale),
         )
 
     def put(self, rows: np.ndarray, other: Poses) -> Poses:
         """Return a copy in which the poses with the indices `rows` are replaced by the poses of `other`."""
-        shift_m, yaw_rad, raised_m, scale = (
-            values.copy() for values in (self.shift_m, self.yaw_rad, self.raised_m, self.scale)
+        shift_m, yaw_rad, camera_height_offset_m, scale = (
+            values.copy() for values in (self.shift_m, self.yaw_rad, self.camera_height_offset_m, self.scale)
         )
-        shift_m[rows], yaw_rad[rows], raised_m[rows], scale[rows] = (
+        shift_m[rows], yaw_rad[rows], camera_height_offset_m[rows], scale[rows] = (
             other.shift_m,
             other.yaw_rad,
-            other.raised_m,
+            other.camera_height_offset_m,
             other.scale,
         )
-        return Poses(self.place, shift_m, yaw_rad, raised_m, scale)
+        return Poses(self.place, shift_m, yaw_rad, camera_height_offset_m, scale)
 
 
 @dataclass(frozen=True, eq=False)

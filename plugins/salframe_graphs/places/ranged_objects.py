@@ -120,7 +120,7 @@ class RangedObjects(ObservedObjects):
         along_m, across_m = offset.real - relative.scale * self.range_m[i], offset.imag
         return along_m * along_m * along[i, j] + across_m * across_m * across[j] + self.peak[i, j]  # type: ignore[no-any-return]
 
-    def pair_points(self, i: np.ndarray, j: np.ndarray, raised_m: float) -> PairPoints:
+    def pair_points(self, i: np.ndarray, j: np.ndarray, camera_height_offset_m: float) -> PairPoints:
         rates = self._rates
         variance_m2 = rates.position_error_m**2 + (rates.range_error_share * self.range_m[i]) ** 2
         return PairPoints(

@@ -16,7 +16,7 @@ from salframe_graphs.places.query_objects import QueryObjects
 from salframe_graphs.places.rates import Likelihood, Rates
 from salframe_graphs.sectors import Sectors
 
-SETTLING_STEPS, SETTLED_M = 6, 5e-4
+MAX_FIT_STEPS, CONVERGED_M = 6, 5e-4
 """Maximum number of reweighted fits of the final pose. Fitting stops earlier if a step moves the pose less than this
 distance in metres."""
 MIN_SHARE = 1e-7
@@ -92,7 +92,9 @@ def search(
     return SearchResult(scorer, refined.poses.take(best), refined.score[best], refined, best)
 
 
-def settle(scorer: PlaceLikelihood, pose: Poses, share: np.ndarray, min_deviation_m: float) -> tuple[Poses, np.ndarray]:
+def refine_final_pose(
+    scorer: PlaceLikelihood, pose: Poses, share: np.ndarray, min_deviation_m: float
+) -> tuple[Poses, np.ndarray]:
     """Fit one pose to the objects that it explains, by iteratively reweighted least squares.
 
     Args:
@@ -108,10 +110,10 @@ def settle(scorer: PlaceLikelihood, pose: Poses, share: np.ndarray, min_deviatio
     share, objects = share[i, j].astype(np.float64), j + scorer.index.segments.start[pose.place[0]]
     columns = PoseColumns(objects, Segments(np.array([len(objects)])))
     of_first = np.zeros(len(i), int)
-    for _ in range(SETTLING_STEPS):
+    for _ in range(MAX_FIT_STEPS):
         before_m = pose.shift_m
         pose, information = fit_step(scorer, pose, of_first, i, scorer.relative(pose, columns), share)
-        if np.abs(pose.shift_m - before_m).max() < SETTLED_M:
+        if np.abs(pose.shift_m - before_m).max() < CONVERGED_M:
             break
     covariance = np.linalg.inv(information[0])[:3, :3] + np.diag([min_deviation_m**2, min_deviation_m**2, 0.0])
     return pose, covariance

@@ -30,7 +30,7 @@ def shipped_posterior() -> Posterior:
     return fitted.model_copy(update={"max_out_of_map_probability": 1.0})  # type: ignore[no-any-return]
 
 
-def _over_shipped(part: str, shipped: Callable[[], Settings], value: Any) -> Any:
+def _merge_shipped(part: str, shipped: Callable[[], Settings], value: Any) -> Any:
     """Return a setting of fitted numbers: the user's values, and shipped values for the numbers that the user did not
     set."""
     fitted = read_fitted(part, value)
@@ -51,7 +51,7 @@ class PlacesConfig(GraphLocalizerConfig, PanoramaScoresConfig):
         "list of the kinds of evidence for a place. Each kind computes one or more numbers (columns), "
         "whose weights are in `weights`. Some kinds store data in the map",
     )
-    rates: Annotated[Rates, BeforeValidator(partial(_over_shipped, "rates", shipped_rates))] = Field(
+    rates: Annotated[Rates, BeforeValidator(partial(_merge_shipped, "rates", shipped_rates))] = Field(
         default_factory=shipped_rates,
         description="mapping with the error rates of the detector, or the path of a file written by `salframe fit`",
         json_schema_extra={"match_only": True},
@@ -65,7 +65,7 @@ class PlacesConfig(GraphLocalizerConfig, PanoramaScoresConfig):
     likelihood: Likelihood = match_only(
         Likelihood(), description="constants of the likelihood of a query that do not depend on the detector"
     )
-    posterior: Annotated[Posterior | None, BeforeValidator(partial(_over_shipped, "posterior", shipped_posterior))] = (
+    posterior: Annotated[Posterior | None, BeforeValidator(partial(_merge_shipped, "posterior", shipped_posterior))] = (
         Field(
             default_factory=shipped_posterior,
             description="parameters that convert scores to probabilities, or the path of a file written by `salframe "
@@ -105,7 +105,7 @@ class PlacesConfig(GraphLocalizerConfig, PanoramaScoresConfig):
 
     @model_validator(mode="before")
     @classmethod
-    def _weigh_what_is_listed(cls, value: Any) -> Any:
+    def _add_weights(cls, value: Any) -> Any:
         """Add an empty mapping `weights` if there is none, so that `_fill_weights` adds the defaults for `evidence`."""
         return {"weights": {}, **value} if isinstance(value, Mapping) else value
 

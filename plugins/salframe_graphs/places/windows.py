@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from salframe_graphs.places.place_index import PlaceIndex
-from salframe_graphs.places.shown import ShownPlaces
+from salframe_graphs.places.scene_frames import SceneFrames
 from salframe_graphs.sightings import Sightings, merge_sightings
 
 if TYPE_CHECKING:
@@ -37,16 +37,16 @@ class Windows:
     A window is computed when it is first used.
     """
 
-    def __init__(self, index: PlaceIndex, shown: ShownPlaces, frames_m: np.ndarray, radius_m: float) -> None:
+    def __init__(self, index: PlaceIndex, scene_frames: SceneFrames, frames_m: np.ndarray, radius_m: float) -> None:
         """Create the windows.
 
         Args:
             index: The objects of the K places.
-            shown: The places and their scene frames.
+            scene_frames: The places and their scene frames.
             frames_m: (S, 3) positions of the frames of the map.
             radius_m: Maximum distance of an object from a scene frame of the place.
         """
-        self._index, self._shown, self._frames_m, self._radius_m = index, shown, frames_m, radius_m
+        self._index, self._scene_frames, self._frames_m, self._radius_m = index, scene_frames, frames_m, radius_m
         self._window = lru_cache(MAX_CACHED)(self._compute)
         self._taken: tuple[bytes, PlaceIndex] | None = None
 
@@ -68,7 +68,7 @@ class Windows:
     @cached_property
     def _camera_z_m(self) -> np.ndarray:
         """(K,) median world height of the cameras of each place. PlaceIndex.z_m is relative to this height."""
-        frames = np.split(self._shown.frame, self._shown.start[1:-1])
+        frames = np.split(self._scene_frames.frame, self._scene_frames.start[1:-1])
         return np.array([np.median(self._frames_m[of_place, 2]) for of_place in frames])
 
     @cached_property
@@ -86,7 +86,7 @@ class Windows:
     def _compute(self, place: int) -> _WindowObjects:
         """Return the window of a place. Objects that several places have are merged."""
         index = self._index
-        cameras_m = self._frames_m[self._shown.frame[slice(*self._shown.start[place : place + 2])]]
+        cameras_m = self._frames_m[self._scene_frames.frame[slice(*self._scene_frames.start[place : place + 2])]]
         near = self._tree.query_ball_point(cameras_m, self._radius_m)
         rows = np.unique(np.concatenate([np.array(part, int) for part in near]))
         offset_m = self._objects_m[rows, None, :2] - cameras_m[:, :2]

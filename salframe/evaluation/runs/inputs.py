@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from salframe.framework.component import Component, components_in, nested_components
-from salframe.framework.components.auto import needs_of, why_unfit
+from salframe.framework.components.auto import needs_of, unfit_reason
 from salframe.framework.components.registry import registry
 from salframe.framework.errors import FRAME_ERRORS, InputMissing
 from salframe.graphs.annotated import has_points
@@ -72,7 +72,9 @@ def check_needs(method: Component, dataset: Dataset) -> None:
     for slot, inner in components_in(method.config):
         role = inner.component.role
         if absent & needs_of(inner):
-            able = [n for n in registry().names(role) if why_unfit(registry().get(role, n), dataset.provides) is None]
+            able = [
+                n for n in registry().names(role) if unfit_reason(registry().get(role, n), dataset.provides) is None
+            ]
             hint = " or ".join(f"--set {slot}.kind={name}" for name in able)
             remedies = [f"use another {role} ({hint})"] if able else []
             remedies += [f"estimate the range ({estimate})"] if estimate else []

@@ -209,21 +209,21 @@ def stand_in(
         The name of the replacement or None, the configuration to run, and a note that explains the replacement or None.
     """
     name = short_name(method)
-    missing = why_not(config)
+    missing = missing_requirement(config)
     other = otherwise(role, method) if missing else None
     if other is None:
         return None, config, None
     note = f"{other}, not {name}: {missing}"
     content = settings(role, other)
     plain = decide(role, other, content, (), choice)
-    if why_not(plain):
+    if missing_requirement(plain):
         return None, config, None
     unchanged_note = f"{note}; it runs with its default settings, since it does not accept the requested ones"
     try:
         instead = decide(role, other, content, overrides, choice)
     except (ConfigError, InputMissing) as error:
         return other, plain, f"{unchanged_note}: {error}"
-    if why_not(instead):
+    if missing_requirement(instead):
         return None, config, None
     try:
         registry().build(role, instead)
@@ -236,7 +236,7 @@ def stand_in(
     return other, instead, note
 
 
-def why_not(config: ComponentConfig) -> str | None:
+def missing_requirement(config: ComponentConfig) -> str | None:
     """Return why a configured component cannot run on this machine: a package or weights are missing.
 
     None if it can run. Also None if its check raises any other error, because the row of the method reports this error.

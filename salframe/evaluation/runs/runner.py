@@ -28,7 +28,7 @@ from salframe.framework.components.registry import registry
 from salframe.framework.engines.engine import Engine
 from salframe.framework.errors import ConfigError, MethodFailed, WorkerDied, describe_error
 from salframe.framework.files.hashes import digest
-from salframe.framework.files.writing import alone, write_json
+from salframe.framework.files.writing import lock_folder, write_json
 from salframe.localization.describing import describe_frames
 from salframe.localization.map_files import MAP_FORMAT
 from salframe.panoramas.data_checks import data_notes
@@ -68,7 +68,7 @@ def run_task(
     """
     identity = {"name": task.name, "version": task.version, "identity": digest(task.identity()), **task.asks()}
     run = Run.open(request.runs, request.name or task.prefix + resolved.name, identity, resolved, request.seed)
-    with alone(run.directory, "give the run another --name"):
+    with lock_folder(run.directory, "give the run another --name"):
         return _resume(task, run, identity, request, resolved, progress, reported)
 
 

@@ -81,7 +81,7 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
         row: Type of the rows of rows.jsonl.
         line: Type of a method's row in the table.
         columns: Columns of the table by name.
-        usual: Names of the default columns.
+        default_columns: Names of the default columns.
         Options: Type of the options that studies set.
         counted: Files whose number of lines measures the progress of a method.
         maps: Whether methods index the maps of the dataset's folds.
@@ -96,7 +96,7 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
     row: ClassVar[type[PieceRow]]
     line: ClassVar[type[MethodRow]]
     columns: ClassVar[Mapping[str, Column[Any]]]
-    usual: ClassVar[tuple[str, ...]]
+    default_columns: ClassVar[tuple[str, ...]]
     Options: ClassVar[type[TaskOptions]] = TaskOptions
     counted: ClassVar[tuple[str, ...]] = (ROWS,)
     maps: ClassVar[bool] = False
@@ -135,7 +135,7 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
     def select_columns(cls, rows: Sequence[LineT], names: Sequence[str] = ()) -> list[Column[Any]]:
         """Return the columns of these names, or the default columns if there are no names. Raises ConfigError."""
         cls.check_columns(names)
-        selected = [cls.columns[name] for name in names or cls.usual]
+        selected = [cls.columns[name] for name in names or cls.default_columns]
         spread = bool(names) or any(row.by_part for row in rows)
         return [column for column in selected if spread or column is not SEED_RANGE]
 
@@ -210,7 +210,7 @@ AnyTask = Task[Any, Any, Any, Any]
 """A task with any types of pieces and rows."""
 
 
-class Rows:
+class ResultBase:
     """Base class of results with a row for each method: whether any method was measured or crashed."""
 
     rows: tuple[Any, ...]
@@ -227,7 +227,7 @@ class Rows:
 
 
 @dataclass(frozen=True, eq=False)
-class Result(Rows, Generic[LineT]):
+class Result(ResultBase, Generic[LineT]):
     """The result of a run: a table with a row for each method.
 
     Attributes:

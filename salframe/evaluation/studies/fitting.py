@@ -37,7 +37,7 @@ HIDE = "data.hide_query_place=true"
 
 
 @dataclass(frozen=True, eq=False)
-class Tuning:
+class TuningData:
     """A data set to tune on.
 
     Attributes:
@@ -68,7 +68,7 @@ class Tuning:
         poses = {frame.id: frame.T_world_pano.tolist() for fold in self.dataset.folds() for frame in fold.references}
         return digest(sorted((id, count, poses[id]) for id, count in self.num_objects.items()))
 
-    def ask(
+    def iterate_queries(
         self, changes: Mapping[str, Any], absent: bool = True
     ) -> Iterator[tuple[Localizer, Description, str, bool]]:
         """Yield each query for a localizer with changed matching settings.
@@ -204,7 +204,7 @@ def fit_method(
 
 def _describe(
     data: str, method: str, data_dir: str | Path | None, overrides: Sequence[str], progress: Progress | None, tell: Tell
-) -> Tuning:
+) -> TuningData:
     """Return a tuning data set with all of its frames described."""
     root = data_dir if data_dir and _takes_root(data) else None
     name, dataset, localizer = prepare(data, method, root, [*overrides, HIDE], None, progress, tell)
@@ -227,7 +227,7 @@ def _describe(
             descriptions[id] = describe_frame(localizer, frame, cache, dataset.content_key)[0]
         except FRAME_ERRORS:
             descriptions[id] = None
-    return Tuning(data, dataset, localizer, descriptions)
+    return TuningData(data, dataset, localizer, descriptions)
 
 
 def _takes_root(data: str) -> bool:
@@ -237,7 +237,7 @@ def _takes_root(data: str) -> bool:
     return "root" in registry().get("dataset", settings("dataset", data)["kind"]).Config.model_fields
 
 
-def _try(tunings: Sequence[Tuning], tries: Sequence[str], tell: Tell) -> dict[str, Any]:
+def _try(tunings: Sequence[TuningData], tries: Sequence[str], tell: Tell) -> dict[str, Any]:
     """Return the best of the settings to try. Each setting is tried with the best values of the settings before it."""
     best: dict[str, Any] = {}
     min_loss = _fit(tunings, best)[2] if tries else 0.0
@@ -252,21 +252,21 @@ def _try(tunings: Sequence[Tuning], tries: Sequence[str], tell: Tell) -> dict[st
     return best
 
 
-def _fit(tunings: Sequence[Tuning], changes: Mapping[str, Any]) -> tuple[dict[str, float], float, float]:
+def _fit(tunings: Sequence[TuningData], changes: Mapping[str, Any]) -> tuple[dict[str, float], float, float]:
     """Fit the weights of a method with changed settings to the queries whose place is in the map. See `fit_weights`."""
     samples: list[tuple[Evidence, str]] = []
     for tuning in tunings:
-        for localizer, description, place, here in tuning.ask(changes, absent=False):
+        for localizer, description, place, here in tuning.iterate_queries(changes, absent=False):
             if here and (evidence := localizer.evidence(description)) is not None:
                 samples.append((evidence, place))
     return fit_weights(samples)
 
 
-def _scored(tuning: Tuning, changes: Mapping[str, Any]) -> Iterator[ScoredAnswer]:
+def _scored(tuning: TuningData, changes: Mapping[str, Any]) -> Iterator[ScoredAnswer]:
     """Yield the scores and the true place of each answer that ranks places."""
     counts = [count for count in tuning.num_objects.values() if count]
     map_objects = float(np.mean(counts)) if counts else 0.0
-    for localizer, description, place, here in tuning.ask(changes):
+    for localizer, description, place, here in tuning.iterate_queries(changes):
         answer = localizer.match(description)
         if answer.places:
             names = [ranked.place for ranked in answer.places]

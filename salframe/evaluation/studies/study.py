@@ -15,7 +15,7 @@ from salframe.evaluation.runs.changes import base_of, hidden_in, with_changes
 from salframe.evaluation.runs.method_row import MethodRow
 from salframe.evaluation.runs.request import Request, Resolved, Variant
 from salframe.evaluation.runs.runner import pool, run_task
-from salframe.evaluation.runs.task import RESULT_FORMAT, AnyTask, Result, Rows, TaskOptions
+from salframe.evaluation.runs.task import RESULT_FORMAT, AnyTask, Result, ResultBase, TaskOptions
 from salframe.evaluation.tables.reported import Reported
 from salframe.evaluation.tables.table import METHOD, Table
 from salframe.evaluation.tasks.all import DEFAULT, find_task
@@ -162,7 +162,7 @@ class Study(Settings):
 
 
 @dataclass(frozen=True, eq=False)
-class StudyResult(Rows):
+class StudyResult(ResultBase):
     """The result of a study: a row for each method and combination of varied settings.
 
     Attributes:

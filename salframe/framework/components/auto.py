@@ -71,14 +71,14 @@ def first_fit(role: str, provides: frozenset[str] | None) -> tuple[type[Componen
         except PluginFailed as error:
             reasons.append(f"{name}: {error}")
             continue
-        reason = why_unfit(component, provides)
+        reason = unfit_reason(component, provides)
         if reason is None:
             return component, remark
         reasons.append(f"{name}: {reason}")
     return None, "; ".join(reasons) or "none is installed"
 
 
-def why_unfit(component: type[Component], provides: frozenset[str] | None) -> str | None:
+def unfit_reason(component: type[Component], provides: frozenset[str] | None) -> str | None:
     """Return why a component with default settings cannot run, or None if it can.
 
     `provides` are the parts that the panoramas have. None skips the check of the parts.

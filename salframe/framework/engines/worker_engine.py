@@ -57,14 +57,14 @@ class WorkerEngine(Engine):
         """Prepare to start workers. Return the number of workers."""
 
     @abstractmethod
-    def start(self, alone: bool) -> WorkerProcess:
-        """Start a worker. If it is the only one (`alone`), its native libraries use all processors, else one thread."""
+    def start(self, is_only_worker: bool) -> WorkerProcess:
+        """Start a worker. If it is the only one, its native libraries use all processors, else one thread."""
 
     def map(self, function: Callable[[Any], Any], items: Sequence[Any]) -> Iterator[Any]:
         if not items:
             return
         count = min(self.ready(), len(items))
-        workers = _Workers(partial(self.start, alone=self.workers is None and count == 1))
+        workers = _Workers(partial(self.start, is_only_worker=self.workers is None and count == 1))
         with ThreadPoolExecutor(count) as threads:
             try:
                 for answer in [threads.submit(workers.answer, function, item) for item in items]:

@@ -82,7 +82,7 @@ def new_folder(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def alone(folder: Path, instead: str) -> Iterator[None]:
+def lock_folder(folder: Path, instead: str) -> Iterator[None]:
     """Lock a folder during the `with` block. The system releases the lock if the process ends.
 
     Does nothing on systems without such locks.

@@ -86,7 +86,7 @@ def test_points_and_nodes_stand_apart():
 
 @pytest.mark.parametrize("task", ALL, ids=lambda task: task.name)
 def test_every_usual_column_is_there(task):
-    assert set(task.usual) <= set(task.columns)
+    assert set(task.default_columns) <= set(task.columns)
 
 
 def test_markdown_bolds_the_best_and_escapes_bars():

@@ -9,7 +9,7 @@ import numpy as np
 
 from salframe.graphs.detections import Detections
 from salframe.graphs.vocabulary import object_label
-from salframe.localization.asking import OPPOSITE_RAD
+from salframe.localization.text_places import OPPOSITE_RAD
 from salframe.panoramas.geometry import wrap_angle
 
 

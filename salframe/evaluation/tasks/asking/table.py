@@ -61,4 +61,4 @@ COLUMNS: dict[str, Column[AskingRow]] = {
     "chance5": share_column("R@5 %,\nchance", lambda row: row.chance5),
     "probability": number_column("mean\nprobability", lambda row: row.probability, 2),
 }
-USUAL = tuple(COLUMNS)
+DEFAULT_COLUMNS = tuple(COLUMNS)

@@ -20,16 +20,16 @@ from salframe.evaluation.runs.task import Task, TaskOptions, Worker
 from salframe.evaluation.statistics import Estimate, estimate_proportion
 from salframe.evaluation.tasks.asking.describing import describe_in_words
 from salframe.evaluation.tasks.asking.rows import DescriptionRow
-from salframe.evaluation.tasks.asking.table import COLUMNS, TOP, USUAL, AskingRow
+from salframe.evaluation.tasks.asking.table import COLUMNS, DEFAULT_COLUMNS, TOP, AskingRow
 from salframe.framework.component import ComponentConfig
 from salframe.framework.components.registry import registry
 from salframe.framework.errors import InputMissing
 from salframe.framework.files.cache import Cache
 from salframe.framework.validation import Settings, validate
 from salframe.graphs.annotated import annotated_detections
-from salframe.localization.asking import MapWords
 from salframe.localization.localizer import Localizer
 from salframe.localization.map import LocalizationMap
+from salframe.localization.text_places import MapWords
 from salframe.localization.text_query import read_text
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.frames import QueryFrame
@@ -80,7 +80,7 @@ class AskingTask(Task[DescribedRoom, Survey[DescribedRoom], DescriptionRow, Aski
     row = DescriptionRow
     line = AskingRow
     columns = COLUMNS
-    usual = USUAL
+    default_columns = DEFAULT_COLUMNS
     Options = AskingOptions
     maps = True
 

@@ -87,7 +87,7 @@ COLUMNS: dict[str, Column[DetectionRow]] = {
     "right": Column("correct", lambda row: _overall(row, lambda counts: counts.right)),
     "ms": cost_column("ms", lambda row: row.ms, 0),
 }
-USUAL = tuple(COLUMNS)
+DEFAULT_COLUMNS = tuple(COLUMNS)
 
 
 def class_tables(rows: Sequence[DetectionRow]) -> list[Table]:

@@ -18,7 +18,13 @@ from salframe.evaluation.tables.table import Table
 from salframe.evaluation.tasks.detection.judging import count_right, joined_labels
 from salframe.evaluation.tasks.detection.measures import summarize_detector
 from salframe.evaluation.tasks.detection.rows import PanoramaRow
-from salframe.evaluation.tasks.detection.table import COLUMNS, USUAL, DetectionRow, class_tables, what_is_right
+from salframe.evaluation.tasks.detection.table import (
+    COLUMNS,
+    DEFAULT_COLUMNS,
+    DetectionRow,
+    class_tables,
+    what_is_right,
+)
 from salframe.framework.errors import FRAME_ERRORS, DataError, InputMissing, InvalidAnswer
 from salframe.graphs.annotated import annotated_detections
 from salframe.graphs.detections import Detections
@@ -54,7 +60,7 @@ class DetectionTask(Task[QueryFrame, Survey[QueryFrame], PanoramaRow, DetectionR
     row = PanoramaRow
     line = DetectionRow
     columns = COLUMNS
-    usual = USUAL
+    default_columns = DEFAULT_COLUMNS
 
     def survey(self, dataset: Dataset) -> Survey[QueryFrame]:
         if "annotations" not in dataset.provides:

@@ -53,4 +53,4 @@ COLUMNS: dict[str, Column[LatencyRow]] = {
     "median": cost_column("query\nmedian ms", lambda row: row.query_median_ms),
     "p95": cost_column("query\np95 ms", lambda row: row.query_p95_ms),
 }
-USUAL = tuple(COLUMNS)
+DEFAULT_COLUMNS = tuple(COLUMNS)

@@ -19,7 +19,7 @@ from salframe.evaluation.runs.rows import PieceStatus, Row
 from salframe.evaluation.runs.task import Task, Worker
 from salframe.evaluation.tasks.latency.measures import summarize_program
 from salframe.evaluation.tasks.latency.rows import ProgramRow
-from salframe.evaluation.tasks.latency.table import COLUMNS, USUAL, LatencyRow
+from salframe.evaluation.tasks.latency.table import COLUMNS, DEFAULT_COLUMNS, LatencyRow
 from salframe.framework.component import ComponentConfig
 from salframe.framework.components.installation import folder_bytes
 from salframe.framework.components.registry import registry
@@ -56,7 +56,7 @@ class LatencyTask(Task[QueryFrame, LatencySurvey, ProgramRow, LatencyRow]):
     row = ProgramRow
     line = LatencyRow
     columns = COLUMNS
-    usual = USUAL
+    default_columns = DEFAULT_COLUMNS
 
     def survey(self, dataset: Dataset) -> LatencySurvey:
         fold = next((fold for fold in dataset.folds() if fold.queries), None)

@@ -28,10 +28,10 @@ from salframe.localization.answers import Localization
 from salframe.localization.described_query import DescribedView, describe_view
 from salframe.localization.describing import describe_frame
 from salframe.localization.fusing import FUSED, Fusion
-from salframe.localization.left_out import check_left_out, left_out_note
 from salframe.localization.level_frames import level_key
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map import LocalizationMap
+from salframe.localization.unusable_frames import check_unusable, unusable_note
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.frames import Fold, QueryFrame, ReferenceFrame
 
@@ -60,8 +60,8 @@ class Answering(Worker[Query]):
         self._measured = {row.fold for row in read_rows(folder / MAPS, MapLine)}
         self._maps = RowWriter(folder / MAPS)
         self._completed: dict[str, str] = {}
-        self._left_out: dict[str, DataError | InputMissing] = {}
-        self._unusable: list[str] = []
+        self._unusable_frames: dict[str, DataError | InputMissing] = {}
+        self._unusable_queries: list[str] = []
 
     def prepare(self, piece: Query) -> None:
         if piece.fold.id == self._fold:
@@ -81,7 +81,7 @@ class Answering(Worker[Query]):
             views = [self._descriptions.take_view(view) for view in piece.frame.views]
             query = self._map.describe_query(views, piece.frame.T_last_view)
         except FRAME_ERRORS as error:
-            self._unusable.append(str(error))
+            self._unusable_queries.append(str(error))
             raise
         start = time.perf_counter()
         answer = self._map.answer_query(query, self._fusion)
@@ -102,17 +102,17 @@ class Answering(Worker[Query]):
         are too many of them.
         """
         descriptions, frames = [], []
-        left_out: dict[str, DataError | InputMissing] = {}
+        unusable_frames: dict[str, DataError | InputMissing] = {}
         for frame in fold.references:
             try:
                 description, _ = self._descriptions.take(frame)
             except FRAME_ERRORS as error:
-                left_out[frame.id] = error
+                unusable_frames[frame.id] = error
             else:
                 descriptions.append(description)
                 frames.append(frame)
-        check_left_out(left_out, len(fold.references))
-        self._left_out |= left_out
+        check_unusable(unusable_frames, len(fold.references))
+        self._unusable_frames |= unusable_frames
         indexed = LocalizationMap.from_descriptions(
             self._localizer,
             descriptions,
@@ -135,12 +135,12 @@ class Answering(Worker[Query]):
     def warning(self) -> str | None:
         problems = {
             "map(s) with objects without position": list(self._completed.values()),
-            "query frame(s) that cannot be used": self._unusable,
+            "query frame(s) that cannot be used": self._unusable_queries,
             "queries of several views answered view by view": self._fused,
             "frame(s) partly described": list(self._descriptions.notes.values()),
         }
         parts = [f"{len(reasons)} {what}, the first: {reasons[0]}" for what, reasons in problems.items() if reasons]
-        return "; ".join([*filter(None, [left_out_note(self._left_out)]), *parts]) or None
+        return "; ".join([*filter(None, [unusable_note(self._unusable_frames)]), *parts]) or None
 
 
 class _Descriptions:

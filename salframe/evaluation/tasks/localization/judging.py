@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from salframe.evaluation.runs.rows import PieceStatus
-from salframe.evaluation.tasks.localization.rows import DENIALS, PLACED, AnswerRow
+from salframe.evaluation.tasks.localization.rows import PLACED, REJECTIONS, AnswerRow
 from salframe.localization.answers import LocalizationStatus
 from salframe.panoramas.frames import Truth
 from salframe.panoramas.geometry import pose_errors, pose_yaw, wrap_angle
@@ -108,7 +108,7 @@ def judge(
         if truth.T_world_pano is None or not present[i]:
             errors[i] = np.nan
         if answer is not None and not present[i]:
-            correct[i] = correct_scene[i] = in_top_2[i] = in_top_5[i] = answer.status in DENIALS
+            correct[i] = correct_scene[i] = in_top_2[i] = in_top_5[i] = answer.status in REJECTIONS
         if answer is None or answer.status not in PLACED or not present[i]:
             continue
         places = list(dict.fromkeys(ranked.place for ranked in answer.places))

@@ -10,7 +10,7 @@ import numpy as np
 from salframe.evaluation.report.arms import Arm
 from salframe.evaluation.report.page import floor_plan, number, numbers
 from salframe.evaluation.tasks.localization.judging import Judged
-from salframe.evaluation.tasks.localization.rows import DENIALS, PLACED, AnswerRow
+from salframe.evaluation.tasks.localization.rows import PLACED, REJECTIONS, AnswerRow
 from salframe.evaluation.tasks.localization.view import LocalizationView
 from salframe.panoramas.geometry import pose_yaw
 
@@ -96,7 +96,7 @@ def outcome_of(row: AnswerRow | None, correct: bool) -> str:
         return RIGHT
     if row is not None and row.status in PLACED:
         return WRONG
-    return DENIED if row is not None and row.status in DENIALS else NONE
+    return DENIED if row is not None and row.status in REJECTIONS else NONE
 
 
 def _ranked(row: AnswerRow | None, max_places: int = 3) -> list[list[Any]]:

@@ -12,7 +12,7 @@ from salframe.localization.answers import LocalizationStatus, RankedPlace
 
 PLACED = tuple(status for status in LocalizationStatus if status.names_a_place)
 """Statuses of answers that name a place."""
-DENIALS = tuple(status for status in LocalizationStatus if status.denies_the_map)
+REJECTIONS = tuple(status for status in LocalizationStatus if status.is_rejection)
 """Statuses of answers which mean that the query is out of the map."""
 
 

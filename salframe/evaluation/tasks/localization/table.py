@@ -160,7 +160,7 @@ COLUMNS: dict[str, Column[LocalizationRow]] = {
     "memory": cost_column("memory\nMB", lambda row: row.peak_memory_mb, 0),
     "p": p_value_column(lambda row: row.p_adjusted),
 }
-USUAL = (
+DEFAULT_COLUMNS = (
     *("input", "accuracy", "seed_range", "recall_at_5", "pose", "pose_recall"),
     *("bytes", "describe", "query", "p"),
 )

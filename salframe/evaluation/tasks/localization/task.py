@@ -28,7 +28,7 @@ from salframe.evaluation.tasks.localization.survey import LocalizationSurvey, Qu
 from salframe.evaluation.tasks.localization.table import (
     ABOUT,
     COLUMNS,
-    USUAL,
+    DEFAULT_COLUMNS,
     LocalizationRow,
     describe_times_note,
     out_of_map_tables,
@@ -79,7 +79,7 @@ class LocalizationTask(PagedTask[Query, LocalizationSurvey, AnswerRow, Localizat
     row = AnswerRow
     line = LocalizationRow
     columns = COLUMNS
-    usual = USUAL
+    default_columns = DEFAULT_COLUMNS
     about = ABOUT
     counted = (ROWS, DESCRIPTIONS)
     maps = True

@@ -65,7 +65,7 @@ USUAL_BY_KIND: dict[str, tuple[str, ...]] = {
     "nodes": ("input", "precision", "recall", "matches", "true", "pairs"),
 }
 """Usual columns of methods that match points, and of methods that match objects."""
-USUAL = tuple(COLUMNS)
+DEFAULT_COLUMNS = tuple(COLUMNS)
 
 
 def tables_by_kind(rows: Sequence[MatchingRow], leading: Mapping[str, Sequence[str]] | None = None) -> list[Table]:

@@ -18,7 +18,7 @@ from salframe.evaluation.tables.table import Table
 from salframe.evaluation.tasks.matching.judging import check_matches
 from salframe.evaluation.tasks.matching.measures import summarize_pairs
 from salframe.evaluation.tasks.matching.rows import PairRow
-from salframe.evaluation.tasks.matching.table import COLUMNS, USUAL, MatchingRow, tables_by_kind
+from salframe.evaluation.tasks.matching.table import COLUMNS, DEFAULT_COLUMNS, MatchingRow, tables_by_kind
 from salframe.evaluation.true_places import places_notes
 from salframe.framework.errors import DataError, InputMissing, InvalidAnswer, MethodUnavailable
 from salframe.framework.files.cache import Cache
@@ -64,7 +64,7 @@ class MatchingTask(Task[FramePair, Survey[FramePair], PairRow, MatchingRow]):
     row = PairRow
     line = MatchingRow
     columns = COLUMNS
-    usual = USUAL
+    default_columns = DEFAULT_COLUMNS
 
     def survey(self, dataset: Dataset) -> Survey[FramePair]:
         if "range" not in dataset.provides:

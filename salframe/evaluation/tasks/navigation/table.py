@@ -78,7 +78,7 @@ COLUMNS: dict[str, Column[NavigationRow]] = {
     "collisions": number_column("collisions", lambda row: row.collisions, 1),
     "p": p_value_column(lambda row: row.p_adjusted),
 }
-USUAL = tuple(COLUMNS)
+DEFAULT_COLUMNS = tuple(COLUMNS)
 ABOUT = (
     "SR: share of all episodes in which the agent stops at most 0.5 m from the goal. SPL: mean of success (1 or 0) x "
     "d0 / max(d0, d), where d is the distance walked and d0 the length of the shortest path along the map. p: exact "

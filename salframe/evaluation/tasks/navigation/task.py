@@ -25,7 +25,7 @@ from salframe.evaluation.tasks.navigation.options import ARMS, TRUE_PLACE, WITHO
 from salframe.evaluation.tasks.navigation.published import Published, find_published
 from salframe.evaluation.tasks.navigation.rows import EpisodeRow
 from salframe.evaluation.tasks.navigation.survey import NavigationSurvey
-from salframe.evaluation.tasks.navigation.table import ABOUT, COLUMNS, USUAL, NavigationRow, score_tables
+from salframe.evaluation.tasks.navigation.table import ABOUT, COLUMNS, DEFAULT_COLUMNS, NavigationRow, score_tables
 from salframe.evaluation.tasks.navigation.trajectories import write_trajectories
 from salframe.evaluation.tasks.navigation.view import NavigationView
 from salframe.evaluation.tasks.navigation.walking import Walking
@@ -36,6 +36,7 @@ from salframe.framework.errors import ConfigError, shorten
 from salframe.framework.files.writing import write_json
 from salframe.framework.validation import Seed, Settings, validate
 from salframe.localization.localizer import Localizer
+from salframe.navigation.agent_localizer import AgentLocalizer
 from salframe.navigation.episodes import (
     MAX_EPISODES,
     Episode,
@@ -47,8 +48,7 @@ from salframe.navigation.episodes import (
     read_episode_requests,
 )
 from salframe.navigation.guide import Guide
-from salframe.navigation.sight import Sight
-from salframe.navigation.walk import LOOSER_M, NavigationConfig
+from salframe.navigation.walk import SUCCESS_LIMITS_M, NavigationConfig
 from salframe.navigation.world import open_worlds
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.opening import Progress
@@ -88,7 +88,7 @@ class NavigationTask(PagedTask[Episode, NavigationSurvey, EpisodeRow, Navigation
     row = EpisodeRow
     line = NavigationRow
     columns = COLUMNS
-    usual = USUAL
+    default_columns = DEFAULT_COLUMNS
     about = ABOUT
     Options = NavigationOptions
     maps = True
@@ -137,11 +137,11 @@ class NavigationTask(PagedTask[Episode, NavigationSurvey, EpisodeRow, Navigation
         if label == TRUE_PLACE:
             return Walking(None, survey.sites, self.config, self.seed)
         check_needs(method, survey.dataset)
-        sight = Sight(method, survey.dataset.content_key, positioning=not self.mode(label))
-        return Walking(sight, survey.sites, self.config, self.seed)
+        localizer = AgentLocalizer(method, survey.dataset.content_key, positioning=not self.mode(label))
+        return Walking(localizer, survey.sites, self.config, self.seed)
 
     def failed(self, piece: Episode) -> Row:
-        failure = {"success": False, "oracle": False, "spl": 0.0, **dict.fromkeys(LOOSER_M, False)}
+        failure = {"success": False, "oracle": False, "spl": 0.0, **dict.fromkeys(SUCCESS_LIMITS_M, False)}
         return {"world": piece.world, "goal": piece.goal, **failure, "shortest_m": piece.shortest_m}
 
     def summarize(self, parts: Sequence[Part[NavigationSurvey, EpisodeRow]], seed: int) -> tuple[NavigationRow, ...]:

@@ -54,4 +54,4 @@ COLUMNS: dict[str, Column[ScaleRow]] = {
     "recall_both": rate_column("R@1 %\nof the first 50", lambda row: row.recall_at_1_both),
     "exhaustive": rate_column("R@1 % of the first 50,\nall scenes matched", lambda row: row.recall_at_1_exhaustive),
 }
-USUAL = tuple(COLUMNS)
+DEFAULT_COLUMNS = tuple(COLUMNS)

@@ -22,7 +22,7 @@ from salframe.evaluation.runs.run_folder import REQUEST, Run
 from salframe.evaluation.runs.task import Task, TaskOptions, Worker
 from salframe.evaluation.tasks.scale.measures import summarize_queries
 from salframe.evaluation.tasks.scale.rows import SceneRow
-from salframe.evaluation.tasks.scale.table import COLUMNS, USUAL, ScaleRow
+from salframe.evaluation.tasks.scale.table import COLUMNS, DEFAULT_COLUMNS, ScaleRow
 from salframe.framework.component import ComponentConfig, components_in
 from salframe.framework.components.installation import folder_bytes
 from salframe.framework.components.registry import registry
@@ -30,11 +30,11 @@ from salframe.framework.errors import DataError, MethodUnavailable
 from salframe.framework.files.cache import Cache
 from salframe.framework.files.columns import read_columns
 from salframe.framework.files.reading import check_as
-from salframe.graphs.city import City
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.matcher import GraphMatch, GraphMatcher
 from salframe.graphs.packing import graph_from_arrays, graph_to_arrays, pack_graph
 from salframe.graphs.scene_index import SceneCandidates
+from salframe.graphs.synthetic_map import SyntheticMap
 from salframe.graphs.table import MappedGraphs, write_graphs
 from salframe.localization.describing import describe_frame
 from salframe.localization.localizer import Localizer
@@ -47,7 +47,7 @@ from salframe.panoramas.geometry import pose_2d
 QUERIES, EXHAUSTIVE = 200, 50
 """Number of queries, and number of queries that are also matched with all scenes."""
 SEED = 3
-"""Seed of the generated scenes (`City`)."""
+"""Seed of the generated scenes (`SyntheticMap`)."""
 MIN_OBJECTS = 3
 """Minimum number of objects of a room that is used for scenes."""
 WINDOW = 2000
@@ -68,7 +68,7 @@ class ScaleOptions(TaskOptions):
 class ScaleTask(Task[int, Survey[int], SceneRow, ScaleRow]):
     """The task `scale`: which of many scenes does a query show?
 
-    The scenes are generated from the rooms of a data set (`City`). A piece of work is the index of a scene.
+    The scenes are generated from the rooms of a data set (`SyntheticMap`). A piece of work is the index of a scene.
     """
 
     scenes: int
@@ -80,7 +80,7 @@ class ScaleTask(Task[int, Survey[int], SceneRow, ScaleRow]):
     row = SceneRow
     line = ScaleRow
     columns = COLUMNS
-    usual = USUAL
+    default_columns = DEFAULT_COLUMNS
     Options = ScaleOptions
 
     @classmethod
@@ -112,8 +112,8 @@ class ScaleTask(Task[int, Survey[int], SceneRow, ScaleRow]):
         self, label: str, method: Localizer, survey: Survey[int], todo: Sequence[int], folder: Path
     ) -> Worker[int]:
         check_needs(method, survey.dataset)
-        alone = set(survey.pieces[:EXHAUSTIVE])
-        return _ScaleWorker(method, _matcher_config(method), survey.dataset, self.scenes, alone, folder)
+        exhaustive = set(survey.pieces[:EXHAUSTIVE])
+        return _ScaleWorker(method, _matcher_config(method), survey.dataset, self.scenes, exhaustive, folder)
 
     def summarize(self, parts: Sequence[Part[Survey[int], SceneRow]], seed: int) -> tuple[ScaleRow, ...]:
         return tuple(summarize_queries(records, self.scenes) for records in by_method(parts))
@@ -151,15 +151,15 @@ class _ScaleWorker(Worker[int]):
     def prepare(self, piece: int) -> None:
         if self._costs:
             return
-        self._city = City(SEED, rooms_of(self._method, self._dataset))
-        write_graphs(self._city.scenes(self._count), self._folder / "stream")
+        self._map = SyntheticMap(SEED, rooms_of(self._method, self._dataset))
+        write_graphs(self._map.scenes(self._count), self._folder / "stream")
         built = self._folder / "map"
         start = time.perf_counter()
         self._build(MappedGraphs(read_columns(self._folder / "stream")), built)
         build_s, memory_mb = time.perf_counter() - start, peak_memory_mb()
         shutil.rmtree(self._folder / "stream")
         read_map(built, self._open)
-        self._query(self._index, self._city.query(0))  # imports what the first query imports
+        self._query(self._index, self._map.query(0))  # imports what the first query imports
         del self._index, self._frames
         built = built.rename(self._folder / "moved")  # so that cached hashes are computed again
         start = time.perf_counter()
@@ -170,7 +170,7 @@ class _ScaleWorker(Worker[int]):
         self._costs = {"build_s": build_s, "build_memory_mb": memory_mb, "bytes": folder_bytes(built), "open_s": open_s}
 
     def work(self, piece: int) -> Row:
-        query = self._city.query(piece)
+        query = self._map.query(piece)
         start = time.perf_counter()
         best, _ = self._query(self._index, query)
         query_ms = (time.perf_counter() - start) * 1e3

@@ -39,13 +39,13 @@ class DetectionLine:
 
 def by_sight(observations: Observations, sensor: SensorModel) -> Iterator[DetectionLine]:
     """Yield a line for all objects, and a line for each group by angular size, range or hidden share."""
-    shown, is_detected, is_right = observations.shown, observations.is_detected, observations.right
+    visibility, is_detected, is_right = observations.visibility, observations.is_detected, observations.right
     probability = _modelled(observations, sensor)
-    apparent_deg = np.degrees(2 * np.sqrt(shown.solid_angle_sr / np.pi))
+    apparent_deg = np.degrees(2 * np.sqrt(visibility.solid_angle_sr / np.pi))
     splits = (
         ("{} deg across", apparent_deg, APPARENT_DEG),
-        ("{} m away", shown.range_m, RANGES_M),
-        ("{} of the outline hidden", shown.hidden_share, HIDDEN),
+        ("{} m away", visibility.range_m, RANGES_M),
+        ("{} of the outline hidden", visibility.hidden_share, HIDDEN),
     )
     yield _line("all", np.ones(len(is_detected), bool), is_detected, probability, is_right)
     for words, values, parts in splits:
@@ -58,15 +58,17 @@ def by_sight(observations: Observations, sensor: SensorModel) -> Iterator[Detect
 def by_label(observations: Observations, sensor: SensorModel) -> Iterator[DetectionLine]:
     """Yield the lines of the most frequent labels."""
     probability = _modelled(observations, sensor)
-    for label, _ in Counter(observations.shown.labels).most_common(COMMONEST):
-        chosen = np.array([other == label for other in observations.shown.labels])
+    for label, _ in Counter(observations.visibility.labels).most_common(COMMONEST):
+        chosen = np.array([other == label for other in observations.visibility.labels])
         yield _line(label, chosen, observations.is_detected, probability, observations.right)
 
 
 def _modelled(observations: Observations, sensor: SensorModel) -> np.ndarray:
     """Return the probability (N,) of detection of each object by the model."""
-    shown = observations.shown
-    return sensor.detection.probability(shown.labels, shown.solid_angle_sr, shown.range_m, shown.hidden_share)
+    visibility = observations.visibility
+    return sensor.detection.probability(
+        visibility.labels, visibility.solid_angle_sr, visibility.range_m, visibility.hidden_share
+    )
 
 
 def _line(

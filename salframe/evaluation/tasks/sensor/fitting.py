@@ -11,7 +11,7 @@ import numpy as np
 from salframe.evaluation.tasks.detection.judging import NEAR_M
 from salframe.graphs.detections import Detections
 from salframe.graphs.sensor import DetectionModel, Errors, FalseObjects, Provenance, SensorModel, quantiles
-from salframe.graphs.sightings import ObjectVisibility
+from salframe.graphs.visibility import ObjectVisibility
 from salframe.graphs.vocabulary import common_label
 
 REACH_SHARE, OTHER_REACH_SHARE = 0.5, 0.25
@@ -27,10 +27,10 @@ FLOOR_VARIANCE = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class SensorSample:
-    """One panorama: the annotated objects (`truth`), the visibility of each object (`shown`), and the detections."""
+    """One panorama: the annotated objects (`truth`), their visibility, and the detections."""
 
     truth: Detections
-    shown: ObjectVisibility
+    visibility: ObjectVisibility
     detections: Detections
 
 
@@ -40,7 +40,7 @@ class Observations:
 
     Attributes:
         panoramas: Number of panoramas.
-        shown: Visibility of the objects.
+        visibility: Visibility of the objects.
         said: Label of the detection of each object; None if it was not detected.
         bearing_rad: (M, 2) errors of the bearing of the M detected objects, to the left and up.
         range_log: (M,) errors of the logarithm of the range.
@@ -53,7 +53,7 @@ class Observations:
     """
 
     panoramas: int
-    shown: ObjectVisibility
+    visibility: ObjectVisibility
     said: tuple[str | None, ...]
     bearing_rad: np.ndarray
     range_log: np.ndarray
@@ -75,7 +75,7 @@ class Observations:
         return np.array(
             [
                 detected is not None and common_label(detected) == common_label(label)
-                for detected, label in zip(self.said, self.shown.labels, strict=True)
+                for detected, label in zip(self.said, self.visibility.labels, strict=True)
             ],
             bool,
         )
@@ -135,16 +135,16 @@ def observe(looks: Iterable[SensorSample]) -> Observations:
         false_labels += extra.labels
         range_m = np.linalg.norm(extra.centroid_m, axis=1)
         false.append(np.column_stack([range_m, _elevation(extra), _size(extra)]))
-    shown = [look.shown for look in looks]
-    labels = tuple(label for one in shown for label in one.labels)
+    visibility = [look.visibility for look in looks]
+    labels = tuple(label for one in visibility for label in one.labels)
     columns = ("solid_angle_sr", "range_m", "hidden_share")
     together = ObjectVisibility(
-        labels, *(np.concatenate([[], *(getattr(one, name) for one in shown)]) for name in columns)
+        labels, *(np.concatenate([[], *(getattr(one, name) for one in visibility)]) for name in columns)
     )
     error, extras = np.concatenate(errors), np.concatenate(false)
     return Observations(
         panoramas=len(looks),
-        shown=together,
+        visibility=together,
         said=tuple(said),
         bearing_rad=error[:, :2],
         range_log=error[:, 2],
@@ -181,7 +181,7 @@ def _size(detections: Detections) -> np.ndarray:
 def fit_sensor(observations: Observations, provenance: Mapping[str, object]) -> SensorModel:
     """Fit a sensor model to observations. `provenance` has the fields of Provenance except for the counts."""
     confusion: dict[str, Counter[str]] = {}
-    for label, detected in zip(observations.shown.labels, observations.said, strict=True):
+    for label, detected in zip(observations.visibility.labels, observations.said, strict=True):
         if detected is not None:
             confusion.setdefault(label, Counter())[detected] += 1
     false = (observations.false_range_m, observations.false_elevation_rad, observations.false_size_m)
@@ -193,7 +193,7 @@ def fit_sensor(observations: Observations, provenance: Mapping[str, object]) -> 
             objects=len(observations.said),
             detected=int(observations.is_detected.sum()),
         ),
-        detection=fit_detection(observations.shown, observations.is_detected),
+        detection=fit_detection(observations.visibility, observations.is_detected),
         confusion={label: dict(sorted(confusion[label].items())) for label in sorted(confusion)},
         false_objects=FalseObjects(
             per_panorama=_rounded(len(observations.false_labels) / max(observations.panoramas, 1)),
@@ -217,28 +217,28 @@ def robust_deviation(values: np.ndarray) -> float:
     return _rounded(1.4826 * np.median(np.abs(values - np.median(values)))) if len(values) else 0.0
 
 
-def fit_detection(shown: ObjectVisibility, is_detected: np.ndarray) -> DetectionModel:
+def fit_detection(visibility: ObjectVisibility, is_detected: np.ndarray) -> DetectionModel:
     """Fit the probability of detection by penalized maximum likelihood.
 
     The model is a logistic regression whose offsets by group have a normal prior. Expectation maximization with
     Laplace's approximation estimates the variance of the prior.
 
     Args:
-        shown: Visibility of the objects.
+        visibility: Visibility of the objects.
         is_detected: (N,) bool: whether each object was detected.
     """
-    groups = sorted({common_label(label) for label in shown.labels})
-    group = np.array([groups.index(common_label(label)) for label in shown.labels], int)
+    groups = sorted({common_label(label) for label in visibility.labels})
+    group = np.array([groups.index(common_label(label)) for label in visibility.labels], int)
     references = {
-        "reference_solid_angle_sr": _median(shown.solid_angle_sr, 0.01),
-        "reference_range_m": _median(shown.range_m, 3.0),
-        "reference_hidden_share": _median(shown.hidden_share, 0.0),
+        "reference_solid_angle_sr": _median(visibility.solid_angle_sr, 0.01),
+        "reference_range_m": _median(visibility.range_m, 3.0),
+        "reference_hidden_share": _median(visibility.hidden_share, 0.0),
     }
     flat = DetectionModel(
         intercept=0, per_log_solid_angle=0, per_log_range=0, per_hidden_share=0, offsets={}, offset_deviation=0,
         **references,
     )  # fmt: skip
-    terms = flat.terms(len(group), shown.solid_angle_sr, shown.range_m, shown.hidden_share)
+    terms = flat.terms(len(group), visibility.solid_angle_sr, visibility.range_m, visibility.hidden_share)
     design = np.column_stack([np.ones(len(group)), terms, np.eye(len(groups))[group]])
     weights, variance = np.zeros(design.shape[1]), 1.0
     for _ in range(ROUNDS):

@@ -13,7 +13,7 @@ from salframe.evaluation.tasks.sensor.fitting import SensorSample
 from salframe.evaluation.tasks.sensor.rows import LookRow, ObjectsLine
 from salframe.graphs.annotated import annotated_objects, as_detections
 from salframe.graphs.detections import Detections
-from salframe.graphs.sightings import ObjectVisibility, sightings
+from salframe.graphs.visibility import ObjectVisibility, object_visibility
 from salframe.panoramas.panorama import Panorama
 
 PARTS: dict[str, tuple[int, ...]] = {
@@ -30,7 +30,7 @@ PARTS: dict[str, tuple[int, ...]] = {
 def annotated(panorama: Panorama) -> tuple[Detections, ObjectVisibility]:
     """Return the annotated objects of a panorama, and the visibility of each."""
     objects = annotated_objects(panorama)
-    return as_detections(objects), sightings(panorama, objects)
+    return as_detections(objects), object_visibility(panorama, objects)
 
 
 def pack_look(look: SensorSample) -> Row:
@@ -40,7 +40,11 @@ def pack_look(look: SensorSample) -> Row:
         name: {"labels": list(side.labels), **{part: _listed(getattr(side, part)) for part in PARTS}}
         for name, side in sides.items()
     }
-    return {**packed, "range_m": _listed(look.shown.range_m), "hidden_share": _listed(look.shown.hidden_share)}
+    return {
+        **packed,
+        "range_m": _listed(look.visibility.range_m),
+        "hidden_share": _listed(look.visibility.hidden_share),
+    }
 
 
 def unpack_look(row: LookRow) -> SensorSample | None:

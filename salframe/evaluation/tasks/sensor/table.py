@@ -60,7 +60,7 @@ COLUMNS: dict[str, Column[SensorRow]] = {
     "objects": count_column("objects", lambda row: row.objects),
     "panoramas": count_column("panoramas", lambda row: row.panoramas),
 }
-USUAL = tuple(COLUMNS)
+DEFAULT_COLUMNS = tuple(COLUMNS)
 
 
 def _scaled(value: float | None, factor: float) -> float | None:

@@ -16,7 +16,7 @@ from salframe.evaluation.tasks.sensor.fitting import SensorSample
 from salframe.evaluation.tasks.sensor.looks import annotated, pack_look
 from salframe.evaluation.tasks.sensor.measures import summarize_detector
 from salframe.evaluation.tasks.sensor.rows import LookRow
-from salframe.evaluation.tasks.sensor.table import COLUMNS, USUAL, SensorRow, alike_tables
+from salframe.evaluation.tasks.sensor.table import COLUMNS, DEFAULT_COLUMNS, SensorRow, alike_tables
 from salframe.framework.errors import FRAME_ERRORS, InputMissing, InvalidAnswer
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
@@ -38,7 +38,7 @@ class SensorTask(Task[Frame, Survey[Frame], LookRow, SensorRow]):
     row = LookRow
     line = SensorRow
     columns = COLUMNS
-    usual = USUAL
+    default_columns = DEFAULT_COLUMNS
 
     def survey(self, dataset: Dataset) -> Survey[Frame]:
         if absent := {"annotations", "range"} - dataset.provides:
@@ -62,10 +62,10 @@ class SensorTask(Task[Frame, Survey[Frame], LookRow, SensorRow]):
     def failed(self, piece: Frame) -> Row:
         """Return the row of a failed panorama: annotated objects without detections; empty if it cannot be read."""
         try:
-            truth, shown = annotated(piece.load())
+            truth, visibility = annotated(piece.load())
         except FRAME_ERRORS:
             return {}
-        return pack_look(SensorSample(truth, shown, Detections.empty()))
+        return pack_look(SensorSample(truth, visibility, Detections.empty()))
 
     def summarize(self, parts: Sequence[Part[Survey[Frame], LookRow]], seed: int) -> tuple[SensorRow, ...]:
         places = [
@@ -90,8 +90,8 @@ class _Looking(Worker[Frame]):
 
     def work(self, piece: Frame) -> Row:
         panorama = piece.load()
-        truth, shown = annotated(panorama)
+        truth, visibility = annotated(panorama)
         detections = self._detector.detect(panorama)
         if not isinstance(detections, Detections):
             raise InvalidAnswer(f"detect returned {type(detections).__name__}, expected Detections")
-        return {**pack_look(SensorSample(truth, shown, detections)), "status": PieceStatus.OK, "error": None}
+        return {**pack_look(SensorSample(truth, visibility, detections)), "status": PieceStatus.OK, "error": None}

@@ -108,4 +108,4 @@ COLUMNS: dict[str, Column[TrackingRow]] = {
     "tracking_elsewhere": replace(_ELSEWHERE, largest=False),
     "nees": number_column("NEES", lambda row: row.nees, 1),
 }
-USUAL = tuple(COLUMNS)
+DEFAULT_COLUMNS = tuple(COLUMNS)

@@ -19,7 +19,7 @@ from salframe.evaluation.tasks.tracking.measures import summarize_beliefs
 from salframe.evaluation.tasks.tracking.options import TrackingOptions
 from salframe.evaluation.tasks.tracking.rows import WalkRow
 from salframe.evaluation.tasks.tracking.survey import TrackingSurvey
-from salframe.evaluation.tasks.tracking.table import COLUMNS, USUAL, TrackingRow
+from salframe.evaluation.tasks.tracking.table import COLUMNS, DEFAULT_COLUMNS, TrackingRow
 from salframe.evaluation.tasks.tracking.walking import NUM_KIDNAPPED, Tracking
 from salframe.evaluation.tasks.tracking.walks import Walk, draw_walk
 from salframe.framework.component import ComponentConfig
@@ -63,7 +63,7 @@ class TrackingTask(Task[Walk, TrackingSurvey, WalkRow, TrackingRow]):
     row = WalkRow
     line = TrackingRow
     columns = COLUMNS
-    usual = USUAL
+    default_columns = DEFAULT_COLUMNS
     Options = TrackingOptions
     maps = True
 

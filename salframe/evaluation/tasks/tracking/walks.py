@@ -94,7 +94,7 @@ def _try_walk(site: Site, rng: np.random.Generator) -> list[np.ndarray]:
     poses, goal = [pose], goals[rng.integers(len(goals))]
     while len(poses) < NUM_VIEWS:
         try:
-            leg = guide.roomy.way(pose[:3, 3], goal).leg(pose[:3, 3])
+            leg = guide.with_margin.shortest_path(pose[:3, 3], goal).leg(pose[:3, 3])
         except NoRoute:
             break
         if isinstance(leg, MapEdge):

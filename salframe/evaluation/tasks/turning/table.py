@@ -60,4 +60,4 @@ COLUMNS: dict[str, Column[TurnsRow]] = {
     "wrong": rate_column("wrong place accepted after\nthe suggested turn %", lambda row: row.wrong),
     "wrong_random": rate_column("wrong place accepted after\na random turn %", lambda row: row.wrong_random),
 }
-USUAL = tuple(COLUMNS)
+DEFAULT_COLUMNS = tuple(COLUMNS)

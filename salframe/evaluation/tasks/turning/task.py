@@ -15,7 +15,7 @@ from salframe.evaluation.runs.rows import PieceStatus, Row
 from salframe.evaluation.runs.task import Task, Worker
 from salframe.evaluation.tasks.turning.measures import summarize_turns
 from salframe.evaluation.tasks.turning.rows import TurnRow
-from salframe.evaluation.tasks.turning.table import COLUMNS, USUAL, TurnsRow
+from salframe.evaluation.tasks.turning.table import COLUMNS, DEFAULT_COLUMNS, TurnsRow
 from salframe.framework.component import ComponentConfig
 from salframe.framework.components.registry import registry
 from salframe.framework.errors import DataError, InputMissing
@@ -60,7 +60,7 @@ class TurningTask(Task[NarrowQuery, Survey[NarrowQuery], TurnRow, TurnsRow]):
     row = TurnRow
     line = TurnsRow
     columns = COLUMNS
-    usual = USUAL
+    default_columns = DEFAULT_COLUMNS
     maps = True
 
     def survey(self, dataset: Dataset) -> Survey[NarrowQuery]:

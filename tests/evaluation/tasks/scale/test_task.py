@@ -14,8 +14,8 @@ from salframe.evaluation.tasks.scale import task as scale
 from salframe.framework.components.installation import folder_bytes
 from salframe.framework.components.presets import configure_default
 from salframe.framework.components.registry import registry
-from salframe.graphs.city import City
 from salframe.graphs.packing import graph_to_arrays
+from salframe.graphs.synthetic_map import SyntheticMap
 from salframe.graphs.table import MappedGraphs
 from salframe.localization.map import LocalizationMap
 from salframe.localization.map_files import MapParts
@@ -50,8 +50,10 @@ def test_what_a_map_costs_and_what_is_found_in_it(furnished, tmp_path, monkeypat
     assert [row["scenes"] for row in result.settings] == [SCENES, SCENES]
     settings = {"detector": {"kind": "annotations", "noise": "none"}, "matcher": {"max_candidates": 1}}
     method = registry().build("localizer", configure_default("localizer", "saliency-graph", [settings]))
-    city = City(scale.SEED, scale.rooms_of(method, open_dataset(configure_dataset("furnished", None, [])[1])))
-    described = [graph_to_arrays(graph) for graph in city.scenes(SCENES)]
+    synthetic_map = SyntheticMap(
+        scale.SEED, scale.rooms_of(method, open_dataset(configure_dataset("furnished", None, [])[1]))
+    )
+    described = [graph_to_arrays(graph) for graph in synthetic_map.scenes(SCENES)]
     frames = [ReferenceFrame(f"frame-{i}", f"room-{i}", np.eye(4)) for i in range(SCENES)]
     LocalizationMap.from_descriptions(method, described, frames).save(tmp_path / "map")
     # the index has another path in map.json
@@ -62,7 +64,8 @@ def test_what_a_map_costs_and_what_is_found_in_it(furnished, tmp_path, monkeypat
     index, rows = matcher.index(graphs), Run.load(result.runs[0]).rows("twenty", scale.ScaleTask.row)
     assert len({row.query for row in rows}) == 12
     expected = {
-        row.query: numbers[matcher.match(city.query(row.query), index, 1)[0].scene] == row.query for row in rows
+        row.query: numbers[matcher.match(synthetic_map.query(row.query), index, 1)[0].scene] == row.query
+        for row in rows
     }
     exhaustive = {row.query: row.right_exhaustive for row in rows if row.right_exhaustive is not None}
     assert exhaustive == {query: expected[query] for query in exhaustive}

@@ -17,7 +17,7 @@ from salframe.evaluation.tasks.sensor.fitting import (
 )
 from salframe.graphs.boxes import detections_where_known
 from salframe.graphs.detections import Detections
-from salframe.graphs.sightings import ObjectVisibility
+from salframe.graphs.visibility import ObjectVisibility
 
 LABELS = ("chair", "table", "sofa", "plant", "lamp", "mirror")
 INTERCEPT, SLOPES, OFFSETS = 0.5, np.array([0.8, -1.5, -2.0]), {"chair": -1.0, "sofa": 1.0}
@@ -86,12 +86,14 @@ def test_chances_are_recovered(sensor, looks):
     assert found.offsets["chair"] - found.offsets["plant"] == pytest.approx(-1, abs=0.4)
     errors = []
     for one in looks[:50]:
-        shown = one.shown
+        visibility = one.visibility
         terms = np.column_stack(
-            [np.log(shown.solid_angle_sr / 0.05), np.log(shown.range_m / 2.75), shown.hidden_share - 0.4]
+            [np.log(visibility.solid_angle_sr / 0.05), np.log(visibility.range_m / 2.75), visibility.hidden_share - 0.4]
         )
-        logit = INTERCEPT + terms @ SLOPES + [OFFSETS.get(label, 0) for label in shown.labels]
-        said = found.probability(shown.labels, shown.solid_angle_sr, shown.range_m, shown.hidden_share)
+        logit = INTERCEPT + terms @ SLOPES + [OFFSETS.get(label, 0) for label in visibility.labels]
+        said = found.probability(
+            visibility.labels, visibility.solid_angle_sr, visibility.range_m, visibility.hidden_share
+        )
         errors.extend(np.abs(said - 1 / (1 + np.exp(-logit))))
     assert max(errors) < 0.08
     assert np.mean(errors) < 0.015
@@ -173,8 +175,8 @@ def test_without_range_what_is_found_is_matched_by_its_bearing():
 
 @pytest.mark.parametrize("found", [True, False])
 def test_finding_all_or_none_gives_a_model_that_is_finite(found):
-    shown = ObjectVisibility(("chair",) * 30, *np.full((3, 30), 0.5))
-    fitted = fit_detection(shown, np.full(30, found))
+    visibility = ObjectVisibility(("chair",) * 30, *np.full((3, 30), 0.5))
+    fitted = fit_detection(visibility, np.full(30, found))
     (chance,) = fitted.probability(("chair",), np.array([0.5]))
     assert chance > 0.95 if found else chance < 0.05
 

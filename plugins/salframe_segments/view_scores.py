@@ -64,7 +64,7 @@ class Views:
 
 
 @lru_cache(maxsize=4)
-def ballot(views: Views, rows: int, columns: int) -> csr_array:
+def score_weights(views: Views, rows: int, columns: int) -> csr_array:
     """Return the weight of each score pixel for each panorama pixel, as a sparse matrix.
 
     Element (p, i) is the weight of score pixel i for panorama pixel p. It is the product of a bilinear weight and of a
@@ -113,7 +113,7 @@ def _bilinear(x: np.ndarray, y: np.ndarray, columns: int, rows: int) -> list[tup
     return corners
 
 
-def vote(views: Views, shown: np.ndarray, probabilities: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def average_scores(views: Views, shown: np.ndarray, probabilities: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Average the probabilities of several views on the pixels of the panorama.
 
     Args:
@@ -126,7 +126,7 @@ def vote(views: Views, shown: np.ndarray, probabilities: np.ndarray) -> tuple[np
         there is no view.
     """
     _, rows, columns, classes = probabilities.shape
-    weights = ballot(views, rows, columns)
+    weights = score_weights(views, rows, columns)
     if not shown.all():
         weights = weights[:, np.repeat(shown, rows * columns)]
     total = weights @ probabilities.reshape(-1, classes)

@@ -148,12 +148,12 @@ class MapWords:
         of_frames = np.zeros(len(self._frames))
         for relation in query.relations:
             first, second = query.mentions[relation.first], query.mentions[relation.second]
-            of_frames += self._of_relation(first, relation.direction, second)
+            of_frames += self._relation_log_likelihood(first, relation.direction, second)
         score = np.full(len(self.places), -np.inf)
         np.logaddexp.at(score, self._place, of_frames)
         score -= np.log(np.bincount(self._place))
         for mention in query.mentions:
-            score += self._of_mention(mention)
+            score += self._mention_log_likelihood(mention)
         probability = np.exp(score - np.logaddexp.reduce(score))
         order = np.argsort(-score, kind="stable")
         best = [max(np.flatnonzero(self._place == place), key=lambda row: of_frames[row]) for place in order]
@@ -179,7 +179,7 @@ class MapWords:
         kind = common_label(mention.label)
         return np.array([kind == common_label(label) for label in self.labels], bool)
 
-    def _of_mention(self, mention: Mention) -> np.ndarray:
+    def _mention_log_likelihood(self, mention: Mention) -> np.ndarray:
         """Return the log-likelihood of an object of a description for each place, (K,); 0 if the word is unknown or no
         object of the map has the label."""
         meant = self._matching(mention)
@@ -196,13 +196,13 @@ class MapWords:
         mixed: np.ndarray = np.log((1 - WRONG_WORD_SHARE) * share + WRONG_WORD_SHARE * elsewhere)
         return mixed
 
-    def _of_relation(self, first: Mention, direction: Direction, second: Mention) -> np.ndarray:
+    def _relation_log_likelihood(self, first: Mention, direction: Direction, second: Mention) -> np.ndarray:
         """Return the log-likelihood of the stated order of two objects for each frame, (F,)."""
         a, b = (
             {label for label, is_meant in zip(self.labels, self._matching(mention), strict=True) if is_meant}
             for mention in (first, second)
         )
-        share = np.array([_holding_share(graph, a, direction, b) for graph in self._graphs])
+        share = np.array([_correct_pair_share(graph, a, direction, b) for graph in self._graphs])
         probability = (1 - RELATION_SHARE) + (2 * RELATION_SHARE - 1) * share
         return np.where(np.isnan(share), np.log(0.5), np.log(probability))
 
@@ -228,7 +228,7 @@ class MapWords:
         return Question(self.labels[best], _question_text(self.labels[best]), float(expected[best]))
 
 
-def _holding_share(graph: SaliencyGraph, first: set[str], direction: Direction, second: set[str]) -> float:
+def _correct_pair_share(graph: SaliencyGraph, first: set[str], direction: Direction, second: set[str]) -> float:
     """Return the share of pairs of objects in a graph for which `direction` is correct around the camera.
 
     A pair consists of an object with a label in `first` and an object with a label in `second`. Return NaN if there are

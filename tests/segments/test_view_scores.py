@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from salframe_segments.voting import HEIGHT, Views, ballot, vote
+from salframe_segments.view_scores import HEIGHT, Views, average_scores, score_weights
 
 from salframe.panoramas.geometry import equirectangular_rays
 
@@ -24,7 +24,7 @@ def seen_by_views(views, side):
 
 @pytest.mark.parametrize("side", [60, 90])
 def test_what_views_agree_on_is_what_the_panorama_shows(side):
-    mean, weight = vote(VIEWS, np.ones(14, bool), seen_by_views(VIEWS, side))
+    mean, weight = average_scores(VIEWS, np.ones(14, bool), seen_by_views(VIEWS, side))
     assert mean.shape == (HEIGHT, 2 * HEIGHT, 3)
     assert (weight > 0).all()  # with views up and down nothing is out of sight
     expected = field(equirectangular_rays(HEIGHT))
@@ -34,7 +34,7 @@ def test_what_views_agree_on_is_what_the_panorama_shows(side):
 
 def test_level_views_leave_the_poles_without_a_vote():
     level = Views(6, 0, 120, 120, np.pi / 2)
-    mean, weight = vote(level, np.ones(6, bool), seen_by_views(level, 60))
+    mean, weight = average_scores(level, np.ones(6, bool), seen_by_views(level, 60))
     elevation = np.degrees(np.arcsin(equirectangular_rays(HEIGHT)[:, 0, 2]))
     assert (weight[np.abs(elevation) < 37] > 0).all()
     assert (weight[np.abs(elevation) > 46] == 0).all()
@@ -43,7 +43,7 @@ def test_level_views_leave_the_poles_without_a_vote():
 
 def test_a_vote_counts_less_towards_the_border_of_its_view():
     alone = Views(1, 0, 120, 120, np.pi / 2)
-    weight = np.asarray(ballot(alone, 60, 60).sum(1)).reshape(HEIGHT, 2 * HEIGHT)
+    weight = np.asarray(score_weights(alone, 60, 60).sum(1)).reshape(HEIGHT, 2 * HEIGHT)
     middle = weight[HEIGHT // 2 - 1 : HEIGHT // 2 + 1, HEIGHT - 1 : HEIGHT + 1]
     assert middle == pytest.approx(np.ones((2, 2)), abs=0.02)
     # 22.5 deg to the side of a view of 90 deg: tan(22.5 deg) of the way to the border.
@@ -59,6 +59,6 @@ def test_only_views_that_show_something_are_asked():
     shown = VIEWS.visible_views(valid)
     assert shown.tolist() == [True] + 5 * [False] + 8 * [False]
     probabilities = seen_by_views(VIEWS, 60)
-    part, weight = vote(VIEWS, shown, probabilities[shown])
+    part, weight = average_scores(VIEWS, shown, probabilities[shown])
     np.testing.assert_allclose(part[HEIGHT // 2, HEIGHT], field([1, 0, 0]), atol=0.02)
     assert weight[HEIGHT // 2, 0] == 0

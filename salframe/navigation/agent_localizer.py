@@ -12,21 +12,21 @@ from salframe.framework.files.cache import Cache
 from salframe.localization.answers import Localization, LocalizationStatus, RankedPlace
 from salframe.localization.described_query import DescribedView, describe_view
 from salframe.localization.describing import describe_frame
-from salframe.localization.left_out import check_left_out, left_out_note
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map import LocalizationMap
+from salframe.localization.unusable_frames import check_unusable, unusable_note
 from salframe.navigation.agent import Located
 from salframe.navigation.world import World
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 from salframe.panoramas.geometry import invert_pose, pose_2d, pose_yaw, wrap_angle
 
-ASTRAY_RAD = np.radians(45.0)
+MAX_HEADING_ERROR_RAD = np.radians(45.0)
 """Maximum error, in radians, of the heading by odometry within an episode. A pose of the localizer whose heading
 differs more from odometry is rejected."""
 
 
-def see_place(world: World, T_world_pano: np.ndarray, yaw_rad: float, turn: np.ndarray | None = None) -> Located:
+def localize_nearest(world: World, T_world_pano: np.ndarray, yaw_rad: float, turn: np.ndarray | None = None) -> Located:
     """Simulate perfect place recognition without a localizer.
 
     The agent is localized at the nearest node of the map to which it can walk straight. If there is no such node, it is
@@ -36,7 +36,7 @@ def see_place(world: World, T_world_pano: np.ndarray, yaw_rad: float, turn: np.n
         world: The world.
         T_world_pano: (4, 4) true pose of the agent.
         yaw_rad: Heading by odometry.
-        turn: As in `Sight.look`; not used.
+        turn: As in `AgentLocalizer.localize`; not used.
     """
     nodes = world.chart.map.nodes
     point_m = np.array([node.xyz_m for node in nodes])
@@ -49,7 +49,7 @@ def see_place(world: World, T_world_pano: np.ndarray, yaw_rad: float, turn: np.n
     return Located(Localization((RankedPlace(name, name, 1.0),), pose, LocalizationStatus.OK), name)
 
 
-class Sight:
+class AgentLocalizer:
     """Localizes agents in worlds with a localizer.
 
     Without `positioning`, or if the localizer returns no usable pose, the agent gets the position of the reference
@@ -64,7 +64,7 @@ class Sight:
     def __init__(self, localizer: Localizer, dataset: str, positioning: bool) -> None:
         self._localizer, self._dataset, self._positioning, self._cache = localizer, dataset, positioning, Cache()
         self._descriptions: dict[str, Description | None] = {}
-        self._left_out: dict[str, DataError | InputMissing] = {}
+        self._unusable_frames: dict[str, DataError | InputMissing] = {}
         self._frames: dict[str, ReferenceFrame] = {}
         self._map: LocalizationMap | None = None
         self._views: list[tuple[DescribedView, np.ndarray]] = []
@@ -72,9 +72,11 @@ class Sight:
     @property
     def warning(self) -> str | None:
         """A warning on reference frames that were left out; None if no frame was left out."""
-        return left_out_note(self._left_out)
+        return unusable_note(self._unusable_frames)
 
-    def look(self, world: World, T_world_pano: np.ndarray, yaw_rad: float, turn: np.ndarray | None = None) -> Located:
+    def localize(
+        self, world: World, T_world_pano: np.ndarray, yaw_rad: float, turn: np.ndarray | None = None
+    ) -> Located:
         """Localize an agent. All views that the agent took since its last walk are localized together.
 
         Args:
@@ -94,7 +96,7 @@ class Sight:
         if not answer.status.names_a_place:
             return Located(answer)
         pose = answer.T_world_query if self._positioning else None
-        if pose is not None and abs(wrap_angle(pose_yaw(pose) - yaw_rad)) <= ASTRAY_RAD:
+        if pose is not None and abs(wrap_angle(pose_yaw(pose) - yaw_rad)) <= MAX_HEADING_ERROR_RAD:
             return Located(answer)
         frame = answer.places[0].frame
         x, y, z = self._frames[frame].T_world_pano[:3, 3]
@@ -107,8 +109,9 @@ class Sight:
         usable = [frame for frame in frames if self._describe(frame) is not None]
         if self._map is not None and [frame.id for frame in usable] == list(self._frames):
             return self._map
+        unusable = {one.id: self._unusable_frames[one.id] for one in frames if one.id in self._unusable_frames}
         try:
-            check_left_out({one.id: self._left_out[one.id] for one in frames if one.id in self._left_out}, len(frames))
+            check_unusable(unusable, len(frames))
         except InputMissing as error:
             raise MethodUnavailable(str(error)) from error
         except DataError as error:
@@ -128,5 +131,5 @@ class Sight:
                 self._descriptions[frame.id] = describe_frame(self._localizer, frame, self._cache, self._dataset)[0]
             except FRAME_ERRORS as error:
                 self._descriptions[frame.id] = None
-                self._left_out[frame.id] = error
+                self._unusable_frames[frame.id] = error
         return self._descriptions[frame.id]

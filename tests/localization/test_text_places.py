@@ -9,9 +9,9 @@ from fake_plugin import Reader
 from salframe.framework.components.registry import registry
 from salframe.framework.errors import InputMissing
 from salframe.graphs.detections import Detections
-from salframe.localization.asking import ANSWER_SHARE, COUNT_DECREASE, RELATION_SHARE, WRONG_WORD_SHARE, ask
 from salframe.localization.localizer import Localizer
 from salframe.localization.map import LocalizationMap
+from salframe.localization.text_places import ANSWER_SHARE, COUNT_DECREASE, RELATION_SHARE, WRONG_WORD_SHARE, ask
 from salframe.panoramas.frames import FrameKind, ReferenceFrame
 from salframe.panoramas.geometry import pose_2d
 from salframe.panoramas.panorama import Panorama

@@ -1,4 +1,4 @@
-"""The city that maps of any size are made of: the same under its seed, and no scene known by its labels alone."""
+"""Synthetic maps of any size: the same under its seed, and no scene known by its labels alone."""
 
 import itertools
 from collections import Counter
@@ -6,8 +6,8 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from salframe.graphs.city import City
 from salframe.graphs.graph import SaliencyGraph
+from salframe.graphs.synthetic_map import SyntheticMap
 from salframe.testing.expectations import same
 
 LABELS = ("bed", "sofa", "chair", "table", "lamp", "plant", "tv", "desk", "picture", "cabinet")
@@ -26,21 +26,21 @@ ROOMS = tuple(map(room, range(8)))
 
 
 @pytest.fixture(scope="module")
-def city():
-    return City(3, ROOMS)
+def synthetic_map():
+    return SyntheticMap(3, ROOMS)
 
 
-def test_a_scene_is_the_same_however_it_is_made(city):
-    streamed = next(itertools.islice(city.scenes(50), 40, None))
-    assert same(streamed, city.scene(40))
-    assert same(City(3, ROOMS).scene(40), city.scene(40))
-    assert not same(City(4, ROOMS).scene(40), city.scene(40))
+def test_a_scene_is_the_same_however_it_is_made(synthetic_map):
+    streamed = next(itertools.islice(synthetic_map.scenes(50), 40, None))
+    assert same(streamed, synthetic_map.scene(40))
+    assert same(SyntheticMap(3, ROOMS).scene(40), synthetic_map.scene(40))
+    assert not same(SyntheticMap(4, ROOMS).scene(40), synthetic_map.scene(40))
 
 
-def test_a_query_lacks_and_renames_some_of_its_scene(city):
+def test_a_query_lacks_and_renames_some_of_its_scene(synthetic_map):
     kept = renamed = whole = 0
     for number in range(200):
-        scene, query = city.scene(number), city.query(number)
+        scene, query = synthetic_map.scene(number), synthetic_map.query(number)
         whole, kept = whole + len(scene), kept + len(query)
         renamed += len(query) - _shared(query, scene)
     assert 0.75 < kept / whole < 0.85
@@ -52,13 +52,13 @@ def _shared(query, scene):
     return (Counter(query.labels) & Counter(scene.labels)).total()
 
 
-def test_labels_alone_saturate(city):
+def test_labels_alone_saturate(synthetic_map):
     """Of 40 scenes of one room several are as like a query by their names as its own is: of many, too many."""
-    rooms, ahead = len(city.rooms), []
+    rooms, ahead = len(synthetic_map.rooms), []
     for number in range(20):
-        query = city.query(number)
+        query = synthetic_map.query(number)
         jaccard = []
-        for scene in (city.scene(number + rooms * copy) for copy in range(40)):
+        for scene in (synthetic_map.scene(number + rooms * copy) for copy in range(40)):
             shared = _shared(query, scene)
             jaccard.append(shared / (len(query) + len(scene) - shared))
         ahead.append(sum(value >= jaccard[0] for value in jaccard[1:]))

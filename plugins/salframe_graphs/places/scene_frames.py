@@ -14,11 +14,11 @@ from salframe_graphs.places.merging import Place
 
 
 @dataclass(frozen=True, eq=False)
-class ShownPlaces(PlaceFrames):
+class SceneFrames(PlaceFrames):
     """The places of a map and their scene frames. If frames are not merged, several places have the same name."""
 
     @classmethod
-    def of(cls, places: Sequence[Place]) -> ShownPlaces:
+    def of(cls, places: Sequence[Place]) -> SceneFrames:
         """Return the names and frames of places."""
         number = {name: i for i, name in enumerate(dict.fromkeys(place.name for place in places))}
         return cls(

@@ -8,8 +8,8 @@ from fake_plugin import Reader, Rooms
 
 from salframe.framework.components.registry import registry
 from salframe.framework.errors import DataError, InputMissing
-from salframe.localization.left_out import check_left_out, left_out_note
 from salframe.localization.map import LocalizationMap
+from salframe.localization.unusable_frames import check_unusable, unusable_note
 from salframe.panoramas.opening import reference_frames
 
 
@@ -18,25 +18,25 @@ def missing(count: int) -> dict[str, InputMissing]:
 
 
 def test_a_fifth_of_the_frames_may_be_left_out():
-    check_left_out({}, 5)
-    check_left_out(missing(1), 5)
-    check_left_out(missing(20), 100)
+    check_unusable({}, 5)
+    check_unusable(missing(1), 5)
+    check_unusable(missing(20), 100)
     with pytest.raises(InputMissing, match=r"21 of 100 .* at most 20%; .*; the first: frame-0 has no range"):
-        check_left_out(missing(21), 100)
+        check_unusable(missing(21), 100)
     with pytest.raises(InputMissing, match="15 of 19 reference frames cannot be used"):
-        check_left_out(missing(15), 19)
+        check_unusable(missing(15), 19)
 
 
 def test_frames_that_cannot_be_read_are_an_error_of_the_data():
     with pytest.raises(DataError, match=r"2 of 4 .* the first: a\.png is no image"):
-        check_left_out({"a": DataError("a.png is no image"), "b": DataError("b.png is no image")}, 4)
+        check_unusable({"a": DataError("a.png is no image"), "b": DataError("b.png is no image")}, 4)
     with pytest.raises(InputMissing, match="the first: frame-0 has no range"):
-        check_left_out({"a": DataError("a.png is no image"), **missing(1)}, 4)
+        check_unusable({"a": DataError("a.png is no image"), **missing(1)}, 4)
 
 
 def test_the_note_names_the_first():
-    assert left_out_note({}) is None
-    assert left_out_note(missing(2)) == "2 reference frame(s) left out, the first: frame-0 has no range"
+    assert unusable_note({}) is None
+    assert unusable_note(missing(2)) == "2 reference frame(s) left out, the first: frame-0 has no range"
 
 
 def test_a_map_is_built_without_a_frame_and_refused_without_two():

@@ -34,7 +34,7 @@ class ObjectVisibility:
     hidden_share: np.ndarray
 
 
-def sightings(panorama: Panorama, objects: Sequence[Annotated]) -> ObjectVisibility:
+def object_visibility(panorama: Panorama, objects: Sequence[Annotated]) -> ObjectVisibility:
     """Return the visibility of annotated objects in a panorama.
 
     If only the box of an object is known, the solid angle is the mean over all sides from which the box can be viewed,

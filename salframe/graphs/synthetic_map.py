@@ -26,7 +26,7 @@ MISLABEL_SHARE, MISS_SHARE = 0.05, 0.2
 
 
 @dataclass(frozen=True)
-class City:
+class SyntheticMap:
     """A synthetic map of scenes 0, 1, 2, ... that are made from the rooms in turn.
 
     A scene depends only on the seed, the rooms and its number. It does not depend on the number of scenes.

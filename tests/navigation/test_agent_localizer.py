@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from salframe.navigation.sight import see_place
+from salframe.navigation.agent_localizer import localize_nearest
 from salframe.panoramas.geometry import pose_2d
 
 
@@ -13,5 +13,5 @@ from salframe.panoramas.geometry import pose_2d
     ids=["a frame", "the doorway", "a-north would be nearer, through the wall"],
 )
 def test_told_its_place_an_agent_stands_at_the_nearest_node_in_sight(world, x_m, y_m, node_m):
-    located = see_place(world, pose_2d(x_m, y_m, 2.0, 1.5), 0.3)
+    located = localize_nearest(world, pose_2d(x_m, y_m, 2.0, 1.5), 0.3)
     np.testing.assert_allclose(located.answer.T_world_query, pose_2d(*node_m, 0.3, 1.5), atol=0.03)

@@ -6,37 +6,37 @@ from collections.abc import Mapping
 
 from salframe.framework.errors import DataError, InputMissing
 
-MAX_LEFT_OUT_SHARE = 0.2
+MAX_UNUSABLE_SHARE = 0.2
 """Maximum share of reference frames that may be left out of a map. With more, the map is not built, because
 whole places would be missing, and queries there would get a wrong answer."""
 
 
-def check_left_out(left_out: Mapping[str, DataError | InputMissing], num_frames: int) -> None:
-    """Raise an error if a method cannot use more than MAX_LEFT_OUT_SHARE of the reference frames of a map.
+def check_unusable(unusable_frames: Mapping[str, DataError | InputMissing], num_frames: int) -> None:
+    """Raise an error if a method cannot use more than MAX_UNUSABLE_SHARE of the reference frames of a map.
 
     Args:
-        left_out: Mapping from the id of each frame that cannot be used to its error (one of FRAME_ERRORS).
+        unusable_frames: Mapping from the id of each frame that cannot be used to its error (one of FRAME_ERRORS).
         num_frames: Number of reference frames, including frames that cannot be used.
 
     Raises:
         InputMissing: Too many frames are left out, and at least one of them lacks something that the method needs.
         DataError: Too many frames are left out, all of them for other reasons.
     """
-    if len(left_out) <= MAX_LEFT_OUT_SHARE * num_frames:
+    if len(unusable_frames) <= MAX_UNUSABLE_SHARE * num_frames:
         return
-    missing = [error for error in left_out.values() if isinstance(error, InputMissing)]
-    first = missing[0] if missing else next(iter(left_out.values()))
+    missing = [error for error in unusable_frames.values() if isinstance(error, InputMissing)]
+    first = missing[0] if missing else next(iter(unusable_frames.values()))
     if num_frames == 1:
         raise type(first)(str(first))
     message = (
-        f"{len(left_out)} of {num_frames} reference frames cannot be used, expected at most "
-        f"{MAX_LEFT_OUT_SHARE:.0%}; complete or remove them; the first: {first}"
+        f"{len(unusable_frames)} of {num_frames} reference frames cannot be used, expected at most "
+        f"{MAX_UNUSABLE_SHARE:.0%}; complete or remove them; the first: {first}"
     )
     raise InputMissing(message) if missing else DataError(message)
 
 
-def left_out_note(left_out: Mapping[str, DataError | InputMissing]) -> str | None:
+def unusable_note(unusable_frames: Mapping[str, DataError | InputMissing]) -> str | None:
     """Return a note on the reference frames that were left out of a map; None if no frame was left out."""
-    if not left_out:
+    if not unusable_frames:
         return None
-    return f"{len(left_out)} reference frame(s) left out, the first: {next(iter(left_out.values()))}"
+    return f"{len(unusable_frames)} reference frame(s) left out, the first: {next(iter(unusable_frames.values()))}"

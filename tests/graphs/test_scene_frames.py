@@ -1,9 +1,9 @@
 """Which scene frames of a map belong to a name, and which of them is near."""
 
 import numpy as np
-from salframe_graphs.places.shown import ShownPlaces
+from salframe_graphs.places.scene_frames import SceneFrames
 
-HALLS = ShownPlaces(["hall", "attic"], np.array([0, 1, 0]), np.array([4, 2, 0, 3]), np.array([0, 2, 3, 4]))
+HALLS = SceneFrames(["hall", "attic"], np.array([0, 1, 0]), np.array([4, 2, 0, 3]), np.array([0, 2, 3, 4]))
 """Two places called hall, of the frames 4 and 2 and of 3, and an attic of 0."""
 STOOD_M = np.array([[9.0, 9.0], [0.0, 0.0], [3.0, 0.0], [6.0, 0.0], [0.0, 0.0]])
 

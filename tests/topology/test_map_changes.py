@@ -27,7 +27,7 @@ from salframe.localization.map_files import write_map
 from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.opening import find_dataset, find_frame
 from salframe.topology.building_map import ask_map, build_map
-from salframe.topology.growing import MapChange, add_to_map, merge_maps, remove_from_map
+from salframe.topology.map_changes import MapChange, add_to_map, merge_maps, remove_from_map
 from salframe.topology.store import open_topology, write_topology
 
 HOUSE = "house-6", ("data.height=128", "data.queries_per_room=1")

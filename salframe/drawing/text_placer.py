@@ -15,7 +15,7 @@ MAX_SPOTS = 800
 
 
 @dataclass(frozen=True)
-class Name:
+class TextBox:
     """Text in a coloured box.
 
     Attributes:
@@ -32,7 +32,7 @@ class Name:
 
 
 @dataclass
-class Lettering:
+class TextPlacer:
     """Names for a picture.
 
     Attributes:
@@ -40,14 +40,14 @@ class Lettering:
         height: Height of the picture in pixels.
         points: Font size.
         taken: Boxes (left, top, right, bottom) that new names should not cover.
-        names: The placed names.
+        text_boxes: The placed names.
     """
 
     width: int
     height: int
     points: int
     taken: list[np.ndarray] = field(default_factory=list)
-    names: list[Name] = field(default_factory=list)
+    text_boxes: list[TextBox] = field(default_factory=list)
 
     def put(self, text: str, colour: Colour, around: np.ndarray, at: np.ndarray) -> None:
         """Place the name of an object.
@@ -71,7 +71,7 @@ class Lettering:
             covered += np.maximum(sides, 0).prod(1)
         box = boxes[int(np.argmin(covered))]
         gap = np.maximum(np.maximum(box[:2] - around[2:], around[:2] - box[2:]), 0).max()
-        self.names.append(Name(text, box, colour, at if gap > self.points else None))
+        self.text_boxes.append(TextBox(text, box, colour, at if gap > self.points else None))
         self.taken.append(box)
 
     def measure(self, text: str) -> np.ndarray:
@@ -83,17 +83,17 @@ class Lettering:
         from PIL import Image, ImageDraw
 
         picture = picture.copy()
-        for name in self.names:
-            if name.leads_to is not None:
-                line = np.stack([name.box.reshape(2, 2).mean(0), name.leads_to])
+        for text_box in self.text_boxes:
+            if text_box.leads_to is not None:
+                line = np.stack([text_box.box.reshape(2, 2).mean(0), text_box.leads_to])
                 stroke(picture, line, PAPER, 0.3 * self.points)
-                stroke(picture, line, name.colour, 0.12 * self.points)
+                stroke(picture, line, text_box.colour, 0.12 * self.points)
         image = Image.fromarray(picture)
         draw = ImageDraw.Draw(image)
-        for name in self.names:
-            draw.rounded_rectangle(name.box.round().tolist(), 0.3 * self.points, name.colour)
-            text = INK if np.dot(name.colour, (0.299, 0.587, 0.114)) > 150 else PAPER
-            draw.text(name.box.reshape(2, 2).mean(0).tolist(), name.text, text, font(self.points), "mm")
+        for text_box in self.text_boxes:
+            draw.rounded_rectangle(text_box.box.round().tolist(), 0.3 * self.points, text_box.colour)
+            text = INK if np.dot(text_box.colour, (0.299, 0.587, 0.114)) > 150 else PAPER
+            draw.text(text_box.box.reshape(2, 2).mean(0).tolist(), text_box.text, text, font(self.points), "mm")
         return np.array(image)
 
     def _spots(self, size: np.ndarray, around: np.ndarray, at: np.ndarray) -> Iterable[np.ndarray]:

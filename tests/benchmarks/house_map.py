@@ -10,9 +10,9 @@ from salframe_house.building import Style, generate_building
 from salframe_house.frames import choose_frames
 from salframe_house.render import HouseRenderer
 
-from salframe.graphs.city import City
 from salframe.graphs.graph import SaliencyGraph
 from salframe.graphs.packing import graph_from_arrays
+from salframe.graphs.synthetic_map import SyntheticMap
 from salframe.localization.localizer import Localizer
 from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.geometry import pose_2d
@@ -44,6 +44,6 @@ def house_graphs() -> tuple[SaliencyGraph, ...]:
     return tuple(graph for graph in graphs if len(graph) >= 3)
 
 
-def city_of_houses(seed: int) -> City:
-    """A city of their rooms."""
-    return City(seed, house_graphs())
+def map_of_houses(seed: int) -> SyntheticMap:
+    """A synthetic map of their rooms."""
+    return SyntheticMap(seed, house_graphs())
