@@ -35,6 +35,10 @@ TERMS: dict[str, dict[str, str]] = yaml.safe_load(
 )
 GROUPS = {"columns": "column", "rows": "method or detector", "inputs": "input", "data": "word in a title"}
 """Heading of the definitions of each group of terms."""
+SUCCESS_RATE = "SR %"
+"""Column that only tables of navigation have."""
+IN_NAVIGATION = f"95 % CI and p (Holm) in tables with {SUCCESS_RATE}"
+"""Term that explains what differs in tables of navigation."""
 HOURS = re.compile(r"(<!-- hours -->).*?(<!-- /hours -->)")
 TABLE = re.compile(r"(<!-- table: ([\w-]+) ([\w-]+) (\[.*?\]) -->\n).*?(<!-- /table -->\n)", re.DOTALL)
 LIST = re.compile(r"(<!-- experiments -->\n).*?(<!-- /experiments -->\n)", re.DOTALL)
@@ -89,8 +93,8 @@ def _notation(tables: Sequence[Table]) -> str:
     sentences = ["The brackets after the title of a table contain date, machine and run time of the measurement."]
     if any(table.best for table in tables):
         group = any(table.headings and table.headings[0] != METHOD for table in tables)
-        rows = " for the same data" if group else ""
-        sentences.append(f"A number in **bold** is the best of its column{rows}.")
+        rows = " If a table has columns left of *method*, only rows with the same values there are compared."
+        sentences.append(f"A number in **bold** is the best of its column.{rows if group else ''}")
     if any(re.search(r"\w\[\w", cell) for table in tables for row in table.rows for cell in row[: table.leading]):
         sentences.append("Square brackets after the name of a method contain the settings that were changed.")
     return " ".join(sentences)
@@ -104,6 +108,7 @@ def used_terms(tables: Sequence[Table], titles: str = "") -> dict[str, set[str]]
         plain = {heading.replace(" (95 % CI)", "") for heading in headings}
         used["columns"] |= plain - {METHOD, "input"}
         used["columns"] |= {"95 % CI" for heading in headings if "95 % CI" in heading}
+        used["columns"] |= {IN_NAVIGATION} if SUCCESS_RATE in plain else set()
         for row in table.rows:
             cells = dict(zip(headings, row, strict=True))
             used["rows"] |= set(re.sub(r"\[.*", "", cells[METHOD]).split(", "))
