@@ -53,7 +53,7 @@ MEASURED = ("panoseg", "segments")
 class AnnotationDetector(Detector):
     """Returns the annotated objects of a panorama, with simulated errors of a detector.
 
-    The annotations are an instance image or a list of objects. A range image is optional.
+    The annotations are an instance image (an object id in each pixel) or a list of objects. A range image is optional.
     """
 
     name = "annotations"

@@ -80,7 +80,7 @@ class OutlineEvidence(EvidenceModel):
 
     The outline is the distance to the nearest surface above the furniture, in each direction. The ratio is large if the
     outline of the query agrees with the outlines of the place. The outline takes 144 bytes for each frame of the map.
-    It also limits the distance up to which objects should be visible.
+    Objects behind the outline are not expected to be visible.
     """
 
     name = "outline"

@@ -79,7 +79,7 @@ class BearingErrors(Settings):
         0.09,
         ge=0,
         description="standard deviation of the centre of the visible part of an object, divided by the mean side of "
-        "its box; the visible part changes with the viewpoint",
+        "its box; the visible part depends on the position of the camera",
     )
     size_error_log: float = Field(
         0.7, gt=0, description="standard deviation of ln(solid angle) of an object, if its size and distance are known"
