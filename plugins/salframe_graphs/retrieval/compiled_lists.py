@@ -75,7 +75,10 @@ class CompiledLists(SceneIndex):
     def open(self, folder: Path) -> None:
         self._postings = read_postings(folder)
         if self._postings.position is None:
-            raise DataError(f"the scene index in {folder} has no positions of objects: build the scene index again")
+            raise DataError(
+                f"the scene index in {folder} has no positions of objects, expected an index of the kind "
+                f"{self.name}: build the map again, or only the index with SceneIndex.build"
+            )
         if len(self._postings.scene):
             self._compile()
 
