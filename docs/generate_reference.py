@@ -150,7 +150,9 @@ def write_component_index() -> str:
         "`salframe show NAME` prints the settings of a component or preset with their values. `salframe plugins` lists "
         "the missing requirements of each component on your machine. Change a setting with `--set KEY=VALUE`, such as "
         "`--set matcher=triplet`. If the type of a setting is a role, its value is the name of a component of this "
-        "role. The settings of that component follow after a dot, as in `--set matcher.rarity=false`.",
+        "role. The settings of that component follow after a dot, as in `--set matcher.rarity=false`. A value "
+        "of the type Noise or Posterior is a mapping, such as {missed: 0.3}. A value of the type HubName has the form "
+        "hf:ORG/MODEL[@REVISION].",
         _definitions("\n".join(purpose for _, purpose, _ in rows)),
         _table(("role", "purpose", "components"), rows),
     ]

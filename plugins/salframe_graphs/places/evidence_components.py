@@ -158,9 +158,10 @@ class PanoramaEvidence(EvidenceModel):
 
 
 class LabelEvidence(EvidenceModel):
-    """Labels that query and place have in common, in the columns `detected_labels` and `labels_shared`.
+    """Labels that query and place have in common, in two columns. Rare labels count more.
 
-    Rare labels count more.
+    `detected_labels` is the share of the query's labels that the place has. `labels_shared` is the Jaccard index of the
+    labels of query and place.
     """
 
     name = "labels"

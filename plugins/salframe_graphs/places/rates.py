@@ -22,7 +22,8 @@ class Rates(Settings):
     )
     position_error_m: float = Field(
         gt=0,
-        description="standard deviation (m) of the position of a detected object along each axis, if its range is 0",
+        description="standard deviation (m) of the position of a detected object along each axis, without the error "
+        "that grows with its range (`range_error_share`)",
     )
     range_error_share: float = Field(
         ge=0,
