@@ -35,10 +35,10 @@ TERMS: dict[str, dict[str, str]] = yaml.safe_load(
 )
 GROUPS = {"columns": "column", "rows": "method or detector", "inputs": "input", "data": "word in a title"}
 """Heading of the definitions of each group of terms."""
-SUCCESS_RATE = "SR %"
-"""Column that only tables of navigation have."""
+ACCURACY, SUCCESS_RATE = "accuracy %", "SR %"
+"""Columns that only tables of localization and only tables of navigation have."""
 IN_NAVIGATION = f"95 % CI and p (Holm) in tables with {SUCCESS_RATE}"
-"""Term that explains what differs in tables of navigation."""
+"""Term that explains what differs in tables of navigation, on pages that also have tables of localization."""
 HOURS = re.compile(r"(<!-- hours -->).*?(<!-- /hours -->)")
 TABLE = re.compile(r"(<!-- table: ([\w-]+) ([\w-]+) (\[.*?\]) -->\n).*?(<!-- /table -->\n)", re.DOTALL)
 LIST = re.compile(r"(<!-- experiments -->\n).*?(<!-- /experiments -->\n)", re.DOTALL)
@@ -108,11 +108,12 @@ def used_terms(tables: Sequence[Table], titles: str = "") -> dict[str, set[str]]
         plain = {heading.replace(" (95 % CI)", "") for heading in headings}
         used["columns"] |= plain - {METHOD, "input"}
         used["columns"] |= {"95 % CI" for heading in headings if "95 % CI" in heading}
-        used["columns"] |= {IN_NAVIGATION} if SUCCESS_RATE in plain else set()
         for row in table.rows:
             cells = dict(zip(headings, row, strict=True))
             used["rows"] |= set(re.sub(r"\[.*", "", cells[METHOD]).split(", "))
             used["inputs"] |= {_input(part) for part in re.split(r", | \+ ", cells.get("input", "-"))} - {"-"}
+    if {SUCCESS_RATE, ACCURACY} <= used["columns"]:
+        used["columns"].add(IN_NAVIGATION)
     used["data"] |= {word for word in TERMS["data"] if word in titles.lower()}
     return used
 
@@ -145,7 +146,9 @@ def draw_terms(used: Mapping[str, Collection[str]]) -> str:
     """Return tables with the definitions of the used terms, a table per group, in the order of TERMS."""
     tables = []
     for group, heading in GROUPS.items():
-        lines = [f"| {name} | {meaning} |" for name, meaning in TERMS[group].items() if name in used[group]]
+        other = TERMS["navigation"] if SUCCESS_RATE in used[group] and ACCURACY not in used[group] else {}
+        meanings = TERMS[group] | {name: other[name] for name in TERMS[group] if name in other}
+        lines = [f"| {name} | {meaning} |" for name, meaning in meanings.items() if name in used[group]]
         tables += ["\n".join([f"| {heading} | meaning |", "|---|---|", *lines])] if lines else []
     return "\n\n".join(tables)
 
