@@ -64,6 +64,23 @@ def write_cli() -> str:
         "Generated from `salframe --help` by docs/generate_reference.py.",
         "Exit statuses: 0, success; 1, nothing was measured or a method crashed; 2, an error in the input, which is "
         "printed in one line on stderr; 130, interrupted.",
+        "These words have the same meaning in all commands:",
+        _table(
+            ("word", "meaning"),
+            [
+                ("query", "a panorama, photograph or sequence of views to localize"),
+                ("reference frame", "a panorama of the map, with its pose and its place (room)"),
+                ("dataset", "reference frames, queries, and the true places and poses of the queries"),
+                ("method", "a localizer with its settings, such as `proposed`, the method of this package"),
+                ("run", "one measurement. Its results are stored in a folder, the run folder"),
+                ("description", "what a method computes from a panorama, such as a graph of objects or keypoints"),
+                ("topology", "a graph of positions in rooms and doorways, for routes"),
+                ("floor masks", "images of the free floor and the rooms, from above"),
+                ("[accepted](../how-to/running-program.md)", "an answer is accepted if its place is certain enough"),
+                ("out-of-map", "taken at a place that the map does not contain"),
+                ("repeatable", "the option can be given several times. `--set` is always repeatable"),
+            ],
+        ),
     ]
     for path, command in _commands("salframe", typer.main.get_command(app)):
         required = [_usage(parameter) for parameter in command.params if parameter.required]
@@ -72,7 +89,11 @@ def write_cli() -> str:
         if name := PYTHON.get(path.partition(" ")[2]):
             pages.append(f"In Python: [`salframe.{name}`](api.md).")
         if command.params:
-            pages.append(_table(("", "", "default"), [_option(parameter) for parameter in command.params]))
+            pages.append(
+                _table(
+                    ("argument or option", "meaning", "default"), [_option(parameter) for parameter in command.params]
+                )
+            )
     return "\n\n".join(pages) + "\n"
 
 
@@ -84,7 +105,7 @@ def _commands(path: str, command: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _option(parameter: Any) -> tuple[str, str, str]:
-    default = "" if parameter.default is None or parameter.default is False else f"`{parameter.default}`"
+    default = "" if parameter.default in (None, "") or parameter.default is False else f"`{parameter.default}`"
     return (
         ", ".join(f"`{name}`" for name in _spelling(parameter)),
         _plain(parameter.help) + _values(parameter),
@@ -123,11 +144,16 @@ def write_component_index() -> str:
     ]
     page = [
         "# Components",
-        "docs/generate_reference.py generates these pages from the registry. `salframe show NAME` prints the same "
-        "settings with the values of a preset. `salframe plugins` lists the missing requirements of each component on "
-        "your machine. Change a setting with `--set KEY=VALUE`: see [Ablate](../../how-to/ablate.md). If the type of a "
-        "setting is a role, its value is the name of another component. The settings of this component follow after a "
-        "dot, as in `matcher.rarity`.",
+        "A *component* is a class that does one step of the processing, such as a detector. A *role* is the interface "
+        "of all components that do the same step. A *preset* is a component with other values of its settings, under a "
+        "name of its own. docs/generate_reference.py generates these pages from the code.",
+        "`salframe show NAME` prints the settings of a component or preset with their values. `salframe plugins` lists "
+        "the missing requirements of each component on your machine. Change a setting with `--set KEY=VALUE`, such as "
+        "`--set matcher=triplet`. If the type of a setting is a role, its value is the name of a component of this "
+        "role. The settings of that component follow after a dot, as in `--set matcher.rarity=false`. A value "
+        "of the type Noise or Posterior is a mapping, such as {missed: 0.3}. A value of the type HubName has the form "
+        "hf:ORG/MODEL[@REVISION].",
+        _definitions("\n".join(purpose for _, purpose, _ in rows)),
         _table(("role", "purpose", "components"), rows),
     ]
     return "\n\n".join(page) + "\n"
@@ -148,12 +174,18 @@ def write_role(role: str, components: list[type[Component]]) -> str:
 
 
 TERMS = {
-    "quer": "a *query* is a panorama to localize",
+    "query": "a *query* is a panorama (or another view) to localize",
     "reference frame": "a *reference frame* is a panorama of the map, with its pose and place",
     "floor mask": "*floor masks* are images of the free floor and the rooms, from above",
     "the paper": "*the paper* is the [paper](../../explanation/method.md#the-preset-paper) that introduced 360-degree "
     "saliency graphs",
-    "saliency": "the *saliency* of an object is its share in the volume of all objects of a panorama",
+    "saliency": "the *saliency* of an object states how much it stands out (by default: its share in the volume of all "
+    "objects of a panorama)",
+    "viewpoint": "a *viewpoint* is a recorded camera position",
+    "region": "a *region* is a room in the annotations of a building",
+    "topological map": "a *topological map* is a graph of positions in rooms and doorways",
+    "range": "the *range* of a point or an object is its distance from the camera",
+    "odometry": "*odometry* is a measurement of the motion of the camera",
     "bearing": "the *bearing* of an object is its direction from the camera",
     "outline": "the *outline* of free space describes the walls around the camera",
 }

@@ -35,6 +35,10 @@ TERMS: dict[str, dict[str, str]] = yaml.safe_load(
 )
 GROUPS = {"columns": "column", "rows": "method or detector", "inputs": "input", "data": "word in a title"}
 """Heading of the definitions of each group of terms."""
+ACCURACY, SUCCESS_RATE = "accuracy %", "SR %"
+"""Columns that only tables of localization and only tables of navigation have."""
+IN_NAVIGATION = f"95 % CI and p (Holm) in tables with {SUCCESS_RATE}"
+"""Term that explains what differs in tables of navigation, on pages that also have tables of localization."""
 HOURS = re.compile(r"(<!-- hours -->).*?(<!-- /hours -->)")
 TABLE = re.compile(r"(<!-- table: ([\w-]+) ([\w-]+) (\[.*?\]) -->\n).*?(<!-- /table -->\n)", re.DOTALL)
 LIST = re.compile(r"(<!-- experiments -->\n).*?(<!-- /experiments -->\n)", re.DOTALL)
@@ -89,8 +93,8 @@ def _notation(tables: Sequence[Table]) -> str:
     sentences = ["The brackets after the title of a table contain date, machine and run time of the measurement."]
     if any(table.best for table in tables):
         group = any(table.headings and table.headings[0] != METHOD for table in tables)
-        rows = " for the same data" if group else ""
-        sentences.append(f"A number in **bold** is the best of its column{rows}.")
+        rows = " If a table has columns left of *method*, only rows with the same values there are compared."
+        sentences.append(f"A number in **bold** is the best of its column.{rows if group else ''}")
     if any(re.search(r"\w\[\w", cell) for table in tables for row in table.rows for cell in row[: table.leading]):
         sentences.append("Square brackets after the name of a method contain the settings that were changed.")
     return " ".join(sentences)
@@ -108,6 +112,8 @@ def used_terms(tables: Sequence[Table], titles: str = "") -> dict[str, set[str]]
             cells = dict(zip(headings, row, strict=True))
             used["rows"] |= set(re.sub(r"\[.*", "", cells[METHOD]).split(", "))
             used["inputs"] |= {_input(part) for part in re.split(r", | \+ ", cells.get("input", "-"))} - {"-"}
+    if {SUCCESS_RATE, ACCURACY} <= used["columns"]:
+        used["columns"].add(IN_NAVIGATION)
     used["data"] |= {word for word in TERMS["data"] if word in titles.lower()}
     return used
 
@@ -140,7 +146,9 @@ def draw_terms(used: Mapping[str, Collection[str]]) -> str:
     """Return tables with the definitions of the used terms, a table per group, in the order of TERMS."""
     tables = []
     for group, heading in GROUPS.items():
-        lines = [f"| {name} | {meaning} |" for name, meaning in TERMS[group].items() if name in used[group]]
+        other = TERMS["navigation"] if SUCCESS_RATE in used[group] and ACCURACY not in used[group] else {}
+        meanings = TERMS[group] | {name: other[name] for name in TERMS[group] if name in other}
+        lines = [f"| {name} | {meaning} |" for name, meaning in meanings.items() if name in used[group]]
         tables += ["\n".join([f"| {heading} | meaning |", "|---|---|", *lines])] if lines else []
     return "\n\n".join(tables)
 

@@ -47,12 +47,13 @@ LOGIT_SCALE = 100.0
 class ClipRooms(Localizer):
     """Classifies the room type of each view by CLIP, and ranks places by similar room types. It computes no pose.
 
-    The method follows the scene perceiver of March-in-Chat (Qiao et al. 2023), which classifies the room type and the
-    objects of a room with CLIP and has no map. Localization by room types is our adaptation. The probabilities of the
-    room types, softmax(100 cos(view, prompt)), are averaged over all views of the query to p. They are averaged over
-    the views of a reference frame to q. The score of the frame is the Bhattacharyya coefficient sum_t sqrt(p_t q_t)
-    over the room types t. Frames with equal scores are in the order of the map. By default, the room types are those in
-    the place names of the map ("kitchen-01" is a kitchen). The setting `room_types` replaces them.
+    The method follows the scene perceiver of March-in-Chat (Qiao et al. 2023), which classifies the room type and
+    the objects of a room with CLIP and has no map. Localization by room types is our adaptation. The probabilities
+    of the room types in a view are softmax(100 cos(view, prompt)). p_t is the mean probability of the room type t
+    over the views of the query, and q_t is the mean over the views of a reference frame. The score of the frame is
+    the Bhattacharyya coefficient, the sum of sqrt(p_t q_t) over the room types t. Frames with equal scores are in
+    the order of the map. By default, the room types are those in the place names of the map ("kitchen-01" is a
+    kitchen). The setting `room_types` replaces them.
     """
 
     name = "clip-rooms"

@@ -30,9 +30,10 @@ class VerifiedPlaces(Localizer):
 
     The new score of each of the first `places` places is its score by `ranking` plus weight * ln(1 + n / min_inliers).
     n is the largest number of inliers among the compared reference frames of the place, computed as in the localizer
-    `keypoints`. At most three reference frames are compared for each place. If the pose of the first place has enough
-    inliers, it is the answer. Otherwise, the answer has the pose of the ranking if the first place is the same, or else
-    no pose. If several views of a query are joined, the keypoints are those of the last view.
+    `keypoints`. At most three reference frames are compared for each place. The answer has the first place of the new
+    order, and its pose from keypoints if this pose has enough inliers. Otherwise, the answer has the pose of the
+    localizer `ranking` if both have the same first place, or else no pose. If several views of a query are joined, the
+    keypoints are those of the last view.
     """
 
     name = "verified-places"

@@ -55,8 +55,8 @@ class Lines(Localizer):
     A line distance function gives, for each direction, the angle to the nearest line. The functions of lines along
     three principal directions are compared at a grid of candidate positions. The principal directions of two upright
     panoramas can be aligned in four ways, and all four are tested (LDL, section 3). The lines of the best candidates
-    are then aligned with the lines of the query (FGPL). The answer is the candidate that explains the largest share of
-    the query's lines. It has a place and a pose.
+    are then aligned with the lines of the query (FGPL). The answer is the place and the pose of the candidate that
+    explains the largest share of the query's lines.
     """
 
     name = "lines"

@@ -53,7 +53,7 @@ MEASURED = ("panoseg", "segments")
 class AnnotationDetector(Detector):
     """Returns the annotated objects of a panorama, with simulated errors of a detector.
 
-    The annotations are an instance image or a list of objects. A range image is optional.
+    The annotations are an instance image (an object id in each pixel) or a list of objects. A range image is optional.
     """
 
     name = "annotations"
@@ -65,8 +65,9 @@ class AnnotationDetector(Detector):
             "auto",
             union_mode="left_to_right",
             description="errors to simulate. auto: panoseg on rendered panoramas, none on real panoramas; none: no "
-            "errors; uniform, uniform-heavy, or a mapping with your own rates: equal error rates for all objects; "
-            "panoseg, segments, or the path of a file written by `salframe sensor`: the measured errors of a detector",
+            "errors; uniform, uniform-heavy, or a mapping with your own rates such as {missed: 0.3}: equal error "
+            "rates for all objects; panoseg, segments, or the path of a file written by `salframe sensor`: the "
+            "measured errors of a detector",
         )
         seed: int = Field(0, ge=0, description="random seed of the simulated detector errors")
 

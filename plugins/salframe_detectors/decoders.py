@@ -16,8 +16,8 @@ MASK_COEFFICIENTS = 32
 
 
 class Yolox(DetectionDecoder):
-    """YOLOX: outputs (B, cells, 5 + classes) with offset from the grid cell, log of the size, objectness and class
-    scores."""
+    """YOLOX: outputs (B, cells, 5 + classes) for B images, with offset from the grid cell, logarithm of the size,
+    objectness and class scores."""
 
     name = "yolox"
     version = "1"
@@ -46,8 +46,8 @@ class Yolox(DetectionDecoder):
 
 
 class Yolov5(DetectionDecoder):
-    """YOLOv5 and YOLOv7: outputs (B, candidates, 5 + classes) with centre and size in pixels, objectness and class
-    scores."""
+    """YOLOv5 and YOLOv7: outputs (B, candidates, 5 + classes) for B images, with centre and size in pixels, objectness
+    and class scores."""
 
     name = "yolov5"
     version = "1"
@@ -59,7 +59,8 @@ class Yolov5(DetectionDecoder):
 
 
 class Yolov8(DetectionDecoder):
-    """YOLOv8 to YOLO11: outputs (B, 4 + classes, candidates) with centre and size in pixels, and class scores."""
+    """YOLOv8 to YOLO11: outputs (B, 4 + classes, candidates) for B images, with centre and size in pixels, and class
+    scores."""
 
     name = "yolov8"
     version = "1"
@@ -73,8 +74,8 @@ class Yolov8(DetectionDecoder):
 class Yolov8Seg(DetectionDecoder):
     """YOLOv8 segmentation: boxes as in `yolov8`, and masks.
 
-    Each candidate has 32 more values. They are the weights of the prototype masks (B, 32, h, w), whose weighted sum is
-    the mask of the candidate.
+    Each candidate has 32 more values than in `yolov8`. They are the weights of the prototype masks (B, 32, h, w). The
+    weighted sum of the prototype masks is the mask of the candidate.
     """
 
     name = "yolov8-seg"
@@ -102,7 +103,7 @@ class Yolov8Seg(DetectionDecoder):
 
 
 class Detr(DetectionDecoder):
-    """DETR: logits (B, queries, classes + 1), converted by softmax, and boxes (B, queries, 4).
+    """DETR: logits (B, queries, classes + 1) for B images, converted by softmax, and boxes (B, queries, 4).
 
     Boxes are centre and size, divided by the image size. The last class means "no object".
     """

@@ -21,9 +21,10 @@ from salframe_detectors.duplicates import same_objects
 class UnionDetector(Detector):
     """Merges the detections of several detectors. An object that more than one of them detects is reported once.
 
-    Labels are replaced by the labels that the detectors have in common. If several detectors detect an object, the
-    result has the best of their scores. Its other values come from the detection with the best score among those with a
-    known position, or among all if no position is known. The order of the detectors does not matter.
+    A label is replaced by the name that all detectors share for it, according to salframe's vocabulary. If several
+    detectors detect an object, the merged object has the best of their scores. The other values of the merged object
+    come from one detection: the one with the best score among those with a known position, or among all if no position
+    is known. The order of the detectors does not matter.
     """
 
     name = "union"

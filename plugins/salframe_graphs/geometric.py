@@ -64,8 +64,8 @@ class GeometricMatcher(NodeMatcher):
         tolerance_m: float = Field(
             0.3,
             gt=0,
-            description="geometric verification: maximum distance (m) between two nodes that coincide, for nodes at "
-            "the range 0",
+            description="geometric verification: maximum distance (m) between two nodes that coincide, without the "
+            "part that grows with their ranges (`tolerance_share`)",
         )
         tolerance_share: float = Field(
             0.05,

@@ -35,7 +35,7 @@ _RARITY, _SCENES = "rarity.npy", "scenes"
 
 def _ascending(edges_m: tuple[float, ...]) -> tuple[float, ...]:
     if any(low >= high for low, high in pairwise((0.0, *edges_m))):
-        raise ValueError(f"received ring edges {edges_m}, expected positive values in ascending order")
+        raise ValueError(f"received {list(edges_m)}, expected positive values in ascending order, such as [1, 2, 4]")
     return edges_m
 
 

@@ -22,8 +22,8 @@ class ViewObjects(Settings):
     position_error_m: float = Field(
         0.15,
         gt=0,
-        description="standard deviation (m) of the position of an object in a view along each axis, if its range is "
-        "0. It decides whether objects of several views are merged",
+        description="standard deviation (m) of the position of an object in a view along each axis, without the "
+        "error that grows with its range (`range_error_share`). It decides whether objects of several views are merged",
     )
     range_error_share: float = Field(
         0.05,

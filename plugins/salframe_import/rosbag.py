@@ -103,8 +103,8 @@ class RosBagImporter(Importer):
             0,
             ge=0,
             le=100,
-            description="number of views of each query that is taken from the recording, a sequence of images; 0: no "
-            "queries are taken",
+            description="number of views of each query. A query is a sequence of images of the recording; 0: no "
+            "queries are made of the recording",
         )
         sequence_period: int = Field(
             20,

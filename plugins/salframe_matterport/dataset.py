@@ -94,8 +94,8 @@ class MatterportAnnotations(NavigableDataset):
         )
         one_map: bool = match_only(
             False,
-            description="true: a map contains all buildings, placed 1 km apart along x, without one viewpoint of each "
-            "building, which is a query; false: each building has its own maps",
+            description="true: each map contains all buildings, placed 1 km apart along x. One viewpoint of each "
+            "building is missing in the map and is a query; false: each building has its own maps",
         )
         map_share: float | None = added(
             None,

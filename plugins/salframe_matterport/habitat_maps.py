@@ -41,7 +41,9 @@ class HabitatMaps(MatterportAnnotations):
     """One building of the dataset `matterport-annotations`, with floor masks from the top-down maps of
     Object2HabitatMap.
 
-    The floor is the area of all regions in the top-down map. All objects except floor, door and stairs are obstacles.
+    Object2HabitatMap is a program that draws top-down maps of Matterport3D buildings. The floor is the area of all
+    regions in the top-down map. All objects except floor, door and stairs are obstacles. If the folder has the maps of
+    several buildings, select one with `scans`.
     """
 
     name = "habitat-maps"

@@ -89,9 +89,9 @@ class FloydWarshall(_GraphPlanner):
 
 
 class Dijkstra(_GraphPlanner):
-    """Computes a shortest route when it is requested, by Dijkstra's algorithm.
+    """Computes each requested route by Dijkstra's algorithm, without preparation.
 
-    It is for large maps.
+    Use it for large maps.
     """
 
     name = "dijkstra"

@@ -68,7 +68,7 @@ class SegmentsDetector(Detector):
         card: SingleFile | None = Field(
             None,
             description="path of the network's model card, a YAML file that describes input, output and classes; "
-            "null: the file NAME.yaml beside the network's file, or else the card that salframe ships for this network",
+            "null: the YAML file with the same name beside the network's file, or else the card that salframe includes",
         )
         views: int = Field(
             6, ge=1, le=16, description="number of horizontal perspective views that are cut from the panorama"
@@ -77,8 +77,8 @@ class SegmentsDetector(Detector):
             0,
             ge=0,
             le=8,
-            description="number N of tilted views, in addition to the horizontal ones: N views look up by 60 deg, and "
-            "N views look down by 60 deg",
+            description="number of views that look up by 60 deg, and of views that look down by 60 deg, in addition to "
+            "the horizontal views",
         )
         fov_deg: float = Field(
             90.0, ge=30, le=120, description="horizontal field of view (degrees) of each perspective view"

@@ -50,8 +50,8 @@ class TransformersDetector(Detector):
     """Objects from a published segmentation or detection network of the library `transformers`.
 
     The network may be for semantic, instance, panoptic or universal segmentation, or for closed-set or zero-shot
-    detection. Its configuration states which of them. Range is optional. Without range, the objects have labels, scores
-    and bearings, and their positions are NaN.
+    detection. The configuration of the network states its kind. Range is optional. Without range, the
+    objects have labels, scores and bearings, and their positions are NaN.
     """
 
     name = "transformers"

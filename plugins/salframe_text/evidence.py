@@ -29,9 +29,9 @@ class TextEvidence(EvidenceModel):
 
     A query reads one of the strings of its place. With the probability `unmapped`, a sign was overlooked, replaced or
     wrong. The query then reads a string of a random place or an unknown string, both equally likely. The ratio compares
-    the place with a random place, so strings that few places have count more. The strings of a query are assumed to be
-    independent. Their sum is limited to +-`max_nats`, so that wrong signs cannot overrule the objects. It is 0 if the
-    query or the place has no string.
+    the place with a random place. A rare string therefore counts more than a frequent one. The strings of a query are
+    assumed to be independent, so their log likelihood ratios are added. The sum is limited to +-`max_nats`, so that
+    wrong signs cannot overrule the objects. The sum is 0 if the query or the place has no string.
     """
 
     name = "text"

@@ -43,8 +43,9 @@ def build(
 ) -> None:
     """Build a map from the reference frames of a dataset.
 
-    Reference frames are panoramas with known poses. The map includes a topology (nodes and edges for routes) if the
-    dataset has floor masks, or range images from which floors are derived.
+    `salframe build` and `salframe map build` are the same command. Reference frames are panoramas with known
+    poses. The map includes a topology (nodes and edges for routes) if the dataset has floor masks, or range images from
+    which floors are derived.
     """
     from salframe.cli.calibration import describe_calibration
     from salframe.cli.output import Bars, tell

@@ -25,7 +25,7 @@ def track(
             "--output", "-o", metavar="DIR", help="Folder to write the trajectory, the JSON file and the picture to"
         ),
     ] = None,
-    tracker: Annotated[str | None, typer.Option(help="Tracker to use; see `salframe plugins`")] = None,
+    tracker: Annotated[str | None, typer.Option(help="Tracker to use; see `salframe plugins` (default: votes)")] = None,
     views: Annotated[
         int | None, typer.Option(min=1, help="Number of most recent views to localize together (default: 5)")
     ] = None,

@@ -140,8 +140,9 @@ class Localization:
             raise InvalidAnswer(f"a localization has the status {self.status} and {received}, expected {expected}")
         if self.status is LocalizationStatus.OUT_OF_MAP and self.T_world_query is not None:
             raise InvalidAnswer(f"a localization has the status {self.status} and a pose, expected no pose")
-        if any(place.score != place.score for place in self.places):
-            raise InvalidAnswer("a localization has the score NaN, expected numbers")
+        undefined = [place.place for place in self.places if place.score != place.score]
+        if undefined:
+            raise InvalidAnswer(f"a localization has the score NaN for the place {undefined[0]!r}, expected a number")
         self._check_probabilities()
         if self.T_world_query is not None:
             object.__setattr__(self, "heading_rad", pose_yaw(np.asarray(self.T_world_query)))

@@ -256,7 +256,8 @@ class LocalizationMap:
         if posterior is None:
             raise DataError(
                 f"max_false_accept is {max_false_accept:g} and {self.localizer.name} has no "
-                "probabilities, expected a method with probabilities, such as proposed"
+                "probabilities, expected a method with probabilities, such as proposed: build the map with such a "
+                "method, or omit max_false_accept"
             )
         settings = {**posterior.model_dump(), "max_false_accept": max_false_accept}
         posterior = validate(Posterior, settings, "posterior")

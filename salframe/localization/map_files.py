@@ -297,7 +297,8 @@ def check_output(directory: Path) -> None:
         return
     if not directory.is_dir() or not all(path.name.startswith(_PARTS) for path in directory.iterdir()):
         raise ConfigError(
-            f"{directory} is neither empty nor a map, expected a new or empty folder, or a map to replace"
+            f"{directory} is neither empty nor a map, expected a new or empty folder, or a map to replace: choose "
+            "another folder"
         )
 
 

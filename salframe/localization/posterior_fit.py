@@ -88,11 +88,15 @@ def fit_posterior(answers: Sequence[ScoredAnswer]) -> Fit:
     if not ranked or not num_out_of_map:
         raise DataError(
             f"received {len(ranked)} answers that rank the true place of their query and "
-            f"{num_out_of_map} answers to out-of-map queries, expected at least one of each"
+            f"{num_out_of_map} answers to out-of-map queries, expected at least one of each: use tuning data with more "
+            "queries and places"
         )
     spread = float(np.std(np.concatenate([answer.scores for answer in answers])))
     if spread == 0 or all(np.ptp(answer.scores) == 0 for answer in ranked):
-        raise DataError("all places of each answer have the same score, expected scores that differ between places")
+        raise DataError(
+            "all places of each answer have the same score, expected scores that differ between places: use tuning "
+            "data with more places, or another method"
+        )
     temperature = _fit_temperature(ranked, spread)
     posterior = Posterior(temperature=temperature, head=_fit_head(answers, temperature))
     in_map = np.array([answer.here for answer in answers], float)
@@ -137,7 +141,10 @@ def _fit_head(answers: Sequence[ScoredAnswer], temperature: float) -> Head:
     }
     mean, deviation = np.mean([m for m, _ in moments.values()]), np.sqrt(np.mean([s**2 for _, s in moments.values()]))
     if deviation == 0:
-        raise DataError("all out-of-map answers have the same scores, expected scores that differ between queries")
+        raise DataError(
+            "all out-of-map answers have the same scores, expected scores that differ between queries: use tuning data "
+            "with more queries"
+        )
     accuracy_effect, accuracies = _fit_accuracy(right[here], nu[here], map_number[here])
     accuracy = float(np.mean([*accuracies.values()]))
     head = head.model_copy(

@@ -28,7 +28,9 @@ def describe_references(
     Arguments and errors are those of `LocalizationMap.build`.
     """
     if not frames:
-        raise DataError("received no reference frame, expected at least one for a map")
+        raise DataError(
+            "received no reference frame, expected at least one for a map: add panoramas with poses and places"
+        )
     descriptions, described, notes = [], [], []
     unusable_frames: dict[str, DataError | InputMissing] = {}
     for done, frame in enumerate(frames):

@@ -70,7 +70,10 @@ class SavedFrames(Sequence[ReferenceFrame]):
         if not rows:
             raise DataError(f"{rows.folder} has no frames: build the map again")
         if unknown := set(rows.columns["kind"].words or ()) - set(FrameKind):
-            raise DataError(f"{rows.folder} has frames of the unknown kind {min(unknown)!r}: build the map again")
+            raise DataError(
+                f"{rows.folder} has frames of the unknown kind {min(unknown)!r}, expected one of "
+                f"{', '.join(FrameKind)}: build the map again"
+            )
         if lengths := set(np.diff(rows.columns["pose"].start).tolist()) - {_LEVEL, _TILTED}:
             raise DataError(
                 f"{rows.folder} has a pose of {min(lengths)} numbers, expected {_LEVEL} or {_TILTED}: "

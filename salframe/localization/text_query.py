@@ -102,7 +102,9 @@ def read_text(text: str, labels: Sequence[str], vectors: WordVectors | None = No
         DataError: The text is longer than MAX_CHARACTERS, or names no object.
     """
     if len(text) > MAX_CHARACTERS:
-        raise DataError(f"the description has {len(text)} characters, expected at most {MAX_CHARACTERS}")
+        raise DataError(
+            f"the description has {len(text)} characters, expected at most {MAX_CHARACTERS}: shorten the description"
+        )
     reader = _Reader(frozenset(labels), vectors or WordVectors())
     mentions: list[Mention] = []
     relations: list[Relation] = []

@@ -43,7 +43,8 @@ def columns_of(evidence: Sequence[ComponentConfig]) -> dict[str, EvidenceColumn]
         for column in model.columns:
             if column.name in columns:
                 raise ValueError(
-                    f"two components of evidence have the column {column.name!r}, expected each column once"
+                    f"two components of evidence have the column {column.name!r}, expected each column once: remove "
+                    "one of them from the setting `evidence`"
                 )
             columns[column.name] = column
     return columns

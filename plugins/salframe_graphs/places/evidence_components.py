@@ -80,7 +80,7 @@ class OutlineEvidence(EvidenceModel):
 
     The outline is the distance to the nearest surface above the furniture, in each direction. The ratio is large if the
     outline of the query agrees with the outlines of the place. The outline takes 144 bytes for each frame of the map.
-    It also limits the distance up to which objects should be visible.
+    Objects behind the outline are not expected to be visible.
     """
 
     name = "outline"
@@ -158,9 +158,10 @@ class PanoramaEvidence(EvidenceModel):
 
 
 class LabelEvidence(EvidenceModel):
-    """Labels that query and place have in common, in the columns `detected_labels` and `labels_shared`.
+    """Labels that query and place have in common, in two columns. Rare labels count more.
 
-    Rare labels count more.
+    `detected_labels` is the share of the query's labels that the place has. `labels_shared` is the Jaccard index of the
+    labels of query and place.
     """
 
     name = "labels"

@@ -84,9 +84,10 @@ class _Hypotheses:
 class SaliencyPlacesLocalizer(GraphLocalizer):
     """Merges the objects of all panoramas of a place, and estimates place and pose of a query together.
 
-    The score of a place is the sum of the `evidence` for it, multiplied by fitted `weights`. By default, the evidence
-    is a likelihood ratio of the objects, the outline of free space, the score of the best match with a single panorama,
-    and rare labels. The objects of a query have either a range, or only a bearing and a solid angle.
+    The score of a place is the sum of the `evidence` for it, multiplied by fitted `weights`. By default, the
+    evidence is a likelihood ratio of the objects, the outline of free space, the score of the best match with a
+    single panorama, and the labels that query and place share. The objects of a query have either a range, or only
+    a bearing and a solid angle.
 
     Defaults of `rates` and `posterior` that are listed as null are numbers that `salframe fit` estimated. `salframe
     show saliency-places` prints these numbers.

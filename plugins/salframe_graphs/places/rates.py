@@ -22,7 +22,8 @@ class Rates(Settings):
     )
     position_error_m: float = Field(
         gt=0,
-        description="standard deviation (m) of the position of a detected object along each axis, if its range is 0",
+        description="standard deviation (m) of the position of a detected object along each axis, without the error "
+        "that grows with its range (`range_error_share`)",
     )
     range_error_share: float = Field(
         ge=0,
@@ -79,7 +80,7 @@ class BearingErrors(Settings):
         0.09,
         ge=0,
         description="standard deviation of the centre of the visible part of an object, divided by the mean side of "
-        "its box; the visible part changes with the viewpoint",
+        "its box; the visible part depends on the position of the camera",
     )
     size_error_log: float = Field(
         0.7, gt=0, description="standard deviation of ln(solid angle) of an object, if its size and distance are known"

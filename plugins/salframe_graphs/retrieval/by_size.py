@@ -64,12 +64,14 @@ class BySize(SceneIndex):
 
     def open(self, folder: Path) -> None:
         if not (folder / _CHOICE).exists():
-            raise DataError(f"{folder} has no scene index: build it with SceneIndex.build")
+            raise DataError(
+                f"{folder} has no scene index: build the map again, or only the index with SceneIndex.build"
+            )
         kind = read_model(folder / _CHOICE, _Choice).kind
         if kind not in _KINDS:
             raise DataError(
                 f"{folder} has a scene index of the kind {kind!r}, expected one of {', '.join(_KINDS)}: "
-                "build the index again"
+                "build the map again, or only the index with SceneIndex.build"
             )
         self._index = _KINDS[kind]()
         self._index.open(folder / _INDEX)

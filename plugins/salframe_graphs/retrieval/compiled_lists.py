@@ -52,14 +52,11 @@ class CompiledLists(SceneIndex):
         tolerance_m: float = match_only(
             0.3,
             gt=0,
-            description="maximum distance (m) between an object of the query and an object of the frame that "
-            "coincide, for objects at the range 0",
+            description="two objects with the ranges a and b coincide if their distance (m) is at most `tolerance_m` + "
+            "`tolerance_share` * sqrt(a^2 + b^2)",
         )
         tolerance_share: float = match_only(
-            0.05,
-            ge=0,
-            description="increase of this maximum distance with the ranges a and b of the two objects, per metre "
-            "of sqrt(a^2 + b^2)",
+            0.05, ge=0, description="increase of the maximum distance in `tolerance_m` per metre of sqrt(a^2 + b^2)"
         )
         max_shift_m: float = match_only(
             6.0,
@@ -75,7 +72,10 @@ class CompiledLists(SceneIndex):
     def open(self, folder: Path) -> None:
         self._postings = read_postings(folder)
         if self._postings.position is None:
-            raise DataError(f"the scene index in {folder} has no positions of objects: build the scene index again")
+            raise DataError(
+                f"the scene index in {folder} has no positions of objects, expected an index of the kind "
+                f"{self.name}: build the map again, or only the index with SceneIndex.build"
+            )
         if len(self._postings.scene):
             self._compile()
 

@@ -98,10 +98,13 @@ def read_postings(folder: Path) -> Postings:
         DataError: The folder has no postings, or they have another format or are incomplete.
     """
     if not (folder / _INDEX).exists():
-        raise DataError(f"{folder} has no scene index: build it with SceneIndex.build")
+        raise DataError(f"{folder} has no scene index: build the map again, or only the index with SceneIndex.build")
     index = read_model(folder / _INDEX, _Index)
     if index.format != _FORMAT:
-        raise DataError(f"{folder} has scene index format {index.format}, expected {_FORMAT}: build the index again")
+        raise DataError(
+            f"{folder} has scene index format {index.format}, expected {_FORMAT}: build the map again, or only the "
+            "index with SceneIndex.build"
+        )
     try:
         start, rarity = np.asarray(map_array(folder / _LISTS))
         scene, code, weight = (np.asarray(map_array(folder / name)) for name in (_SCENE, _CODE, _WEIGHT))

@@ -86,7 +86,7 @@ class TuningData:
         if localizer.describe_identity() != self.localizer.describe_identity():
             raise ConfigError(
                 f"the settings {dict(changes)} change the descriptions of panoramas, expected settings "
-                "that affect only matching"
+                "that affect only matching: fit the method separately for each value of the other settings"
             )
         for fold in self.dataset.folds():
             places = [self.dataset.truth(query.id).place for query in fold.queries]
@@ -100,7 +100,8 @@ class TuningData:
             ]
             if not usable:
                 raise DataError(
-                    f"fold {fold.id} has no reference frame that {localizer.name} can use, expected at least one"
+                    f"fold {fold.id} has no reference frame that {localizer.name} can use, expected at least one: "
+                    "check the dataset with `salframe data info`, or use other tuning data"
                 )
             frames, described = [frame for frame, _ in usable], [description for _, description in usable]
             fold_map = LocalizationMap.from_descriptions(localizer, described, frames, self.dataset.floors())

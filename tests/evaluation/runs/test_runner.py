@@ -93,12 +93,12 @@ NONSENSE = {
     "posed": "a localization has the status no-pose and a pose, expected no pose",
     "poseless": "a localization has the status ok and no pose, expected a pose",
     "placeless": "a localization has the status no-pose and no place, expected a place",
-    "elsewhere": "match returned the frame 'map-9' with the place 'room-9', expected a reference frame of the map",
-    "misplaced": "match returned the frame 'map-0' with the place 'room-1', expected a reference frame of the map",
+    "elsewhere": "the method `match` returned the frame 'map-9' with the place 'room-9', expected a reference frame",
+    "misplaced": "the method `match` returned the frame 'map-0' with the place 'room-1', expected a reference frame",
     "mapping": "match returned dict, expected a Localization",
     "nothing": "match returned NoneType, expected a Localization",
     "text": "match returned str, expected a Localization",
-    "score": "a localization has the score NaN, expected numbers",
+    "score": "a localization has the score NaN for the place 'room-0', expected a number",
 }
 
 
