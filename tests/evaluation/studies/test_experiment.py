@@ -57,6 +57,15 @@ def test_an_experiment_is_measured_once_and_kept(rooms):
     assert list(map(list, again.tables[0].tables()[0].rows)) == list(map(list, table.tables()[0].rows))
 
 
+def test_settings_of_all_rows_are_in_the_title_and_not_in_the_rows(rooms):
+    methods = {"reader": "reader", "late": {"method": "reader", "set": {"wrong_from": 3}}}
+    file = write(first={**ROOMS, "methods": methods, "set": {"data.rooms": 4, "offset": 1}})
+    (table,) = run_experiment(file, REQUEST, results="results").tables
+    (shown, *_) = table.tables()
+    assert shown.title == "Which room, all rows: offset=1"
+    assert [row[0] for row in shown.rows] == ["reader", "late"]
+
+
 def test_what_is_there_is_measured_again_by_force(rooms):
     file = write(first=ROOMS)
     (measured,) = run_experiment(file, REQUEST, results="results").tables
