@@ -160,8 +160,9 @@ class LoftrCompact(ImageMatcher):
         require_multiples(self.name, self.view_size_px, STRIDE_PX, MAX_PX)
 
     def describe(self, view: ViewFeatures) -> np.ndarray:
-        """Return RootSIFT of the view's image, or the tokens of the network's coarse grid."""
-        return unit_rows(self._features(view).tokens[0]) if self.config.pooled == "tokens" else super().describe(view)
+        """Return the local descriptors that the setting `pooled` selects: RootSIFT of the image, or features of the
+        coarse grid.""" return unit_rows(self._features(view).tokens[0]) if self.config.pooled == "tokens" else
+        super().describe(view)
 
     def match(self, query: ViewFeatures, reference: ViewFeatures) -> tuple[np.ndarray, np.ndarray]:
         """See FeatureMatcher.

@@ -16,11 +16,11 @@ from salframe_depth.monocular import UNSEEN, DepthConfig, MonocularDepth, Quanti
 class OnnxDepth(MonocularDepth):
     """Runs any monocular depth network in ONNX format, on overlapping views of a panorama or on the whole panorama.
 
-    This component has not been tested with published networks. The depth of each view is scaled so that the views
-    agree where they overlap. The depth is also shifted if the shift of the network's output is unknown. The views
+    This component has not been tested with published networks. The depth of each view is scaled so that the views agree
+    where they overlap. If the output is known only up to an added constant, this constant is estimated too. The views
     are then merged. The weight of a view falls to 0 at its border. With `camera_height_m`, all ranges are scaled so
-    that the floor is at this distance below the camera. If no floor is visible, the ranges of a network with
-    `metric: true` are not scaled, and those of other networks are unknown.
+    that the floor is at this distance below the camera. If no floor is visible, the ranges of a network with `metric:
+    true` are not scaled, and those of other networks are unknown.
     """
 
     name = "onnx-depth"

@@ -87,7 +87,7 @@ Workers = Annotated[
         "--workers",
         parser=number_parser("--workers", int, 1, MAX_WORKERS),
         metavar="N",
-        help="Number of worker processes (default: one per core, but 1 to measure latency)",
+        help="Number of worker processes (default: 1 if times are measured, else one per core)",
     ),
 ]
 parse_seed = number_parser("--seed", int, 0, MAX_SEED)

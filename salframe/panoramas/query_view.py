@@ -225,7 +225,8 @@ def is_in_view(rays: np.ndarray, fov_deg: float, focal: float | None) -> np.ndar
     Args:
         rays: (..., 3) directions of any length in the panorama frame.
         fov_deg: Horizontal field of view in degrees, centred on +x.
-        focal: Focal length of a rectilinear view, relative to half its width; None: all elevations.
+        focal: Focal length of a rectilinear view, relative to half its width; None: the view is a part of the panorama
+            with all elevations.
     """
     forward, left, up = np.moveaxis(rays, -1, 0)
     inside = np.abs(np.arctan2(left, forward)) <= np.radians(fov_deg) / 2

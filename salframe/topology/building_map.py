@@ -250,7 +250,10 @@ def ask_map(
         if goal is None:
             return map_answer
         if start is None:
-            raise NoRoute(f"no route to {goal}: the reference frame {answer.places[0].frame} has no node in the map")
+            raise NoRoute(
+                f"no route to {goal}: the query was localized at the reference frame {answer.places[0].frame}, "
+                "which has no node in the graph of routes"
+            )
         return replace(map_answer, route=find_route(topology, start, goal, planner))
     except (DataError, NoRoute, UnknownName) as error:
         if goal is None:
