@@ -31,7 +31,7 @@ MODULES = {
     "page_localizer": LOCALIZER,
     "page_dataset": DATASET,
     "page_command": COMMAND,
-    "page_role": ROLE,
+    "my_compass": ROLE,
 }
 
 

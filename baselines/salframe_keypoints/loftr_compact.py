@@ -161,8 +161,8 @@ class LoftrCompact(ImageMatcher):
 
     def describe(self, view: ViewFeatures) -> np.ndarray:
         """Return the local descriptors that the setting `pooled` selects: RootSIFT of the image, or features of the
-        coarse grid.""" return unit_rows(self._features(view).tokens[0]) if self.config.pooled == "tokens" else
-        super().describe(view)
+        coarse grid."""
+        return unit_rows(self._features(view).tokens[0]) if self.config.pooled == "tokens" else super().describe(view)
 
     def match(self, query: ViewFeatures, reference: ViewFeatures) -> tuple[np.ndarray, np.ndarray]:
         """See FeatureMatcher.

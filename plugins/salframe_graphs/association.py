@@ -176,7 +176,9 @@ class _LabelRays:
 
     def _candidates(self, group: int) -> list[tuple[float, np.ndarray, np.ndarray]]:
         """Return the hypotheses of objects near the panoramas of a place: the log likelihood ratio of each, its rays,
-        and the contribution of each ray to this ratio.""" of_place = self._group == group if not of_place.any():
+        and the contribution of each ray to this ratio."""
+        of_place = self._group == group
+        if not of_place.any():
             return []
         place_m = self._camera_m[self._group_of_frame[self._camera_frame] == group]
         near = (self._group == -1) & (cdist(self._origin, place_m).min(1) < MAX_RANGE_M)

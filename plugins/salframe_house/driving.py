@@ -24,7 +24,7 @@ _SMOOTHING_M = 0.3  # length of the path over which a heading is measured
 
 
 class Drives:
-    """Generates random paths of driven queries through a building."""
+    """Generates random paths through a building, along which a moving camera takes the views of queries."""
 
     def __init__(self, building: Building, seed: int) -> None:
         """Create the drives through a building as the queries see it."""

@@ -176,8 +176,7 @@ def import_(
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a setting of the importer")
     ] = None,
     dry_run: Annotated[
-        bool,
-        typer.Option("--dry-run", help="Print a summary of a sample and draw two pictures; do not write the dataset"),
+        bool, typer.Option("--dry-run", help="Read some panoramas, print a summary and draw pictures; write no dataset")
     ] = False,
     as_json: Json = False,
 ) -> None:

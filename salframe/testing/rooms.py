@@ -134,7 +134,8 @@ def look(room: FurnishedRoom, id: str, T_world_pano: np.ndarray, parts: Set[str]
 
 def _loader(room: FurnishedRoom, id: str, T_world_pano: np.ndarray, parts: Set[str]) -> Callable[[], Panorama]:
     """Return a function that returns the panorama that `look` renders, with read-only arrays. Each process renders it
-    once.""" return partial(_load, room, id, tuple(T_world_pano.ravel().tolist()), frozenset(parts))
+    once."""
+    return partial(_load, room, id, tuple(T_world_pano.ravel().tolist()), frozenset(parts))
 
 
 def _load(room: FurnishedRoom, id: str, pose: tuple[float, ...], parts: frozenset[str]) -> Panorama:

@@ -49,7 +49,7 @@ class WorkerEngine(Engine):
             ge=1,
             le=1024,
             description="number of worker processes with one thread each; null: one per processor. If times are "
-            "measured, null means a single worker that uses all processors",
+            "measured, null means a single worker",
         )
 
     @abstractmethod
