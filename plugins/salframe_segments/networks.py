@@ -50,8 +50,8 @@ class SegmentationNetwork(ABC):
             scores = _channels_last(self.raw(self._as_input(view[None])), output.layout)
             if scores.ndim != 4 or scores.shape[-1] != len(self.card.labels):
                 raise WeightsError(
-                    f"{self.path} returned an output of shape {' x '.join(map(str, scores.shape))} (channels last), expected "
-                    f"4 axes and {len(self.card.labels)} channels, the number of labels on the card of the network"
+                    f"{self.path} returned an output of shape {' x '.join(map(str, scores.shape))} (channels last), "
+                    f"expected 4 axes and {len(self.card.labels)} channels, the number of labels on the card of the network"
                 )
             yield _softmax(scores[0]) if output.values == "logits" else scores[0]
 

@@ -86,7 +86,7 @@ def test_colours_are_normalized_as_the_card_says(tmp_path, channels):
             {"input": {"layout": "nhwc", "size_px": [64, 96]}},
             r"takes float32 \(1, 96, 96, 3\) as input, expected float32 \(1, 96, 64, 3\)",
         ),
-        ({"output": {"name": "logits", "layout": "nchw", "values": "logits"}}, "expected 4 axes with 5 classes"),
+        ({"output": {"name": "logits", "layout": "nchw", "values": "logits"}}, "expected 4 axes and 5 channels"),
     ],
 )
 def test_a_tflite_network_that_does_not_fit_its_card_is_one_line(tmp_path, changes, message):

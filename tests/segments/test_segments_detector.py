@@ -199,7 +199,7 @@ def test_a_network_without_a_card_says_what_to_write(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "error", "message"),
     [
-        ({"labels": ["wall", "tv"]}, WeightsError, "returned .* 5, expected 4 axes with 2 classes, one for each label"),
+        ({"labels": ["wall", "tv"]}, WeightsError, "returned .* 5 .channels last., expected 4 axes and 2 channels"),
         (
             {"labels": ["wall", "sofa"]},
             ConfigError,
