@@ -139,8 +139,8 @@ class Reverie(Scorer):
 
 
 class _Task(BaseModel):
-    """An entry of REVERIE_<split>.json: the task to find a target object. `objId`, the id of this object, is not published
-    for every split."""
+    """An entry of REVERIE_<split>.json: the task to find a target object. `objId`, the id of this object, is not
+    published for every split."""
 
     path_id: int | str
     scan: str

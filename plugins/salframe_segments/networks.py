@@ -51,7 +51,7 @@ class SegmentationNetwork(ABC):
             if scores.ndim != 4 or scores.shape[-1] != len(self.card.labels):
                 raise WeightsError(
                     f"{self.path} returned an output of shape {' x '.join(map(str, scores.shape))} (channels last), "
-                    f"expected 4 axes and {len(self.card.labels)} channels, the number of labels on the card of the network"
+                    f"expected 4 axes and {len(self.card.labels)} channels, the number of labels on its card"
                 )
             yield _softmax(scores[0]) if output.values == "logits" else scores[0]
 
