@@ -151,6 +151,15 @@ class HouseConfig(QueryView):
     hide_query_place: bool = hide_query_place_setting()
 
     @model_validator(mode="after")
+    def _signs_are_unique(self) -> HouseConfig:
+        if self.signs and self.storeys > 1:
+            raise ValueError(
+                f"signs is true and storeys is {self.storeys}, expected storeys=1 or signs=false: the numbers on the "
+                "signs would repeat on each storey"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _shares_of_signs_add_up(self) -> HouseConfig:
         if self.signs_unreadable + self.signs_wrong > 1:
             raise ValueError(

@@ -24,6 +24,7 @@ from salframe.localization.query_input import query_frame
 from salframe.localization.tracker import TrackedPose, Tracker, TrackStatus
 from salframe.localization.trajectory import tum_lines
 from salframe.panoramas.camera_sequence import CameraSequence, read_sequence
+from salframe.panoramas.floors import MIN_STOREY_GAP_M
 from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.geometry import invert_pose, pose_yaw
 from salframe.panoramas.panorama import Panorama
@@ -70,12 +71,14 @@ class ViewWindow:
         self._views: list[tuple[DescribedView, np.ndarray]] = []
 
     def move(self, odometry: np.ndarray | None) -> None:
-        """Update the window by a motion, as in `Tracker.move`. An unknown motion (None) removes all views."""
+        """Update the window by a motion, as in `Tracker.move`. An unknown motion (None) removes all views,
+        and a motion to another storey removes the views from the storey before."""
         if odometry is None:
             self._views = []
             return
         back = invert_pose(np.round(odometry, MOTION_DECIMALS))
-        self._views = [(view, back @ T_present_view) for view, T_present_view in self._views]
+        moved = [(view, back @ T_present_view) for view, T_present_view in self._views]
+        self._views = [(view, pose) for view, pose in moved if abs(pose[2, 3]) < MIN_STOREY_GAP_M]
 
     def localize(self, view: DescribedView) -> Localization:
         """Add a view, and localize all views of the window together.

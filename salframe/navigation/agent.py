@@ -121,8 +121,8 @@ class Agent:
         pose = self.pose
         if not stopped or pose is None or self._takes_stairs:
             return
-        again = any(np.linalg.norm(pose[:2, 3] - stop_m) <= SAME_OBSTACLE_M for stop_m in self._stops_m)
-        self._stops_m.append(pose[:2, 3])
+        again = any(np.linalg.norm(pose[:3, 3] - stop_m) <= SAME_OBSTACLE_M for stop_m in self._stops_m)
+        self._stops_m.append(pose[:3, 3])
         charts = [guide.chart.after_collision(pose, again) for guide in self._guides]
         if any(chart is not guide.chart for chart, guide in zip(charts, self._guides, strict=True)):
             self._guides = tuple(Guide(chart, guide.planner) for chart, guide in zip(charts, self._guides, strict=True))

@@ -17,7 +17,7 @@ from salframe.localization.map import LocalizationMap
 from salframe.localization.unusable_frames import check_unusable, unusable_note
 from salframe.navigation.agent import Located
 from salframe.navigation.world import World
-from salframe.panoramas.floors import FloorMasks
+from salframe.panoramas.floors import MAX_CAMERA_M, FloorMasks
 from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 from salframe.panoramas.geometry import invert_pose, pose_2d, pose_yaw, wrap_angle
 
@@ -30,7 +30,7 @@ def localize_nearest(world: World, T_world_pano: np.ndarray, yaw_rad: float, tur
     """Simulate perfect place recognition without a localizer.
 
     The agent is localized at the nearest node of the map to which it can walk straight. If there is no such node, it is
-    localized at the nearest node.
+    localized at the nearest node below it, not on another storey.
 
     Args:
         world: The world.
@@ -42,7 +42,9 @@ def localize_nearest(world: World, T_world_pano: np.ndarray, yaw_rad: float, tur
     point_m = np.array([node.xyz_m for node in nodes])
     distance_m = world.chart.reach(T_world_pano[:3, 3], point_m)
     if not np.isfinite(distance_m).any():
-        distance_m = np.linalg.norm(point_m - T_world_pano[:3, 3], axis=1)
+        offset_m = point_m - T_world_pano[:3, 3]
+        is_on_storey = (offset_m[:, 2] <= 0) & (offset_m[:, 2] >= -MAX_CAMERA_M)
+        distance_m = np.where(is_on_storey | ~is_on_storey.any(), np.linalg.norm(offset_m, axis=1), np.inf)
     nearest = int(distance_m.argmin())
     x, y, _ = point_m[nearest]
     name, pose = nodes[nearest].id, pose_2d(x, y, yaw_rad, T_world_pano[2, 3])

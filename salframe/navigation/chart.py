@@ -147,7 +147,7 @@ def nearest_floor(floors: Sequence[FloorMasks], position_m: np.ndarray) -> int:
 def _rebuild(map: TopologicalMap, grids: Sequence[FloorGrid]) -> TopologicalMap:
     """Return the map without nodes on pixels that are not clear, with new edges over clear pixels, and with the stairs
     and lifts whose ends remain."""
-    floors = floor_numbers(map.floors, np.array([node.xyz_m for node in map.nodes]))
+    floors = floor_numbers(map.floors, np.array([node.xyz_m for node in map.nodes]).reshape(-1, 3))
     nodes: list[MapNode] = []
     edges: list[MapEdge] = []
     for number, grid in enumerate(grids):

@@ -18,7 +18,7 @@ from salframe.panoramas.panorama import Panorama
 from salframe.topology.build import build_topology
 from salframe.topology.connections import connect_storeys
 from salframe.topology.edges import components
-from salframe.topology.grid import FloorGrid, cell
+from salframe.topology.grid import FloorGrid, cell, nearest_pixel
 from salframe.topology.topological_map import MapEdge, MapNode, TopologySettings
 
 _PACE_M = 0.01
@@ -147,6 +147,7 @@ class FloorWorld(World):
         cameras_m = np.array([frame.T_world_pano[:3, 3] for frame in frames])
         numbers = floor_numbers(self._floors, cameras_m)
         self._camera_z_m = [float(np.median(cameras_m[numbers == floor, 2])) for floor in range(len(floors))]
+        self._names = [grid.names for grid in grids]
         self._free = [FloorGrid(actual[number], settings.robot_radius_m).clear for number in order]
         self._parts = [ndimage.label(free)[0] for free in self._free]
 
@@ -176,7 +177,8 @@ class FloorWorld(World):
         part = {id: self._part(np.array(node.xyz_m)) for id, node in nodes.items()}
         first, last = self._part(start[:3, 3]), self._part(goal[:3, 3])
         parts = sorted({first, last, *part.values()})
-        pairs = [(part[edge.start], part[edge.end]) for edge in self.chart.map.edges if edge.storeys]
+        ends = [(part[edge.start], part[edge.end]) for edge in self.chart.map.edges if edge.storeys]
+        pairs = [pair for pair in ends if all(label for _, label in pair)]  # the label 0 stands for blocked pixels
         index = np.array([[parts.index(one) for one in pair] for pair in pairs], int).reshape(-1, 2)
         component = components(len(parts), index)
         return bool(component[parts.index(first)] == component[parts.index(last)])
@@ -202,8 +204,9 @@ class FloorWorld(World):
         return pose_2d(x_m, y_m, rng.uniform(-np.pi, np.pi), self._camera_z_m[number])
 
     def region(self, T_world_pano: np.ndarray) -> str:
-        grid = self._grids[nearest_floor(self._floors, T_world_pano[:3, 3])]
-        return grid.names.get(int(grid.label[cell(grid.to_pixel(T_world_pano[:2, 3]))]), "")
+        number = nearest_floor(self._floors, T_world_pano[:3, 3])
+        grid = self._grids[number]
+        return self._names[number].get(int(grid.label[cell(grid.to_pixel(T_world_pano[:2, 3]))]), "")
 
     def references(self, T_world_pano: np.ndarray) -> Sequence[ReferenceFrame]:
         return self._references
@@ -221,16 +224,19 @@ class FloorWorld(World):
         return pose_2d(x_m, y_m, yaw_rad, T_world_pano[2, 3]), steps < len(free)
 
     def take_stairs(self, T_world_pano: np.ndarray, edge: MapEdge) -> tuple[np.ndarray, bool]:
-        """See World. Stairs and lifts lead from their node, STAIRS_M around it, to the node at their other end. The
-        heading does not change."""
-        start, end = self.node(edge.start), self.node(edge.end)
-        first, last = (nearest_floor(self._floors, np.array(node.xyz_m)) for node in (start, end))
-        distance_m = np.linalg.norm(np.subtract(start.xyz_m[:2], T_world_pano[:2, 3]))
-        end_is_free = self._is_free(np.array([end.xyz_m[:2]]), last).all()
-        on_floor = nearest_floor(self._floors, T_world_pano[:3, 3]) == first
-        if not on_floor or distance_m > STAIRS_M or not end_is_free:
+        """See World. Stairs and lifts begin at a node, STAIRS_M around it. They end at the node at their other end, or
+        at the nearest free position if the node is blocked. The heading does not change."""
+        start_m, end_m = (np.array(self.node(name).xyz_m) for name in (edge.start, edge.end))
+        first, last = (nearest_floor(self._floors, point_m) for point_m in (start_m, end_m))
+        if nearest_floor(self._floors, T_world_pano[:3, 3]) != first:
             return T_world_pano, True
-        return self.stand_at(end, pose_yaw(T_world_pano)), False
+        grid = self._grids[last]
+        arrival = nearest_pixel(self._free[last], grid.to_pixel(end_m[:2]))
+        arrival_m = end_m[:2] if arrival is None else grid.to_metres(arrival)
+        is_near = np.linalg.norm(start_m[:2] - T_world_pano[:2, 3]) <= STAIRS_M
+        if not is_near or arrival is None or np.linalg.norm(arrival_m - end_m[:2]) > STAIRS_M:
+            return T_world_pano, True
+        return self._stand(arrival_m.tolist(), pose_yaw(T_world_pano), last), False
 
     def _is_free(self, xy_m: np.ndarray, number: int) -> np.ndarray:
         """Return whether the agent fits at positions (N, 2) on a floor, (N,) bool."""
@@ -271,7 +277,9 @@ def floor_worlds(dataset: Dataset, actual: Sequence[FloorMasks] | None = None) -
         actual: As in FloorWorld, in the order of `dataset.floors()`; None: the masks of the dataset.
 
     Raises:
-        DataError: The dataset has no floor, or a floor has no reference frame.
+        DataError: The dataset has no floor, a floor has no reference frame, or both ends of a connection are on one
+            floor.
+        UnknownName: An end of a connection does not exist.
     """
     floors, connections = dataset.floors(), dataset.connections()
     if not floors:
@@ -289,9 +297,9 @@ def floor_worlds(dataset: Dataset, actual: Sequence[FloorMasks] | None = None) -
             f"the dataset {dataset.name} has no reference frame on its floor at z = {without_frames[0]:g} m, "
             "expected at least one"
         )
-    floor_of = {place: number for number, floor in enumerate(floors) for place in floor.regions.values()}
-    pairs = [(floor_of[one.start], floor_of[one.end]) for one in connections]
-    building = components(len(floors), np.array(pairs, int).reshape(-1, 2))
+    pairs = _connected_floors(by_height, frames_by_floor, connections)
+    building = components(len(floors), np.array([(order[i], order[j]) for i, j in pairs], int).reshape(-1, 2))
+    of_floor = [(order[floor], one) for one, (floor, _) in zip(connections, pairs, strict=True)]
     worlds = []
     for first in dict.fromkeys(building.tolist()):
         numbers = np.flatnonzero(building == first).tolist()
@@ -302,7 +310,20 @@ def floor_worlds(dataset: Dataset, actual: Sequence[FloorMasks] | None = None) -
                 floors=[floors[number] for number in numbers],
                 frames=[frame for number in numbers for frame in frames_by_floor[number]],
                 actual=[(actual or floors)[number] for number in numbers],
-                connections=[one for one in connections if floor_of[one.start] in numbers],
+                connections=[one for floor, one in of_floor if floor in numbers],
             )
         )
     return worlds
+
+
+def _connected_floors(
+    floors: Sequence[FloorMasks], frames: Sequence[Sequence[ReferenceFrame]], connections: Sequence[Connection]
+) -> list[tuple[int, int]]:
+    """Return for each connection the indices of the floors of its ends in `floors`, which are sorted by height. Raises
+    UnknownName or DataError as `connect_storeys`."""
+    if not connections:
+        return []
+    topology = build_topology(floors, [frame for on_floor in frames for frame in on_floor])
+    connected = [connect_storeys(topology, [connection]) for connection in connections]
+    edges = [edge for one in connected for edge in one.edges if edge.storeys]
+    return [(edge.storeys[0] - 1, edge.storeys[1] - 1) for edge in edges]

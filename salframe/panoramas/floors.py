@@ -35,6 +35,9 @@ _FLOOR = {
 """Arrays of one floor in floors.npz."""
 SAME_FLOOR_M = 0.5
 """Minimum difference in height between two floors. Masks that are closer belong to the same floor."""
+MIN_STOREY_GAP_M = 1.5
+"""Minimum gap, in metres, between the camera heights of two storeys if there are no frames on the stairs between
+them."""
 MAX_CAMERA_M = 2.8
 """Maximum height of a camera above its floor. A higher camera is on a storey above."""
 MAX_PIXELS = 1 << 28

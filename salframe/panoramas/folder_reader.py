@@ -183,10 +183,11 @@ class Folder:
         """Return the stairs and lifts.
 
         Raises:
-            DataError: An end is not the place of a reference frame.
+            DataError: An end is not the place of a frame with the role map.
         """
         connections = list(self.manifest.connections or ())
-        places = sorted({frame.place for frame in self.manifest.frames if frame.place is not None})
+        frames = [frame for frame in self.manifest.frames if frame.role == "map"]
+        places = sorted({frame.place for frame in frames if frame.place is not None})
         for end in (end for one in connections for end in (one.start, one.end)):
             if end not in places:
                 raise DataError(f"{self.root / MANIFEST}: connections: {unknown('place', end, places)}")

@@ -180,7 +180,7 @@ def plan_floors(
 
 def _build_topology(plan: FloorPlan, settings: TopologySettings, connections: Sequence[Connection]) -> TopologicalMap:
     topology = build_topology(plan.floors, by_place(plan.frames), settings, plan.sources)
-    topology = restore_connections(connect_by_walks(topology, plan.frames), connections)
+    topology = restore_connections(topology, connections) if connections else connect_by_walks(topology, plan.frames)
     return replace(topology, notes=(*filter(None, [plan.sources.note]), *plan.notes, *topology.notes))
 
 

@@ -98,15 +98,12 @@ def connect_by_walks(topology: TopologicalMap, frames: Sequence[ReferenceFrame])
 
 
 def restore_connections(topology: TopologicalMap, connections: Iterable[Connection]) -> TopologicalMap:
-    """Return the map with these stairs and lifts. If the map lacks an end of one, it is dropped, and a note states
-    this."""
+    """Return the map with these stairs and lifts. Those that cannot be added are dropped, and a note states why."""
     for connection in connections:
         try:
             topology = connect_storeys(topology, [connection])
-        except (UnknownName, DataError):
-            note = (
-                f"the {connection.kind} from {connection.start} to {connection.end} are dropped: the map lacks an end"
-            )
+        except (UnknownName, DataError) as error:
+            note = f"the {connection.kind} from {connection.start} to {connection.end} are dropped: {error}"
             topology = replace(topology, notes=(*topology.notes, note))
     return topology
 
@@ -132,13 +129,17 @@ def _edge(topology: TopologicalMap, connection: Connection) -> MapEdge:
     def offset_m(pair: Sequence[MapNode]) -> np.ndarray:
         return np.subtract(pair[1].xyz_m[:2], pair[0].xyz_m[:2])
 
-    start, end = min(product(starts, ends), key=lambda pair: float(np.hypot(*offset_m(pair))))
-    storeys = tuple((find_floor(topology.floors, np.array(node.xyz_m)) or 0) + 1 for node in (start, end))
-    if storeys[0] == storeys[1]:
+    def storey(node: MapNode) -> int:
+        return (find_floor(topology.floors, np.array(node.xyz_m)) or 0) + 1
+
+    pairs = [pair for pair in product(starts, ends) if storey(pair[0]) != storey(pair[1])]
+    if not pairs:
         raise DataError(
-            f"{connection.start} and {connection.end} are both on floor {storeys[0]}, expected the ends of "
+            f"{connection.start} and {connection.end} are both on floor {storey(starts[0])}, expected the ends of "
             f"{connection.kind} on two floors"
         )
+    start, end = min(pairs, key=lambda pair: float(np.hypot(*offset_m(pair))))
+    storeys = storey(start), storey(end)
     x_m, y_m = offset_m((start, end))
     azimuth_rad = float(np.arctan2(y_m, x_m))
     return MapEdge(start.id, end.id, connection.length_m, azimuth_rad, kind=EdgeKind(connection.kind), storeys=storeys)

@@ -8,12 +8,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from salframe.panoramas.floors import MIN_STOREY_GAP_M
 from salframe.panoramas.frames import ReferenceFrame
 from salframe.topology.topological_map import EdgeKind
 
-MIN_STOREY_M = 1.5
-"""Minimum gap, in metres, between the camera heights of two storeys if there are no frames on the stairs between
-them."""
 MIN_LEVEL_M = 2.2
 """Minimum difference, in metres, between the camera heights of two storeys if there are frames on the stairs between
 them."""
@@ -31,16 +29,16 @@ MAX_LIFT_M = 1.0
 def storeys(camera_z_m: np.ndarray) -> list[np.ndarray]:
     """Return the indices of the cameras of each storey, lowest first.
 
-    The camera heights of two storeys are separated by a gap of at least MIN_STOREY_M. If there are frames on the stairs
-    between two storeys, there is no such gap. Then the storeys are the heights with the largest numbers of cameras, at
-    least MIN_LEVEL_M apart. Cameras that are more than LEVEL_M higher or lower are on the stairs and belong to no
-    storey.
+    The camera heights of two storeys are separated by a gap of at least MIN_STOREY_GAP_M. If there are frames on the
+    stairs between two storeys, there is no such gap. Then the storeys are the heights with the largest numbers of
+    cameras, at least MIN_LEVEL_M apart. Cameras that are more than LEVEL_M higher or lower are on the stairs and belong
+    to no storey.
 
     Args:
         camera_z_m: (N,) heights of the cameras in the world frame, in metres.
     """
     order = np.argsort(camera_z_m, kind="stable")
-    parts = np.split(order, np.flatnonzero(np.diff(camera_z_m[order]) >= MIN_STOREY_M) + 1)
+    parts = np.split(order, np.flatnonzero(np.diff(camera_z_m[order]) >= MIN_STOREY_GAP_M) + 1)
     return [level for part in parts for level in _split_levels(part, camera_z_m)]
 
 

@@ -261,5 +261,10 @@ def test_storeys_are_buildings_of_successive_seeds(tmp_path: Path, monkeypatch: 
     np.testing.assert_array_equal(both.observe(raised).range_m, upper.observe(first.T_world_pano).range_m)
 
 
+def test_signs_on_several_storeys_are_refused() -> None:
+    with pytest.raises(ValueError, match="signs is true and storeys is 2, expected storeys=1 or signs=false"):
+        House.Config(rooms=4, signs=True, storeys=2)
+
+
 def ids(frame) -> np.ndarray:
     return frame.load().annotations.instance_id

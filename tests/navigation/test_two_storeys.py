@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from apartment_plugin import STAIRS_M, STOREY_M, Tower
+from apartment_plugin import STAIRS_M, STOREY_M, Tower, masks
 from salframe_planners.planners import Dijkstra
 
 from salframe.framework.components.registry import registry
-from salframe.framework.errors import DataError
+from salframe.framework.errors import DataError, UnknownName
 from salframe.localization.answers import Localization, LocalizationStatus, RankedPlace
 from salframe.localization.tracker import Tracker
 from salframe.navigation.agent import Agent, Located
+from salframe.navigation.agent_localizer import localize_nearest
 from salframe.navigation.episodes import EpisodeRequest, Site, draw_episodes, place_episodes
 from salframe.navigation.guide import Guide
 from salframe.navigation.walk import NavigationConfig, walk
-from salframe.navigation.world import open_worlds
+from salframe.navigation.world import floor_worlds, open_worlds
+from salframe.panoramas.floors import Connection
 from salframe.panoramas.geometry import pose_2d
 
 CAMERA_M = 1.5
@@ -121,3 +125,48 @@ def test_starts_and_goals_are_on_both_storeys(site):
     episodes, _ = draw_episodes({"floor": site}, 40, 0)
     storeys = {(episode.start[11] > STOREY_M, episode.goal.startswith("up-")) for episode in episodes}
     assert len(storeys) == 4
+
+
+def test_at_a_blocked_end_of_the_stairs_the_agent_arrives_beside_it():
+    (world,) = floor_worlds(Tower(), [masks(), replace(masks((0.8, 1.8, 1.2, 2.2)), z_m=STOREY_M)])
+    end, failed = world.take_stairs(pose_2d(*STAIRS_XY_M, 0.7, CAMERA_M), stairs(world))
+    assert not failed
+    assert 0.2 <= np.linalg.norm(end[:2, 3] - STAIRS_XY_M) <= 0.5
+    assert end[2, 3] == STOREY_M + CAMERA_M
+    (world,) = floor_worlds(Tower(), [masks(), replace(masks((-0.5, 0.0, 3.0, 4.0)), z_m=STOREY_M)])
+    assert world.take_stairs(pose_2d(*STAIRS_XY_M, 0.7, CAMERA_M), stairs(world))[1]
+    assert not world.is_reachable(pose_2d(1.0, 1.0, 0.0, CAMERA_M), pose_2d(7.0, 2.0, 0.0, STOREY_M + CAMERA_M))
+
+
+@pytest.mark.parametrize(
+    ("ends", "error", "message"),
+    [
+        (("a", "attic"), UnknownName, "unknown node or place 'attic'"),
+        (("a", "b"), DataError, "a and b are both on floor 1, expected the ends of stairs on two floors"),
+    ],
+)
+def test_stairs_that_lead_nowhere_are_an_error(monkeypatch, ends, error, message):
+    connection = Connection(start=ends[0], end=ends[1], kind="stairs", length_m=STAIRS_M)
+    monkeypatch.setattr(Tower, "connections", lambda self: [connection])
+    with pytest.raises(error, match=message):
+        open_worlds(Tower())
+
+
+def test_a_place_on_both_floors_is_connected_across(monkeypatch):
+    upper = replace(masks(), z_m=STOREY_M, regions={1: "a", 2: "up-b"})
+    monkeypatch.setattr(Tower, "floors", lambda self: [masks(), upper])
+    monkeypatch.setattr(
+        Tower, "connections", lambda self: [Connection(start="a", end="up-b", kind="stairs", length_m=STAIRS_M)]
+    )
+    (world,) = open_worlds(Tower())
+    assert stairs(world).storeys == (1, 2)
+
+
+def test_floors_without_connections_are_separate_worlds(monkeypatch):
+    monkeypatch.setattr(Tower, "connections", lambda self: [])
+    assert [world.id for world in open_worlds(Tower())] == ["floor-0", "floor-1"]
+
+
+def test_perfect_place_recognition_stays_on_its_storey(tower):
+    located = localize_nearest(tower, pose_2d(7.4, 0.6, 0.0, CAMERA_M), 0.0)
+    assert not located.frame.startswith("up-")

@@ -300,13 +300,14 @@ def test_a_folder_without_truth_is_a_dataset(folder: Path) -> None:
 def test_stairs_are_read_and_their_ends_are_checked(folder: Path) -> None:
     assert dataset(folder).connections() == []
     before = dataset(folder).fingerprint
-    stairs = {"start": "room-a", "end": "door", "kind": "stairs", "length_m": 6.0}
+    edit(folder, lambda content: content["frames"][1].update(role="map", place="room-b"))
+    stairs = {"start": "room-a", "end": "room-b", "kind": "stairs", "length_m": 6.0}
     edit(folder, lambda content: content.update(connections=[stairs]))
     (connection,) = dataset(folder).connections()
     assert connection.model_dump() == stairs
     assert dataset(folder).fingerprint != before
-    edit(folder, lambda content: content.update(connections=[{**stairs, "end": "dor"}]))
-    with pytest.raises(DataError, match="connections: unknown place 'dor', did you mean 'door'"):
+    edit(folder, lambda content: content.update(connections=[{**stairs, "end": "rom-b"}]))
+    with pytest.raises(DataError, match="connections: unknown place 'rom-b', did you mean 'room-b'"):
         dataset(folder).connections()
 
 

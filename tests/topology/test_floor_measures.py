@@ -11,7 +11,6 @@ from salframe.panoramas.floors import FloorMasks
 from salframe.topology.topological_map import MapEdge, MapNode, NodeKind, TopologicalMap
 from training.floors.measure import on_grid, region_agreement
 from training.floors.measures import adjusted_rand_index, compare_topologies
-from training.floors.storeys import STOREY_M, raise_pose
 
 
 @pytest.mark.parametrize(
@@ -107,11 +106,3 @@ def test_the_agreement_of_regions_uses_the_pixels_of_both_floors():
     # Labels 1, 1, 2, 2 and 1, 1, 1, 2: one pair is together in both, as expected by chance (2 x 3 of 6 pairs).
     shifted = masks(np.array([[1, 1, 1, 2, 2]]), (0.0, 0.5))
     assert region_agreement(exact, shifted) == pytest.approx(0.0)
-
-
-def test_a_pose_is_raised_to_the_upper_storey_only():
-    pose = np.eye(4)
-    pose[:3, 3] = 1.0, 2.0, 1.5
-    assert raise_pose(pose, 0)[:3, 3].tolist() == [1.0, 2.0, 1.5]
-    assert raise_pose(pose, 1)[:3, 3].tolist() == [1.0, 2.0, 1.5 + STOREY_M]
-    assert pose[2, 3] == 1.5

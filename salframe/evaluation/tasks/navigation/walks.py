@@ -112,7 +112,7 @@ def _beside(floors: Sequence[FloorMasks]) -> FloorMasks:
     free, region, obstacle = (np.zeros(ends.max(0), dtype) for dtype in (bool, np.int32, bool))
     regions: dict[int, str] = {}
     for floor, (row, column), (last_row, last_column) in zip(floors, corners, ends.tolist(), strict=True):
-        at, count = (slice(row, last_row), slice(column, last_column)), max(regions, default=0)
+        at, count = (slice(row, last_row), slice(column, last_column)), max(int(region.max()), *regions, 0)
         free[at], obstacle[at] = floor.free, floor.obstacle
         region[at] = np.where(floor.region > 0, floor.region + count, 0)
         regions |= {label + count: place for label, place in floor.regions.items()}

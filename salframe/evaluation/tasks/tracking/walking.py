@@ -23,6 +23,7 @@ from salframe.localization.tracker import TrackedPose, TrackStatus
 from salframe.localization.tracking import ViewWindow, open_tracker
 from salframe.navigation.world import World
 from salframe.panoramas.dataset import Dataset
+from salframe.panoramas.floors import MIN_STOREY_GAP_M
 from salframe.panoramas.geometry import invert_pose, pose_yaw, wrap_angle
 from salframe.panoramas.opening import reference_frames
 from salframe.panoramas.query_motion import OdometryErrors, measured_motion
@@ -159,12 +160,15 @@ def _compare(believed: TrackedPose, step: _Step) -> Row:
 
 
 def _pose_errors(pose: np.ndarray | None, covariance: np.ndarray | None, T_world_pano: np.ndarray) -> Row:
-    """Return the fields of BeliefLine that are errors of a pose. Empty without a pose."""
+    """Return the fields of BeliefLine that are errors of a pose. Empty without a pose. The error of the position is
+    horizontal; if the pose is on another storey, it contains the error of the height."""
     if pose is None:
         return {}
-    x, y = pose[:2, 3] - T_world_pano[:2, 3]
+    x, y, z = pose[:3, 3] - T_world_pano[:3, 3]
     turn = float(wrap_angle(pose_yaw(pose) - pose_yaw(T_world_pano)))
-    errors: Row = {"position_m": float(np.hypot(x, y)), "heading_deg": float(np.degrees(abs(turn)))}
+    height_m = z if abs(z) >= MIN_STOREY_GAP_M else 0.0
+    position_m = float(np.linalg.norm([x, y, height_m]))
+    errors: Row = {"position_m": position_m, "heading_deg": float(np.degrees(abs(turn)))}
     if covariance is not None:
         error = np.array([x, y, turn])
         errors["nees"] = float(error @ np.linalg.pinv(covariance) @ error)
