@@ -24,8 +24,8 @@ def _box_template() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the faces of the unit box.
 
     Returns:
-        Corners (6, 4, 3) of the faces, their texture coordinates (4, 2), and the axes (6, 2) along which the texture
-        coordinates are scaled with the box.
+        Corners (6, 4, 3) of the faces, their texture coordinates (4, 2), and for each face
+        the indices (6, 2) of the two axes of the box whose lengths scale its texture coordinates.
     """
     corners, axes = np.zeros((6, 4, 3)), np.zeros((6, 2), int)
     uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], float)

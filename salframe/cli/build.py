@@ -19,7 +19,9 @@ def build(
     method: Annotated[str, typer.Option(help="Localization method; see `salframe methods`")] = MAP_METHOD,
     topology: Annotated[
         bool,
-        typer.Option("--topology/--no-topology", help="Include nodes and edges for routes, from floor masks or range"),
+        typer.Option(
+            "--topology/--no-topology", help="Include nodes and edges for routes (needs floor masks or range images)"
+        ),
     ] = True,
     central_nodes: Annotated[
         bool,

@@ -27,7 +27,7 @@ class LocalizationSurvey(Survey[Query]):
         return tuple(self.dataset.truth(piece.frame.id) for piece in self.pieces)
 
     def doorways(self) -> frozenset[str]:
-        """Return the doorways among the places of the maps: places without scene frames."""
+        """Return the doorways among the places of the maps: places whose reference frames all show a doorway."""
         folds = {piece.fold.id: piece.fold for piece in self.pieces}.values()
         frames = [frame for fold in folds for frame in fold.references]
         scenes = {frame.place for frame in frames if frame.kind is FrameKind.SCENE}
