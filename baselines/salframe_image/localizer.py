@@ -31,12 +31,12 @@ class ImageFeatures(Localizer):
 
     The paper names image features (ResNet-101) without details. The feature map of each view is pooled by the
     generalised mean (Radenovic et al. 2019) and normalised to unit length. The score of a reference frame is the mean
-    cosine between the views of the query and the views of the frame, at the best relative heading. Views of a partial
-    panorama that are less than half visible count 0.
+    cosine between the views of the query and the views of the frame, at the best relative heading. If less than half
+    of a view is visible (in a partial panorama), its cosine is 0, and the view still counts in the mean.
 
-    The pose of the answer has the position of the best reference frame. The heading is measured: the heading of this
-    frame is rotated by the best relative heading, which is interpolated between the headings of views by a parabola.
-    There is no pose if all headings fit equally well.
+    The pose of the answer has the position of the best reference frame. Its heading is the heading of this frame,
+    rotated by the best relative heading. A parabola through the best tested heading and its two neighbours refines the
+    relative heading. There is no pose if all headings fit equally well.
     """
 
     name = "image"

@@ -29,9 +29,10 @@ CORNERS = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3
 
 
 class SensedNoise:
-    """Simulates the errors of a measured detector.
+    """Simulates the errors of a detector, with the error rates that were measured for it (a sensor model).
 
-    The random numbers of an object depend only on the seed, the `error_id` of the panorama and the key of the object.
+    The random numbers of an object depend only on the seed, the `error_id` of the panorama (views with the same errors
+    share it) and the key of the object.
     The random numbers of false positives depend only on the seed and the id of the panorama. Azimuths of false
     positives are relative to the first annotated object, so that they rotate with the panorama. The expected number of
     false positives is proportional to the share of the sphere that a partial view shows.

@@ -161,7 +161,7 @@ def _info_topic(bag: MessageStore, topic: str) -> str | None:
 
 
 def _base_name(topic: str) -> str:
-    """Return the last part of a topic name that image_transport did not add."""
+    """Return the last part of a topic name, without the suffix of image_transport, such as `compressed`."""
     parts = [part for part in topic.split("/") if part not in _TRANSPORTS]
     return parts[-1]
 

@@ -303,7 +303,8 @@ def _accuracy(present: FrameAnswers, head: Head, query_distance_m: float) -> flo
 
 
 def _distance_factor(distance_m: np.ndarray | float) -> np.ndarray:
-    """Return the expected share of correct answers at a distance divided by the share at FITTED_DISTANCE_M."""
+    """Return the expected share of correct answers at this distance of the query from the nearest reference frame of
+    its place, relative to the share at FITTED_DISTANCE_M."""
     return np.asarray((distance_m / FITTED_DISTANCE_M) ** -DISTANCE_EXPONENT)
 
 

@@ -345,8 +345,8 @@ def read_floors(directory: Path) -> tuple[FloorMasks, ...]:
         parts.setdefault(number, {})[part] = array
     if count.ndim or count.dtype.kind not in "iu" or list(parts) != [str(number) for number in range(int(count))]:
         raise DataError(
-            f"{path} has the floors {', '.join(parts) or 'none'} and the entry count = {count}, expected floors numbered "
-            "from 0, and their number as count"
+            f"{path} has the floors {', '.join(parts) or 'none'} and the entry count = {count}, expected floors "
+            "numbered from 0, and their number as count"
         )
     return tuple(_unpack_floor(floor, f"{path}, floor {number}") for number, floor in parts.items())
 

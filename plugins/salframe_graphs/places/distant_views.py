@@ -29,8 +29,8 @@ class DistantViews(Settings):
     window_m: float = Field(
         5.0,
         gt=0,
-        description="maximum distance (m) of an object of the map from the reference frames of a place, if it is "
-        "compared with views that were taken far from the last view",
+        description="views outside the group of the last view of the query are compared only with objects of the map "
+        "that are at most this distance (m) from the reference frames of the place",
     )
     same_place_m: float = Field(
         2.0,

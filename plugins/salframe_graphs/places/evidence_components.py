@@ -78,9 +78,10 @@ class LikelihoodEvidence(EvidenceModel):
 class OutlineEvidence(EvidenceModel):
     """Log likelihood ratio of the outline of free space at the best pose in the place, in the column `outline`.
 
-    The outline is the distance to the nearest surface above the furniture, in each direction. The ratio is large if the
-    outline of the query agrees with the outlines of the place. The outline takes 144 bytes for each frame of the map.
-    Objects behind the outline are not expected to be visible.
+    The outline is the median horizontal distance to the points above the furniture (mostly walls), in each direction.
+    The ratio is large if the outline of the query agrees with the outlines of the place. The outline takes 144 bytes
+    for each frame of the map. It also affects the likelihood of the objects: an object of the place behind the outline
+    does not count as missing.
     """
 
     name = "outline"

@@ -89,8 +89,8 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
     single panorama, and the labels that query and place share. The objects of a query have either a range, or only
     a bearing and a solid angle.
 
-    Defaults of `rates` and `posterior` that are listed as null are numbers that `salframe fit` estimated. `salframe
-    show saliency-places` prints these numbers.
+    For some settings of `rates` and `posterior`, the listed default is null. The method then uses a number that
+    `salframe fit` estimated. `salframe show saliency-places` prints these numbers.
     """
 
     name = "saliency-places"

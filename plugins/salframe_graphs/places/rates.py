@@ -35,10 +35,10 @@ class Rates(Settings):
         description="standard deviation (m) of the height of the centroid of a detected object, relative to the camera",
     )
     length_error_log: float = Field(
-        gt=0, description="standard deviation of ln(length of the box of a detected object)"
+        gt=0, description="standard deviation of ln(length of the detected box / length of the box in the map)"
     )
     box_height_error_log: float = Field(
-        gt=0, description="standard deviation of ln(height of the box of a detected object)"
+        gt=0, description="standard deviation of ln(height of the detected box / height of the box in the map)"
     )
     detection_logit: float = Field(
         description="log-odds ln(p / (1 - p)) of the probability p that an object is detected again from a distance "
@@ -103,12 +103,12 @@ class BearingErrors(Settings):
         "are uniformly distributed",
     )
     detection_logit: float = Field(
-        -0.76, description="log-odds of detection of an object from a distance of 2 m, if `rates` give the log-odds 0"
+        -0.76,
+        description="constant a in the log-odds a + b x of detection from a distance of 2 m, where x are the log-odds "
+        "that `rates` give for this distance",
     )
     detection_per_logit: float = Field(
-        1.62,
-        description="factor that multiplies the log-odds of detection that `rates` give for a distance of 2 m; "
-        "`detection_logit` is added",
+        1.62, description="factor b in the log-odds a + b x of detection (see `detection_logit`)"
     )
     detection_per_distance: float = Field(
         -1.09, description="change of the log-odds of detection of an object per unit of ln(distance from the camera)"
@@ -145,8 +145,8 @@ class Likelihood(Settings):
         0.33,
         gt=0,
         le=1,
-        description="factor (0 to 1) that multiplies the odds that an object of the query is an object of the place, "
-        "if no pose in the place is assumed",
+        description="factor (0 to 1) in the score of a place without a pose, which ignores positions: it multiplies the "
+        "odds that an object of the query is an object of the place",
     )
     scale_error: float = Field(
         0.1,

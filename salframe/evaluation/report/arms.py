@@ -124,8 +124,9 @@ def short_key(key: str, keys: Sequence[str]) -> str:
 
 
 def _short_names(bases: Sequence[str], varied: Sequence[Mapping[str, str]]) -> list[str]:
-    """Return short unique names of arms. The first arm of each base has the base as its name. The names of other arms
-    show the settings in which they differ from it."""
+    """Return short unique names of arms (methods with their settings). `bases` are the names of the methods without
+    settings. The first arm of a method is named after it. The names of other arms show the settings in which they
+    differ from it."""
     keys = list(dict.fromkeys(key for values in varied for key in values))
     several = len(set(bases)) > 1
     names: list[str] = []
