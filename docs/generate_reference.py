@@ -187,7 +187,8 @@ TERMS = {
     "range": "the *range* of a point or an object is its distance from the camera",
     "odometry": "*odometry* is a measurement of the motion of the camera",
     "bearing": "the *bearing* of an object is its direction from the camera",
-    "outline": "the *outline* of free space is the distance from the camera to the walls, in each of 72 horizontal directions",
+    "outline": "the *outline* of free space is the distance from the camera to the walls, in each of 72 "
+    "horizontal directions",
 }
 """Definitions of terms, by a part of a text that uses them. A page of components begins with those that it needs."""
 

@@ -131,7 +131,7 @@ def read_card(path: Path) -> Card:
 
 
 def card_beside(model: Path) -> Path | None:
-    """Return the path of the model card beside a network's file, with the same name but .yaml; None if there is none."""
+    """Return the path of the model card beside a network's file: the same name with .yaml; None if there is none."""
     path = model.with_suffix(".yaml")
     return path if path.is_file() else None
 

@@ -145,8 +145,8 @@ class Likelihood(Settings):
         0.33,
         gt=0,
         le=1,
-        description="factor (0 to 1) in the score of a place without a pose, which ignores positions: it multiplies the "
-        "odds that an object of the query is an object of the place",
+        description="factor (0 to 1) in the score of a place without a pose, which ignores positions: it multiplies "
+        "the odds that an object of the query is an object of the place",
     )
     scale_error: float = Field(
         0.1,
