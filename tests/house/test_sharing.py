@@ -18,6 +18,7 @@ BASE = {"rooms": 4, "height": 64, "queries_per_room": 1}
 OTHERS = {
     "style": "office",
     "rooms": 5,
+    "storeys": 2,
     "seed": 1,
     "height": 128,
     "rgb": False,
@@ -52,7 +53,7 @@ OTHERS = {
     "signs_wrong": 0.5,
 }
 """Another value of every setting."""
-OF_THE_MAP = {"style", "rooms", "seed", "height", "rgb", "models", "models_part", "signs"}
+OF_THE_MAP = {"style", "rooms", "storeys", "seed", "height", "rgb", "models", "models_part", "signs"}
 """Settings that other reference frames come of."""
 OF_QUERIES = {
     *("changed_fraction", "changes", "change_kinds", "query_range", "query_scale_share"),

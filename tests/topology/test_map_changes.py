@@ -361,10 +361,13 @@ def test_a_map_is_as_before_or_after_a_change_that_is_killed_at_any_step(old_and
 def test_a_map_is_as_before_or_after_a_change_that_is_killed_at_any_time(old_and_new, change):
     """The next change removes what killed changes left behind."""
     rng, is_new = random.Random(0), Counter[bool]()
-    began = time.monotonic()
-    assert not killed(start(change))
-    duration_s = time.monotonic() - began
-    restore()
+    durations_s = []
+    for _ in range(2):  # the first change also loads modules
+        began = time.monotonic()
+        assert not killed(start(change))
+        durations_s.append(time.monotonic() - began)
+        restore()
+    duration_s = min(durations_s)
     for _ in range(15):
         child = start(change)
         time.sleep(rng.uniform(0, duration_s))
