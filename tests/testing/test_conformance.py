@@ -69,10 +69,15 @@ BROUGHT = ("feature-matcher", "detection-decoder", "image-network")
 """Roles that salframe's plugins define, checked in tests/keypoints, tests/detectors and tests/image."""
 FILED = ("onnx", "union", "onnx-depth", "segments", "ray", "transformers", "transformers-depth", "appearance")
 """Checked in the folders of their own tests, which write the files that they need."""
-STAGES = [c for c in OURS if c.role not in ("dataset", "localizer", *BROUGHT) and c.name not in FILED]
+STAGES = [
+    pytest.param(c, marks=pytest.mark.slow if (c.role, c.name) == ("detector", "text") else ())
+    for c in OURS
+    if c.role not in ("dataset", "localizer", *BROUGHT) and c.name not in FILED
+]
+"""The detector of texts reads six views of every panorama."""
 
 
-@pytest.mark.parametrize("component", STAGES, ids=lambda component: component.name)
+@pytest.mark.parametrize("component", STAGES, ids=lambda component: f"{component.role}-{component.name}")
 def test_every_stage_of_ours_conforms(component):
     if "numba" in component.requires:
         pytest.importorskip("numba")
