@@ -197,6 +197,7 @@ def read_library(path: Path) -> list[Asset]:
         with zipfile.ZipFile(path) as archive:
             sizes = {item.filename: item.file_size for item in archive.infolist()}
             text = archive.read(LISTING).decode("latin-1")
+    # zipfile raises NotImplementedError for an unknown compression, and RuntimeError for an encrypted member.
     except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, KeyError, OSError, ValueError) as error:
         raise DataError(f"{path} is not a furniture library of Sweet Home 3D: {error}") from None
     values = dict(line.split("=", 1) for line in text.splitlines() if "=" in line and not line.startswith("#"))

@@ -33,7 +33,7 @@ ANSWER_SHARE = 0.9
 """Assumed probability that a user says yes to a question about an object that the map contains at the place of the
 user, and no to a question about any other object."""
 MIN_GAIN_NATS = 1e-9
-"""Minimum expected decrease of the entropy by a question, in nats. Other questions are not asked."""
+"""Minimum expected decrease of the entropy by a question, in nats. A question with a smaller decrease is left out."""
 NUM_PLACES = 5
 """Maximum number of places to print."""
 

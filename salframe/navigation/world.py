@@ -118,7 +118,7 @@ class FloorWorld(World):
     Args:
         id: Id of the world.
         dataset: The dataset that renders panoramas.
-        floors: The masks that the chart is built from.
+        floors: The masks that the chart is built from, sorted by height.
         frames: The reference frames on the floors, from which the chart is also built.
         actual: The masks whose walls and obstacles stop the agent, in the order of `floors`. They show the building as
             rendered by `observe`, which may have changed after it was mapped.
@@ -137,8 +137,7 @@ class FloorWorld(World):
         from scipy import ndimage
 
         settings = TopologySettings()
-        order = sorted(range(len(floors)), key=lambda number: floors[number].z_m)
-        self._floors = [floors[number] for number in order]
+        self._floors = list(floors)
         grids = [FloorGrid(floor, settings.robot_radius_m) for floor in self._floors]
         topology = connect_storeys(build_topology(self._floors, frames, settings), connections)
         super().__init__(id, FloorChart(topology, grids, settings.robot_radius_m))
@@ -148,7 +147,7 @@ class FloorWorld(World):
         numbers = floor_numbers(self._floors, cameras_m)
         self._camera_z_m = [float(np.median(cameras_m[numbers == floor, 2])) for floor in range(len(floors))]
         self._names = [grid.names for grid in grids]
-        self._free = [FloorGrid(actual[number], settings.robot_radius_m).clear for number in order]
+        self._free = [FloorGrid(masks, settings.robot_radius_m).clear for masks in actual]
         self._parts = [ndimage.label(free)[0] for free in self._free]
 
     def stand_at(self, node: MapNode, yaw_rad: float) -> np.ndarray:
@@ -172,14 +171,12 @@ class FloorWorld(World):
         return pose_2d(x_m, y_m, yaw_rad, self._camera_z_m[number])
 
     def is_reachable(self, start: np.ndarray, goal: np.ndarray) -> bool:
-        nodes = {edge.start: self.node(edge.start) for edge in self.chart.map.edges if edge.storeys}
-        nodes |= {edge.end: self.node(edge.end) for edge in self.chart.map.edges if edge.storeys}
-        part = {id: self._part(np.array(node.xyz_m)) for id, node in nodes.items()}
-        first, last = self._part(start[:3, 3]), self._part(goal[:3, 3])
-        parts = sorted({first, last, *part.values()})
-        ends = [(part[edge.start], part[edge.end]) for edge in self.chart.map.edges if edge.storeys]
+        stairs = [edge for edge in self.chart.map.edges if edge.storeys]
+        ends = [[self._part(np.array(self.node(name).xyz_m)) for name in (edge.start, edge.end)] for edge in stairs]
         pairs = [pair for pair in ends if all(label for _, label in pair)]  # the label 0 stands for blocked pixels
-        index = np.array([[parts.index(one) for one in pair] for pair in pairs], int).reshape(-1, 2)
+        first, last = self._part(start[:3, 3]), self._part(goal[:3, 3])
+        parts = sorted({first, last, *(part for pair in pairs for part in pair)})
+        index = np.array([[parts.index(part) for part in pair] for pair in pairs], int).reshape(-1, 2)
         component = components(len(parts), index)
         return bool(component[parts.index(first)] == component[parts.index(last)])
 
@@ -302,7 +299,7 @@ def floor_worlds(dataset: Dataset, actual: Sequence[FloorMasks] | None = None) -
     of_floor = [(order[floor], one) for one, (floor, _) in zip(connections, pairs, strict=True)]
     worlds = []
     for first in dict.fromkeys(building.tolist()):
-        numbers = np.flatnonzero(building == first).tolist()
+        numbers = [number for number in order if building[number] == first]
         worlds.append(
             FloorWorld(
                 id="floor" if len(numbers) == len(floors) else f"floor-{numbers[0]}",

@@ -99,16 +99,16 @@ def test_each_object_is_found_as_often_as_the_model_says(drawn):
     shown = object_visibility(pano, seen_objects(pano))
     chance = SENSOR.detection.probability(shown.labels, shown.solid_angle_sr, shown.range_m, shown.hidden_share)
     assert np.ptp(chance) > 0.2
-    keys = [one.key for _, found in drawn for one in found if one.key > 0]
+    keys = [one.key for _, simulated in drawn for one in simulated if one.key > 0]
     share = np.bincount(keys, minlength=OBJECTS + 1)[1:] / FRAMES
     assert (np.abs(share - chance) < 4 * np.sqrt(chance * (1 - chance) / FRAMES)).all()
 
 
 def test_labels_are_confused_as_counted(drawn):
-    said = [one.label for objects, found in drawn for one in found if one.key > 0 and one.key % 2 == 1]
+    said = [one.label for objects, simulated in drawn for one in simulated if one.key > 0 and one.key % 2 == 1]
     assert set(said) <= {"chair", "stool"}
     assert said.count("stool") / len(said) == pytest.approx(0.25, abs=4 * np.sqrt(0.19 / len(said)))
-    tables = {one.label for _, found in drawn for one in found if one.key > 0 and one.key % 2 == 0}
+    tables = {one.label for _, simulated in drawn for one in simulated if one.key > 0 and one.key % 2 == 0}
     assert "table" in tables
 
 
@@ -116,8 +116,8 @@ def test_errors_have_the_stated_deviations(drawn):
     """1,500 draws and more: a standard deviation is known to 2 %."""
     whole = {one.key: one.points_m.astype(float) for one in drawn[0][0]}
     angles, ranges, sizes = [], [], []
-    for _, found in drawn:
-        for one in found:
+    for _, simulated in drawn:
+        for one in simulated:
             if one.key < 0:
                 continue
             a, b = whole[one.key].mean(0), one.points_m.astype(float).mean(0)
@@ -138,7 +138,7 @@ def test_errors_have_the_stated_deviations(drawn):
 
 
 def test_false_objects_are_as_many_and_where_the_model_says(drawn):
-    made = [one for _, found in drawn for one in found if one.key < 0]
+    made = [one for _, simulated in drawn for one in simulated if one.key < 0]
     assert len(made) / FRAMES == pytest.approx(2, abs=4 * np.sqrt(2 / FRAMES))
     assert sum(one.label == "vase" for one in made) / len(made) == pytest.approx(
         0.75, abs=4 * np.sqrt(0.19 / len(made))
@@ -198,12 +198,12 @@ def test_draws_are_keyed_by_seed_frame_and_object(file):
 def test_other_objects_change_no_objects_draws():
     noise, whole = SensedNoise(EXACT), panorama()
     objects = seen_objects(whole)
-    found = {one.key: one for one in noise.simulate_detections(whole, objects, (0, 0))}
+    simulated = {one.key: one for one in noise.simulate_detections(whole, objects, (0, 0))}
     fewer = {one.key: one for one in noise.simulate_detections(whole, objects[::2], (0, 0))}
     assert fewer
-    assert set(fewer) == {key for key in found if key % 2 == 1}
+    assert set(fewer) == {key for key in simulated if key % 2 == 1}
     for key, one in fewer.items():
-        np.testing.assert_array_equal(one.points_m, found[key].points_m)
+        np.testing.assert_array_equal(one.points_m, simulated[key].points_m)
 
 
 @pytest.mark.parametrize("columns", [1, 37, 2 * HEIGHT - 3])
@@ -219,14 +219,16 @@ def test_turning_the_panorama_turns_what_is_found_and_what_is_made_up(file, colu
 
 
 def test_without_range_bearings_and_labels_are_drawn(tmp_path):
-    """Nothing hides what has no range, and its range is the reference: as many are found as the model says then."""
+    """Objects without range are not hidden and have the reference range: the model predicts how many are detected."""
     noise, pano = SensedNoise(SENSOR), replace(panorama(), range_m=None)
     objects = seen_objects(pano)
     shown = object_visibility(pano, objects)
     chance = SENSOR.detection.probability(shown.labels, shown.solid_angle_sr)
     views = [replace(pano, id=f"frame-{frame}") for frame in range(FRAMES)]
-    found = [one for view in views for one in noise.simulate_detections(view, objects, 0) if one.key > 0]
-    assert len(found) / FRAMES == pytest.approx(chance.sum(), abs=4 * np.sqrt((chance * (1 - chance)).sum() / FRAMES))
+    simulated = [one for view in views for one in noise.simulate_detections(view, objects, 0) if one.key > 0]
+    assert len(simulated) / FRAMES == pytest.approx(
+        chance.sum(), abs=4 * np.sqrt((chance * (1 - chance)).sum() / FRAMES)
+    )
     detections = detect(pano, noise=write(tmp_path, SENSOR))
     assert np.isnan(detections.centroid_m).all()
     np.testing.assert_allclose(np.linalg.norm(detections.bearing, axis=1), 1)
@@ -251,8 +253,8 @@ def test_object_lists_take_it():
 
 def test_an_empty_panorama_may_show_false_objects(file):
     empty = Panorama("x", range_m=np.ones((8, 16), np.float32), annotations=Annotations(np.zeros((8, 16), np.int32)))
-    found = [len(detect(replace(empty, id=f"x{i}"), noise=file)) for i in range(60)]
-    assert np.mean(found) == pytest.approx(2, abs=4 * np.sqrt(2 / 60))
+    simulated = [len(detect(replace(empty, id=f"x{i}"), noise=file)) for i in range(60)]
+    assert np.mean(simulated) == pytest.approx(2, abs=4 * np.sqrt(2 / 60))
 
 
 @pytest.mark.parametrize(
@@ -264,7 +266,7 @@ def test_uniform_levels_draw_as_they_did_under_their_old_names(level, missed, mi
 
     for frame in range(30):
         pano = panorama(f"frame-{frame}")
-        found = iter(detect(pano, noise=level, seed=3).centroid_m)
+        simulated = iter(detect(pano, noise=level, seed=3).centroid_m)
         labels = iter(detect(pano, noise=level, seed=3).labels)
         for one in seen_objects(pano):
             rng = np.random.default_rng((3, zlib.crc32(pano.id.encode()), one.key))
@@ -274,7 +276,9 @@ def test_uniform_levels_draw_as_they_did_under_their_old_names(level, missed, mi
                 continue
             other = {"chair": "table", "table": "chair"}[one.label]
             assert next(labels) == (other if first[1] < mislabelled else one.label)
-            np.testing.assert_allclose(next(found), one.points_m.mean(0, dtype=float) * factor, rtol=1e-5, atol=1e-6)
+            np.testing.assert_allclose(
+                next(simulated), one.points_m.mean(0, dtype=float) * factor, rtol=1e-5, atol=1e-6
+            )
         assert next(labels, None) is None
 
 

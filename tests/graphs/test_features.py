@@ -29,9 +29,9 @@ def test_ring_and_hop_histograms_by_hand():
         np.zeros(3),
         np.array([[0, 1]]),
     )
-    found = histograms(MemoryGraphs([graph]))
+    received = histograms(MemoryGraphs([graph]))
     a = np.array([[0, 0, 0], [0, 1, 0], [0, 0, 1], [0, 1, 0], [0, 0, 0]]).ravel()
-    np.testing.assert_allclose(found[0], a / np.linalg.norm(a))
+    np.testing.assert_allclose(received[0], a / np.linalg.norm(a))
 
 
 def test_node2vec_is_seeded_and_joint():

@@ -103,9 +103,9 @@ def test_an_agent_sees_as_queries_do(world, building):
 
 
 def test_told_its_place_an_agent_stands_at_its_viewpoint(world):
-    found = localize_nearest(world, at(world, "b", 0.7), 0.4)
-    np.testing.assert_allclose(found.answer.T_world_query, at(world, "b", 0.4))
-    assert found.frame == "fake/b"
+    nearest = localize_nearest(world, at(world, "b", 0.7), 0.4)
+    np.testing.assert_allclose(nearest.answer.T_world_query, at(world, "b", 0.4))
+    assert nearest.frame == "fake/b"
 
 
 def test_reach_is_to_neighbours_and_itself(world):

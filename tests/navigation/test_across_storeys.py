@@ -167,6 +167,14 @@ def test_floors_without_connections_are_separate_worlds(monkeypatch):
     assert [world.id for world in open_worlds(Tower())] == ["floor-0", "floor-1"]
 
 
+def test_the_order_of_the_floors_does_not_matter(monkeypatch, tower):
+    upper, lower = reversed(Tower().floors())
+    monkeypatch.setattr(Tower, "floors", lambda self: [upper, lower])
+    (world,) = open_worlds(Tower())
+    assert world.chart.map.edges == tower.chart.map.edges
+    assert world.stand(3.0, 2.0, 0.0, 2)[2, 3] == STOREY_M + CAMERA_M
+
+
 def test_perfect_place_recognition_stays_on_its_storey(tower):
     located = localize_nearest(tower, pose_2d(7.4, 0.6, 0.0, CAMERA_M), 0.0)
     assert not located.frame.startswith("up-")
