@@ -37,7 +37,7 @@ GROUPS = {"columns": "column", "rows": "method or detector", "inputs": "input", 
 """Heading of the definitions of each group of terms."""
 ACCURACY, SUCCESS_RATE = "accuracy %", "SR %"
 """Columns that only tables of localization and only tables of navigation have."""
-IN_NAVIGATION = f"95 % CI and p (Holm) in tables with {SUCCESS_RATE}"
+IN_NAVIGATION = f"p (Holm) in tables with {SUCCESS_RATE}"
 """Term that explains what differs in tables of navigation, on pages that also have tables of localization."""
 HOURS = re.compile(r"(<!-- hours -->).*?(<!-- /hours -->)")
 TABLE = re.compile(r"(<!-- table: ([\w-]+) ([\w-]+) (\[.*?\]) -->\n).*?(<!-- /table -->\n)", re.DOTALL)
@@ -93,8 +93,8 @@ def _notation(tables: Sequence[Table]) -> str:
     sentences = ["The brackets after the title of a table contain date, machine and run time of the measurement."]
     if any(table.best for table in tables):
         group = any(table.headings and table.headings[0] != METHOD for table in tables)
-        rows = " If a table has columns left of *method*, only rows with the same values there are compared."
-        sentences.append(f"A number in **bold** is the best of its column.{rows if group else ''}")
+        rows = ", among the rows with the same values in the columns left of *method*"
+        sentences.append(f"A number in **bold** is the best of its column{rows if group else ''}.")
     if any(re.search(r"\w\[\w", cell) for table in tables for row in table.rows for cell in row[: table.leading]):
         sentences.append("Square brackets after the name of a method contain the settings that were changed.")
     return " ".join(sentences)
@@ -192,8 +192,6 @@ def _table(study: TableStudy, stored: StoredTable, how: str, tables: list[Table]
     """Return the title and the tables of a study as text, and append the tables to `tables`."""
     time = "" if stored.seconds is None else f", {duration(stored.seconds)}"
     parts = [f"**{study.title}** ({stored.date}, {stored.machine}{time}{how})"]
-    if study.shared_settings:
-        parts.append(f"Settings of all rows: `{study.shared_settings}`")
     for table in stored_tables(study, stored, study.columns):
         tables.append(table)
         parts += [f"*{table.title}*"] if table.title else []
@@ -210,7 +208,7 @@ def hours() -> str:
     """Return the time of all tables that were measured without a break, and their number."""
     tables = [table for name in experiment_names() for table in read_results(RESULTS / f"{name}.json").whole.values()]
     timed = [table.seconds for table in tables if table.seconds is not None]
-    return f"{sum(timed) / 3600:.1f} h, {len(timed)} of {len(tables)} tables"
+    return f"{sum(timed) / 3600:.1f} h for {len(timed)} of the {len(tables)} tables"
 
 
 def redraw(text: str) -> str:
