@@ -19,18 +19,18 @@ from salframe_objects.salient import SalientObjects
 class SalientVolumesLocalizer(SalientObjects):
     """Matches salient objects one-to-one by label, saliency, direction and range. It gives a place and no pose.
 
-    The method follows SOVS (Meena et al. 2024, "volumetric saliency") as the paper describes it: objects are weighted
-    by their share of the volume, have "visual, spatial, and directional features", and no edges. The score is our
-    interpretation. It is a weighted Jaccard index over objects. If an object a of the query and an object b of the
-    reference frame have the same label, they contribute
+    The method follows SOVS (Meena et al. 2024) as the paper describes it. The paper gives no formula. This formula is
+    ours.
+
+    If an object a of the query and an object b of the reference frame have the same label, they contribute
 
         s_ab(t) = min(w_a, w_b) * max(cos phi_ab(t), 0) * min(r_a, r_b) / max(r_a, r_b).
 
-    w = S^p is the weight of an object with the saliency S and p = `saliency_power`, and r is its range in metres. t is
-    a rotation of the query about the vertical. phi_ab(t) is the angle between the direction of b and the rotated
-    direction of a. M is the maximum of the sum of s_ab(t) over all one-to-one matchings and all rotations t that align
-    two objects with the same label in azimuth. The score is M / (sum of w over both panoramas - M). Objects with
-    unknown range are ignored.
+    w = S^p is the weight of an object. S is its saliency, r is its range, and p is the setting `saliency_power`. t is a
+    rotation of the query about the vertical. phi_ab(t) is the angle between the direction of b and the rotated
+    direction of a. M is the maximum of the sum of s_ab(t) over all one-to-one matchings and all rotations t. Only
+    rotations that align two objects with the same label are tested. The score is M / (W - M), where W is the sum of w
+    over all objects of both panoramas. Objects with unknown range are ignored.
     """
 
     name = "sovs"
