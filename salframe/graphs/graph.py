@@ -29,7 +29,7 @@ _NODE_COLUMNS = (
 @dataclass(frozen=True, eq=False)
 class SaliencyGraph:
     """A 360-degree saliency graph (docs/explanation/method.md#from-panorama-to-graph): the nodes are salient objects,
-    and the edges connect objects that are close to each other ("in context").
+    and the edges connect objects that are close to each other.
 
     A node without range has a bearing only: its centroid_m, size_m and yaw_rad are NaN, and it has no edges. In a graph
     of one panorama, either all nodes have a range or none has. If none has, the saliency of a node is its share of the
