@@ -243,6 +243,8 @@ TERMS = {
 }
 """Definitions of terms, by a regular expression for the texts that need them. A page of components begins with those
 that it needs."""
+CONSTANTS = ("`rates.", "`weights.", "`likelihood.", "`posterior.temperature", "`posterior.head.")
+"""How the names of settings begin that are constants of a method. They have a table of their own."""
 TABLE_TERMS = {
     r"log-odds of detection": "*log-odds of detection*: ln(p / (1 - p)). p is the probability that the query shows an "
     "object of the map",
@@ -282,14 +284,19 @@ def _component(component: type[Component], rows: list[tuple[str, ...]], has_comm
         paragraphs.append(
             f"Presets (this component with other settings): {', '.join(f'`{name}`' for name in presets)}."
         )
+    constants = [row for row in rows if row[0].startswith(CONSTANTS)]
+    if constants:
+        rows = [row for row in rows if row not in constants]
+        paragraphs += [_settings(rows), "The remaining settings are constants, which you rarely need to change."]
     nothing = "No other settings." if has_common else "No settings."
-    return paragraphs, _settings(rows) if rows else nothing
+    return paragraphs, _settings(constants or rows) if rows else nothing
 
 
 def _paragraphs(component: type[Component]) -> list[str]:
-    """Return the paragraphs of a docstring, with one line per paragraph. Indented paragraphs are code blocks."""
+    """Return the paragraphs of a docstring, with one line per paragraph. Code blocks (indented) and lists do not
+    change."""
     paragraphs = inspect.cleandoc(component.__doc__ or "").split("\n\n")
-    return [text if text.startswith("    ") else " ".join(text.split()) for text in paragraphs]
+    return [text if text.startswith(("    ", "- ")) else " ".join(text.split()) for text in paragraphs]
 
 
 def _settings(rows: list[tuple[str, ...]]) -> str:

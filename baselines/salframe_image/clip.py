@@ -48,10 +48,12 @@ class ClipRooms(Localizer):
     """Compares the room types of query and reference frames, by CLIP. It gives a place and no pose.
 
     CLIP compares each perspective view with a text (`prompt`) for each room type, as in March-in-Chat (Qiao et al.
-    2023). The probabilities of the room types of a view are softmax(100 c). c contains the cosine similarities of the
-    view and the texts. The score of a reference frame is the Bhattacharyya coefficient: the sum of sqrt(p_t q_t) over
-    the room types t. p_t is the mean probability of the room type t over the views of the query. q_t is the same mean
-    over the views of the reference frame.
+    2023). The probabilities of the room types of a view are softmax(100 c), where c contains the cosine similarities of
+    the view and the texts. The score of a reference frame is the sum of sqrt(p_t q_t) over the room types t
+    (Bhattacharyya coefficient):
+
+    - p_t: mean probability of the room type t over the views of the query
+    - q_t: the same mean over the views of the reference frame
     """
 
     name = "clip-rooms"

@@ -19,18 +19,19 @@ from salframe_objects.salient import SalientObjects
 class SalientVolumesLocalizer(SalientObjects):
     """Matches salient objects one-to-one by label, saliency, direction and range. It gives a place and no pose.
 
-    The method follows SOVS (Meena et al. 2024) as the paper describes it. The paper gives no formula. This formula is
-    ours.
+    The method follows SOVS (Meena et al. 2024) as the paper describes it. The paper gives no formula. The formulas
+    below are ours. An object a of the query and an object b of the reference frame with the same label contribute
 
-    If an object a of the query and an object b of the reference frame have the same label, they contribute
+        s_ab(t) = min(w_a, w_b) * max(cos phi_ab(t), 0) * min(r_a, r_b) / max(r_a, r_b)
 
-        s_ab(t) = min(w_a, w_b) * max(cos phi_ab(t), 0) * min(r_a, r_b) / max(r_a, r_b).
+    - w = S^p: weight of an object, from its saliency S and p = `saliency_power`
+    - r: range of an object
+    - t: rotation of the query about the vertical
+    - phi_ab(t): angle between the direction of b and the rotated direction of a
 
-    w = S^p is the weight of an object. S is its saliency, r is its range, and p is the setting `saliency_power`. t is a
-    rotation of the query about the vertical. phi_ab(t) is the angle between the direction of b and the rotated
-    direction of a. M is the maximum of the sum of s_ab(t) over all one-to-one matchings and all rotations t. Only
-    rotations that align two objects with the same label are tested. The score is M / (W - M), where W is the sum of w
-    over all objects of both panoramas. Objects with unknown range are ignored.
+    The score is M / (W - M). M is the maximum of the sum of s_ab(t) over all one-to-one matchings and all rotations t.
+    W is the sum of w over all objects of both panoramas. Only rotations that align two objects with the same label are
+    tested. Objects with unknown range are ignored.
     """
 
     name = "sovs"

@@ -27,10 +27,15 @@ class TextEvidence(EvidenceModel):
     place has no string. If a query reads several strings, their log likelihood ratios are added. The sum is limited to
     +-`max_nats`, so that wrong signs cannot overrule the objects.
 
-    If the sign shows the string s, the query reads the string q with the probability (1 - e)^(n - d) (e / 40)^d. e is
-    `character_error`, n is the length of the longer string, d is the edit distance (Levenshtein 1966), and 40 is the
-    size of the alphabet. With the probability `unmapped`, the string is not in the map. The query then reads a string
-    of a random place or an unknown string, both equally likely.
+    If a sign shows the string s, the query reads the string q with the probability (1 - e)^(n - d) (e / 40)^d:
+
+    - e: error rate of a character, `character_error`
+    - n: length of the longer string
+    - d: edit distance of s and q (Levenshtein 1966)
+    - 40: number of characters that can be confused
+
+    With the probability `unmapped`, the string is not in the map. The query then reads a string of a random place or an
+    unknown string, both equally likely.
     """
 
     name = "text"

@@ -29,8 +29,8 @@ class DistantViews(Settings):
     window_m: float = Field(
         5.0,
         gt=0,
-        description="maximum distance (m) between an object of the map and the reference frames of a place, for the "
-        "comparison of this place with groups before the last one",
+        description="maximum distance (m) between the reference frames of a place and the objects that are compared "
+        "with the groups of views before the last group",
     )
     same_place_m: float = Field(
         2.0,

@@ -89,7 +89,8 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
     panorama, and the labels that query and place share. If a query has no range, the bearings and solid angles of its
     objects are compared instead of positions.
 
-    The defaults of `rates`, `weights` and `posterior` were fitted by `salframe fit`.
+    The defaults of `rates`, `weights` and `posterior` were estimated on tuning data. `salframe fit` estimates `weights`
+    and `posterior` on your data. Use its file with `--set weights=FILE.yaml` and `--set posterior=FILE.yaml`.
     """
 
     name = "saliency-places"
