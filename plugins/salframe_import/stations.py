@@ -59,8 +59,8 @@ class StationSettings(ComponentConfig):
         10.0,
         ge=0,
         le=90,
-        description="minimum angle (degrees) between the optical axes of two images of a panorama. Images at smaller "
-        "angles are left out; 0: all images are used. Only used if images are grouped by their motion",
+        description="minimum angle (degrees) between the optical axes of two images that a turning camera took for a "
+        "panorama. Images at smaller angles are left out; 0: all images are used",
     )
 
 
