@@ -4,8 +4,10 @@ A test fails when they are out of date."""
 
 from __future__ import annotations
 
+import inspect
 import json
-from collections.abc import Callable, Iterator
+import re
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
@@ -138,22 +140,25 @@ def _usage(parameter: Any) -> str:
 
 def write_component_index() -> str:
     """Return the page that lists the roles and their components."""
-    rows = [
+    rows: list[tuple[str, ...]] = [
         (f"[{role}]({role}.md)", _summary(role), ", ".join(f"[{c.name}]({role}.md#{c.name})" for c in components))
         for role, components in _components()
     ]
     page = [
         "# Components",
         "A *component* is a class that does one step of the processing, such as a detector. A *role* is the interface "
-        "of all components that do the same step. A *preset* is a component with other values of its settings, under a "
-        "name of its own. docs/generate_reference.py generates these pages from the code.",
-        "`salframe show NAME` prints the settings of a component or preset with their values. `salframe plugins` lists "
-        "the missing requirements of each component on your machine. Change a setting with `--set KEY=VALUE`, such as "
-        "`--set matcher=triplet`. If the type of a setting is a role, its value is the name of a component of this "
-        "role. The settings of that component follow after a dot, as in `--set matcher.rarity=false`. A value "
-        "of the type Noise or Posterior is a mapping, such as {missed: 0.3}. A value of the type HubName has the form "
-        "hf:ORG/MODEL[@REVISION].",
-        _definitions("\n".join(purpose for _, purpose, _ in rows)),
+        "of all components that do the same step. A *preset* is a component with other default settings, under another "
+        "name.",
+        "`salframe show NAME` prints the settings of a component or preset. `salframe plugins` lists what each "
+        "component still requires on your machine, such as a package.",
+        "The page of each role states how to choose its components and how to change their settings. The most "
+        "important components are the localizers, which are called *methods* on the command line. Most other "
+        "components are settings of a localizer:",
+        "- If the type of a setting is a role, its value is the name of a component, as in `--set matcher=triplet`.\n"
+        "- The settings of this component follow after a dot, as in `--set matcher.rarity=false`.\n"
+        "- A value of the type Noise or Posterior is a mapping, such as {missed: 0.3}.\n"
+        "- A value of the type HubName has the form hf:ORG/MODEL[@REVISION].",
+        _definitions("\n".join(purpose for _, purpose, _ in rows), TERMS, "Terms on this page:"),
         _table(("role", "purpose", "components"), rows),
     ]
     return "\n\n".join(page) + "\n"
@@ -164,39 +169,96 @@ def write_role(role: str, components: list[type[Component]]) -> str:
     rows = {component: _setting_rows(component) for component in components}
     first, *others = rows.values()
     common = [row for row in first if others and all(row in other for other in others)]
-    page = []
+    introduction = [
+        f"# Components: {role}",
+        _summary(role),
+        f"Each section describes a *component*, a class for this task. {_usage_of(role)} [Components](index.md) "
+        "explains the types of settings.",
+    ]
+    sections = []
     if common:
-        page += ["## Settings of all components", "All components on this page have these settings.", _settings(common)]
+        heading = ["## Settings of all components", "All components on this page have these settings."]
+        sections.append((heading, _settings(common)))
     for component in components:
-        page += _component(component, [row for row in rows[component] if row not in common], bool(common))
-    terms = _definitions("\n".join([_summary(role), *page]))
-    return "\n\n".join([f"# Components: {role}", _summary(role), *filter(None, [terms]), *page]) + "\n"
+        sections.append(_component(component, [row for row in rows[component] if row not in common], bool(common)))
+    texts = ["\n".join([*paragraphs, table]) for paragraphs, table in sections]
+    page = [*introduction, _definitions("\n".join([_summary(role), *texts]), TERMS, "Terms on this page:")]
+    for text, (paragraphs, table) in zip(texts, sections, strict=True):
+        page += [*paragraphs, _definitions(text, TABLE_TERMS, "Terms in this table:"), table]
+    return "\n\n".join(filter(None, page)) + "\n"
+
+
+CHOICES = {
+    "dataset": "Choose a dataset with `--data NAME`, and change its settings with `--set data.KEY=VALUE`.",
+    "importer": "Choose an importer with `salframe data import NAME`, and change its settings with `--set KEY=VALUE`.",
+    "localizer": "On the command line, a localizer is called a method. Choose methods with `--methods NAME,NAME`, and "
+    "change a setting with `--set KEY=VALUE`.",
+    "evidence": "Choose the evidence of the localizer `saliency-places` with `--set evidence=[NAME,NAME]`.",
+    "range-model": "Choose the range model of a localizer with `--set range=NAME`, and change its settings with "
+    "`--set range.KEY=VALUE`.",
+    "scene-index": "Choose the scene index with `--set scene_index=NAME` (localizer `saliency-places`) or with "
+    "`--set matcher.scene_index=NAME` (all matchers).",
+    "feature-matcher": "Choose the feature matcher of the localizer `keypoints` with `--set features=NAME`, and change "
+    "its settings with `--set features.KEY=VALUE`.",
+    "image-network": "Choose the image network of the localizer `image` with `--set network=NAME`, and change its "
+    "settings with `--set network.KEY=VALUE`.",
+    "detection-decoder": "Choose the decoder of the detector `onnx` with `--set detector.decoder=NAME`.",
+    "planner": "Choose a planner with `--planner NAME`.",
+    "tracker": "Choose a tracker with `salframe track --tracker NAME`.",
+    "scorer": "Choose a scorer with `salframe score NAME`.",
+    "engine": "Choose an engine with `--engine NAME`, and change its settings with `--set engine.KEY=VALUE`.",
+}
+"""How to choose a component on the command line, by role. Other roles are settings of a localizer."""
+
+
+def _usage_of(role: str) -> str:
+    """Return a sentence on how to choose a component of a role, and how to change its settings."""
+    return CHOICES.get(
+        role,
+        f"Choose the {role} of a localizer with `--set {role}=NAME`, and change its settings with "
+        f"`--set {role}.KEY=VALUE`.",
+    )
 
 
 TERMS = {
-    "query": "a *query* is a panorama (or another view) to localize",
-    "reference frame": "a *reference frame* is a panorama of the map, with its pose and place",
-    "floor mask": "*floor masks* are images of the free floor and the rooms, from above",
-    "the paper": "*the paper* is the [paper](../../explanation/method.md#the-preset-paper) that introduced 360-degree "
+    r"\bquer(y|ies)\b": "*query*: a panorama (or another view) to localize",
+    r"reference frame": "*reference frame*: a panorama of the map, with its pose and its place",
+    r"\bplaces?\b": "*place*: a room or a doorway",
+    r"graphs? of (a|the) (map|query)|saliency graph": "*graph*, or *saliency graph*: the objects of a panorama, as "
+    "nodes. Edges connect objects that are close to each other",
+    r"floor mask": "*floor masks*: images of the free floor and the rooms, from above",
+    r"the paper\b": "*the paper*: the [paper](../../explanation/method.md#the-preset-paper) that introduced 360-degree "
     "saliency graphs",
-    "saliency": "the *saliency* of an object states how much it stands out (by default: its share in the volume of all "
-    "objects of a panorama)",
-    "viewpoint": "a *viewpoint* is a recorded camera position",
-    "region": "a *region* is a room in the annotations of a building",
-    "topological map": "a *topological map* is a graph of positions in rooms and doorways",
-    "range": "the *range* of a point or an object is its distance from the camera",
-    "odometry": "*odometry* is a measurement of the motion of the camera",
-    "bearing": "the *bearing* of an object is its direction from the camera",
-    "outline": "the *outline* of free space is the distance from the camera to the walls, in each of 72 "
-    "horizontal directions",
+    r"saliency": "*saliency* of an object: how much the object stands out. By default, its volume divided by the "
+    "volume of all objects of the panorama",
+    r"viewpoint": "*viewpoint*: a recorded camera position",
+    r"\bregion": "*region*: a room in the annotations of a building",
+    r"topological map": "*topological map*: a graph of positions in rooms and doorways",
+    r"\branges?\b(?! image)": "*range* of a point or an object: its distance from the camera",
+    r"odometry": "*odometry*: a measurement of the motion of the camera",
+    r"\bbearings?\b": "*bearing* of an object: its direction from the camera",
+    r"outline": "*outline* of free space: the horizontal distance from the camera to the walls, in 72 directions",
+    r"log likelihood ratio": "*log likelihood ratio* of an observation: ln(p / q). p is the probability of the "
+    "observation in the candidate place, and q is its probability elsewhere",
 }
-"""Definitions of terms, by a part of a text that uses them. A page of components begins with those that it needs."""
+"""Definitions of terms, by a regular expression for the texts that need them. A page of components begins with those
+that it needs."""
+CONSTANTS = ("`rates.", "`weights.", "`likelihood.", "`posterior.temperature", "`posterior.head.")
+"""How the names of settings begin that are constants of a method. They have a table of their own."""
+TABLE_TERMS = {
+    r"log-odds of detection": "*log-odds of detection*: ln(p / (1 - p)). p is the probability that the query shows an "
+    "object of the map",
+    r"clutter": "*clutter*: objects of a query that are not in the map",
+    r"contrast": "*contrast* of an answer: the score of the first place minus the mean score of the next five places, "
+    "divided by `posterior.temperature`",
+}
+"""As TERMS, for terms in the table of a single component. The definitions are in front of this table."""
 
 
-def _definitions(text: str) -> str:
-    """Return a sentence that defines the terms that a text uses; "" if it uses none."""
-    used = [definition for part, definition in TERMS.items() if part in text]
-    return f"On this page, {'; '.join(used)}." if used else ""
+def _definitions(text: str, terms: Mapping[str, str], heading: str) -> str:
+    """Return a list of definitions for those of the terms that a text uses; "" if it uses none."""
+    used = [f"- {definition}." for term, definition in terms.items() if re.search(term, text, re.IGNORECASE)]
+    return "\n".join([f"{heading}\n", *used]) if used else ""
 
 
 def _components() -> Iterator[tuple[str, list[type[Component]]]]:
@@ -210,18 +272,31 @@ def _summary(role: str) -> str:
     return (registry().roles[role].__doc__ or "").strip().partition("\n")[0]
 
 
-def _component(component: type[Component], rows: list[tuple[str, ...]], has_common: bool) -> list[str]:
-    """Return the paragraphs of a component. `rows` are its settings without those of all components."""
-    paragraphs = [f"## {component.name}", " ".join((component.__doc__ or "").split())]
+def _component(component: type[Component], rows: list[tuple[str, ...]], has_common: bool) -> tuple[list[str], str]:
+    """Return the paragraphs of a component, and the table of its settings without those of all components (`rows`)."""
+    paragraphs = [f"## {component.name}", *_paragraphs(component)]
     presets = [
         name
         for name in names(component.role)
         if name != component.name and settings(component.role, name)["kind"] == component.name
     ]
     if presets:
-        paragraphs.append(f"Presets: {', '.join(f'`{name}`' for name in presets)}.")
+        paragraphs.append(
+            f"Presets (this component with other settings): {', '.join(f'`{name}`' for name in presets)}."
+        )
+    constants = [row for row in rows if row[0].startswith(CONSTANTS)]
+    if constants:
+        rows = [row for row in rows if row not in constants]
+        paragraphs += [_settings(rows), "The remaining settings are constants, which you rarely need to change."]
     nothing = "No other settings." if has_common else "No settings."
-    return [*paragraphs, _settings(rows) if rows else nothing]
+    return paragraphs, _settings(constants or rows) if rows else nothing
+
+
+def _paragraphs(component: type[Component]) -> list[str]:
+    """Return the paragraphs of a docstring, with one line per paragraph. Code blocks (indented) and lists do not
+    change."""
+    paragraphs = inspect.cleandoc(component.__doc__ or "").split("\n\n")
+    return [text if text.startswith(("    ", "- ")) else " ".join(text.split()) for text in paragraphs]
 
 
 def _settings(rows: list[tuple[str, ...]]) -> str:
@@ -229,17 +304,20 @@ def _settings(rows: list[tuple[str, ...]]) -> str:
 
 
 def _setting_rows(component: type[Component]) -> list[tuple[str, ...]]:
-    return [(f"`{s.key}`", s.help, _value(s.default), s.type) for s in _own_settings(component.Config())]
+    return [(f"`{s.key}`", s.help, _value(s.value), s.type) for s in _own_settings(component.Config())]
 
 
 def _own_settings(config: ComponentConfig) -> Iterator[Setting]:
     """The settings of a component without those of the components in its slots."""
     found = list(list_settings(config))
-    slots = tuple(f"{s.key}{end}" for s in found for end in ".[" if s.type.split(",")[0] in registry().roles)
+    roles = {s.key: s.type.partition(",")[0].removesuffix(" | null") for s in found}
+    slots = tuple(f"{key}{end}" for key, role in roles.items() for end in ".[" if role in registry().roles)
     return (setting for setting in found if not setting.key.startswith(slots))
 
 
 def _value(value: Any) -> str:
+    """Return a value as in YAML. A number is rounded to 4 significant digits."""
+    value = float(f"{value:.4g}") if isinstance(value, float) else value
     return f"`{value if isinstance(value, str) else json.dumps(value)}`"
 
 

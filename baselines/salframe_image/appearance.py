@@ -31,17 +31,15 @@ MAX_DISTANCE_M = 2.5
 
 
 class AppearanceEvidence(EvidenceModel):
-    """Similarity of the colour images of query and place: one number for each place, named `appearance`.
+    """Similarity of the colour images of query and place, in the column `appearance`.
 
-    Perspective views are cut from a panorama. The descriptor of a view is the feature map of an image network, pooled
-    by the generalised mean (Radenovic et al. 2019) and normalised to unit length. The value of a place is the mean
-    cosine between the views of the query and the views of a panorama of the place, for the best panorama and the best
-    relative heading. The tested headings are multiples of the angle between two views. Each view of the query is
-    weighted by its share of valid pixels, so that only the visible part of a partial panorama counts. A place whose
-    panoramas have no colour gets the mean value of the other places.
+    Perspective views are cut from each panorama. The descriptor of a view is the feature map of an image network,
+    pooled by the generalised mean (Radenovic et al. 2019) and normalised to unit length. The similarity of query and
+    panorama is the mean cosine similarity of their views, at the best relative heading. The value of a place is the
+    similarity of its most similar panorama.
 
-    A map stores V x C bytes for each panorama: V views, and C channels of the feature map. With the default settings,
-    this is 15 kB.
+    In a partial panorama, only the visible part counts. A place whose panoramas have no colour gets the mean value of
+    the other places. With the default settings, a map stores 15 kB for each panorama.
     """
 
     name = "appearance"
@@ -78,8 +76,8 @@ class AppearanceEvidence(EvidenceModel):
         power: float = Field(
             3.0,
             ge=1,
-            description="exponent of the generalised mean over the pixels of a feature map, which gives the "
-            "descriptor of a view; 1: mean; large values approach the maximum",
+            description="exponent of the generalised mean that pools the feature map of a view to one descriptor. 1: "
+            "arithmetic mean; large values approach the maximum",
         )
 
     def __init__(self, config: ComponentConfig | None = None) -> None:

@@ -45,15 +45,15 @@ LOGIT_SCALE = 100.0
 
 
 class ClipRooms(Localizer):
-    """Classifies the room type of each view by CLIP, and ranks places by similar room types. It computes no pose.
+    """Compares the room types of query and reference frames, by CLIP. It gives a place and no pose.
 
-    The method follows the scene perceiver of March-in-Chat (Qiao et al. 2023), which classifies the room type and
-    the objects of a room with CLIP and has no map. Localization by room types is our adaptation. The probabilities
-    of the room types in a view are softmax(100 cos(view, prompt)). p_t is the mean probability of the room type t
-    over the views of the query, and q_t is the mean over the views of a reference frame. The score of the frame is
-    the Bhattacharyya coefficient, the sum of sqrt(p_t q_t) over the room types t. Frames with equal scores are in
-    the order of the map. By default, the room types are those in the place names of the map ("kitchen-01" is a
-    kitchen). The setting `room_types` replaces them.
+    CLIP compares each perspective view with a text (`prompt`) for each room type, as in March-in-Chat (Qiao et al.
+    2023). The probabilities of the room types of a view are softmax(100 c), where c contains the cosine similarities of
+    the view and the texts. The score of a reference frame is the sum of sqrt(p_t q_t) over the room types t
+    (Bhattacharyya coefficient):
+
+    - p_t: mean probability of the room type t over the views of the query
+    - q_t: the same mean over the views of the reference frame
     """
 
     name = "clip-rooms"
@@ -72,8 +72,8 @@ class ClipRooms(Localizer):
         room_types: tuple[str, ...] | None = match_only(
             None,
             min_length=1,
-            description="list of the room types that CLIP distinguishes; null: the room types in the place names of "
-            "the map",
+            description="list of the room types; null: the room types in the place names of the map. For example, "
+            "`kitchen-01` is a kitchen",
         )
         prompt: str = match_only(
             "a photo of a {}",

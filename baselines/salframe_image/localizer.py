@@ -27,16 +27,14 @@ there is no pose. Smaller differences are rounding errors, because features are 
 
 
 class ImageFeatures(Localizer):
-    """Compares image features of the views of the query and of the reference frames by their cosine similarity.
+    """Compares the views of the query with the views of the reference frames by image features.
 
-    The paper names image features (ResNet-101) without details. The feature map of each view is pooled by the
-    generalised mean (Radenovic et al. 2019) and normalised to unit length. The score of a reference frame is the mean
-    cosine between the views of the query and the views of the frame, at the best relative heading. If less than half
-    of a view is visible (in a partial panorama), its cosine is 0, and the view still counts in the mean.
+    The feature map of each view is pooled by the generalised mean (Radenovic et al. 2019) and normalised to unit
+    length. The score of a reference frame is the mean cosine similarity of its views and the views of the query, at the
+    best relative heading. In a partial panorama, a view that is less than half visible counts with the similarity 0.
 
-    The pose of the answer has the position of the best reference frame. Its heading is the heading of this frame,
-    rotated by the best relative heading. A parabola through the best tested heading and its two neighbours refines the
-    relative heading. There is no pose if all headings fit equally well.
+    The pose of the answer has the position of the best reference frame. The heading of the answer is the heading of
+    this frame, rotated by the best relative heading. There is no pose if all headings fit equally well.
     """
 
     name = "image"
@@ -64,8 +62,8 @@ class ImageFeatures(Localizer):
         power: float = Field(
             3.0,
             ge=1,
-            description="exponent of the generalised mean over the pixels of a feature map, which gives the "
-            "descriptor of a view; 1: mean; large values approach the maximum",
+            description="exponent of the generalised mean that pools the feature map of a view to one descriptor. 1: "
+            "arithmetic mean; large values approach the maximum",
         )
 
     def __init__(self, config: ComponentConfig | None = None) -> None:

@@ -23,9 +23,8 @@ SIDE_MULTIPLE_PX = 32
 class EfficientLoftr(ImageMatcher):
     """Efficient LoFTR on grey views, which matches without keypoints.
 
-    The network outputs sub-pixel positions in both views. The map stores the range only at the points of a grid. The
-    matched point in the reference view is therefore moved to the nearest grid point, and the matched point in the query
-    by the same offset. The offset is at most one pixel. Over this distance, the two views differ by a shift only.
+    The map stores the range at the points of a grid. Each matched point in a reference view is moved to the nearest
+    grid point, by at most one pixel. The matched point in the query is moved by the same offset.
     """
 
     name = "efficient-loftr"

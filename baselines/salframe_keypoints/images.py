@@ -27,8 +27,8 @@ class ImageMatcher(TrainedMatcher):
         max_keypoints: int = match_only(
             512,
             ge=16,
-            description="maximum number of SIFT keypoints in each view. They are not matched: they only select the "
-            "reference frames to match",
+            description="maximum number of SIFT keypoints in each view. They only select the reference frames to "
+            "match. The matching itself does not use them",
         )
 
     def __init__(self, config: Config | None = None) -> None:

@@ -58,26 +58,23 @@ class Keypoints(Localizer):
         shortlist_network: slot(  # type: ignore[valid-type]
             "image-network",
             optional=True,
-            description="image network whose descriptors of whole views select the reference frames to match; null: "
-            "descriptors pooled from the local descriptors of the matcher, with a vocabulary computed from the map",
+            description="image network. Its descriptors of whole views select the reference frames to match; null: "
+            "these descriptors are pooled from the descriptors of the keypoints (VLAD)",
         )
         words: int = match_only(
-            64,
-            ge=1,
-            description="number of visual words in the vocabulary that pools local descriptors; not used with a "
-            "shortlist_network",
+            64, ge=1, description="number of visual words of VLAD; no effect if shortlist_network is set"
         )
         shortlist: int | None = match_only(
             5,
             ge=1,
-            description="number of reference frames that are matched with a query, those with the most similar "
-            "descriptors of whole views; null: all",
+            description="number of reference frames whose keypoints are matched with those of the query. They are the "
+            "frames with the most similar descriptors of whole views; null: all frames",
         )
         inlier_deg: float = match_only(
             1.0,
             gt=0,
-            description="maximum angle (degrees) of an inlier of a pose, between the observed bearing of a matched "
-            "point and the bearing that the pose predicts",
+            description="maximum error (degrees) of an inlier of a pose: the angle between the observed bearing of a "
+            "matched point and the bearing that the pose predicts",
         )
         hypotheses: int = match_only(
             500,
@@ -85,7 +82,7 @@ class Keypoints(Localizer):
             description="number of candidate poses, each computed from a random sample of three matched points",
         )
         min_inliers: int = match_only(
-            20, ge=4, description="minimum number of inliers of a pose; with fewer inliers, the pose is rejected"
+            20, ge=4, description="minimum number of inliers of a pose. If there are fewer, the pose is rejected"
         )
 
     def __init__(self, config: ComponentConfig | None = None) -> None:

@@ -41,8 +41,7 @@ class Loftr(ImageMatcher):
     class Config(ImageMatcher.Config):
         architecture: dict[str, Any] = Field(
             {"coarse": {"temp_bug_fix": True}},
-            description="mapping with the parameters of the checkpoint's architecture that differ from `default_cfg` "
-            "of kornia",
+            description="mapping of architecture parameters of the checkpoint that differ from `default_cfg` of kornia",
         )
         fine: bool = match_only(
             True,

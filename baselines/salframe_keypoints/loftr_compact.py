@@ -146,7 +146,7 @@ class LoftrCompact(ImageMatcher):
         pooled: Literal["sift", "tokens"] = match_only(
             "tokens",
             description="local descriptors that select the reference frames to match. sift: RootSIFT; tokens: "
-            "features of the network's coarse grid",
+            "features of the network's coarse grid, without SIFT keypoints",
         )
 
     def __init__(self, config: Config | None = None) -> None:

@@ -47,8 +47,7 @@ class SuperPointNearest(NetworkMatcher):
 class SuperPointSuperGlue(NetworkMatcher):
     """SuperPoint keypoints, matched by the network SuperGlue.
 
-    SuperGlue also uses the scores of keypoints. The features of a keypoint are therefore its descriptor, followed by
-    its score.
+    SuperGlue also uses the scores of the keypoints.
     """
 
     name = "superpoint-superglue"

@@ -28,12 +28,14 @@ _RANKING, _KEYPOINTS = "ranking_", "keypoints_"
 class VerifiedPlaces(Localizer):
     """Ranks places by another localizer, and re-ranks the first ones by keypoint matches.
 
-    The new score of each of the first `places` places is its score by `ranking` plus weight * ln(1 + n / min_inliers).
-    n is the largest number of inliers among the compared reference frames of the place, computed as in the localizer
-    `keypoints`. At most three reference frames are compared for each place. The answer has the first place of the new
-    order, and its pose from keypoints if this pose has enough inliers. Otherwise, the answer has the pose of the
-    localizer `ranking` if both have the same first place, or else no pose. If several views of a query are joined, the
-    keypoints are those of the last view.
+    Another localizer (`ranking`) ranks the places. The first `places` places then get a new score: the score by
+    `ranking` plus weight * ln(1 + n / min_inliers). n is the number of inliers in the best reference frame of the
+    place, as in the localizer `keypoints`. At most three reference frames of each place are compared.
+
+    The answer is the first place of the new order. Its pose is computed from keypoints. If this pose has too few
+    inliers and the first place is the same in both orders, the answer has the pose by `ranking`. If the first place is
+    another one, the answer has no pose. If several views of a query are joined, the keypoints are those of the last
+    view.
     """
 
     name = "verified-places"
@@ -43,18 +45,16 @@ class VerifiedPlaces(Localizer):
 
     class Config(ComponentConfig):
         ranking: slot("localizer", "saliency-places", description="localizer that ranks the places")  # type: ignore[valid-type]
-        features: slot("feature-matcher", "sift", description="feature matcher that verifies the places")  # type: ignore[valid-type]
+        features: slot(
+            "feature-matcher", "sift", description="feature matcher, which extracts and matches the keypoints"
+        )  # type: ignore[valid-type]
         places: int = match_only(
-            5, ge=1, description="number of places that are verified, the first ones of the ranking"
+            5, ge=1, description="number of places that are re-ranked, the first ones by `ranking`"
         )
         min_inliers: int = match_only(
-            20, ge=4, description="minimum number of inliers of a pose; with fewer inliers, the pose is rejected"
+            20, ge=4, description="minimum number of inliers of a pose. If there are fewer, the pose is rejected"
         )
-        weight: float = match_only(
-            7.8,
-            ge=0,
-            description="weight of ln(1 + inliers / min_inliers), which is added to the score of a place by `ranking`",
-        )
+        weight: float = match_only(7.8, ge=0, description="weight of ln(1 + n / min_inliers) in the new score")
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)

@@ -52,11 +52,13 @@ class _MapLines(NamedTuple):
 class Lines(Localizer):
     """Compares line segments of query and map on the sphere, as in LDL (Kim et al. 2023) and FGPL (Kim et al. 2024).
 
-    A line distance function gives, for each direction, the angle to the nearest line. The functions of lines along
-    three principal directions are compared at a grid of candidate positions. The principal directions of two upright
-    panoramas can be aligned in four ways, and all four are tested (LDL, section 3). The lines of the best candidates
-    are then aligned with the lines of the query (FGPL). The answer is the place and the pose of the candidate that
-    explains the largest share of the query's lines.
+    A line distance function gives, for each direction, the angle to the nearest line. The function of the query is
+    compared with the functions at the points of a grid around each reference frame. Only lines along three principal
+    directions are used. The principal directions of two upright panoramas can be aligned by four rotations, and all
+    four are tested. The reference frames and rotations with the most similar functions are the candidates.
+
+    The lines of each candidate are then aligned with the lines of the query. The answer is the place and the pose of
+    the candidate that explains the largest share of the query's lines.
     """
 
     name = "lines"
@@ -75,36 +77,33 @@ class Lines(Localizer):
             162,
             ge=1,
             le=100_000,
-            description="number of points on the unit sphere at which line distance functions are compared. Such a "
-            "function gives the angle to the nearest line",
+            description="number of points on the unit sphere at which line distance functions are compared",
         )
-        step_m: float = match_only(
-            0.35, ge=0.01, description="spacing (m) of the grid of candidate positions around a reference frame"
-        )
+        step_m: float = match_only(0.35, ge=0.01, description="spacing (m) of the grid around a reference frame")
         reach_m: float = match_only(
             5.0,
             ge=0,
-            description="maximum distance (m) of candidate positions from a reference frame, along x and along y",
+            description="maximum distance (m) of the points of the grid from the reference frame, along x and along y",
         )
         inlier_rad: float = match_only(
             0.1,
             gt=0,
             le=0.3,
-            description="maximum difference (radians) between values of the line distance functions of query and "
-            "candidate that count as equal",
+            description="maximum difference (radians) between two values of line distance functions that count as "
+            "equal",
         )
         shortlist: int = match_only(
             8,
             ge=1,
-            description="number of candidates (pairs of a reference frame and a rotation) whose lines are aligned "
-            "with those of the query. They are the candidates with the most similar line distance functions",
+            description="number of candidates whose lines are aligned with the lines of the query. A candidate is a "
+            "reference frame with one of the four rotations",
         )
         min_agreement: float = match_only(
             0.1,
             ge=0,
             le=1,
             description="minimum share (0 to 1), by length, of the query's lines that agree with lines of the map "
-            "under a pose; with a smaller share, the pose is rejected",
+            "under a pose. If the share is smaller, the pose is rejected",
         )
 
     uses: ClassVar[frozenset[str]] = frozenset({"range"})

@@ -35,7 +35,7 @@ class SalientObjects(DetectingLocalizer):
             ge=0,
             le=100,
             description="exponent p of the weight S^p of an object with the saliency S. 1: the weight is proportional "
-            "to the volume of the object; 1/3: to its length; 0: all objects have the same weight",
+            "to the volume; 1/3: proportional to the cube root of the volume; 0: all objects have the same weight",
         )
         posterior: posterior_slot()  # type: ignore[valid-type]
 

@@ -19,18 +19,19 @@ from salframe_objects.salient import SalientObjects
 class SalientVolumesLocalizer(SalientObjects):
     """Matches salient objects one-to-one by label, saliency, direction and range. It gives a place and no pose.
 
-    The method follows SOVS (Meena et al. 2024, "volumetric saliency") as the paper describes it: objects are weighted
-    by their share of the volume, have "visual, spatial, and directional features", and no edges. The score is our
-    interpretation. It is a weighted Jaccard index over objects. If an object a of the query and an object b of the
-    reference frame have the same label, they contribute
+    The method follows SOVS (Meena et al. 2024) as the paper describes it. The paper gives no formula. The formulas
+    below are ours. An object a of the query and an object b of the reference frame with the same label contribute
 
-        s_ab(t) = min(w_a, w_b) * max(cos phi_ab(t), 0) * min(r_a, r_b) / max(r_a, r_b).
+        s_ab(t) = min(w_a, w_b) * max(cos phi_ab(t), 0) * min(r_a, r_b) / max(r_a, r_b)
 
-    w = S^p is the weight of an object with the saliency S and p = `saliency_power`, and r is its range in metres. t is
-    a rotation of the query about the vertical. phi_ab(t) is the angle between the direction of b and the rotated
-    direction of a. M is the maximum of the sum of s_ab(t) over all one-to-one matchings and all rotations t that align
-    two objects with the same label in azimuth. The score is M / (sum of w over both panoramas - M). Objects with
-    unknown range are ignored.
+    - w = S^p: weight of an object, from its saliency S and p = `saliency_power`
+    - r: range of an object
+    - t: rotation of the query about the vertical
+    - phi_ab(t): angle between the direction of b and the rotated direction of a
+
+    The score is M / (W - M). M is the maximum of the sum of s_ab(t) over all one-to-one matchings and all rotations t.
+    W is the sum of w over all objects of both panoramas. Only rotations that align two objects with the same label are
+    tested. Objects with unknown range are ignored.
     """
 
     name = "sovs"

@@ -35,8 +35,8 @@ class OnnxDepth(MonocularDepth):
         )
         metric: bool = Field(
             False,
-            description="true: the output of the network is in metres; false: the scale of the output is unknown, and "
-            "for inverse and z-depth also its shift",
+            description="true: the output of the network is in metres; false: the scale of the output is unknown. For "
+            "inverse and z-depth, the output may also have an unknown added constant",
         )
         input: Literal["views", "equirectangular"] = Field(
             "views",

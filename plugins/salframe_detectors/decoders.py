@@ -74,8 +74,8 @@ class Yolov8(DetectionDecoder):
 class Yolov8Seg(DetectionDecoder):
     """YOLOv8 segmentation: boxes as in `yolov8`, and masks.
 
-    Each candidate has 32 more values than in `yolov8`. They are the weights of the prototype masks (B, 32, h, w). The
-    weighted sum of the prototype masks is the mask of the candidate.
+    A second output contains 32 prototype masks for each image (B, 32, h, w). Each candidate has 32 more values than in
+    `yolov8`, the weights of the prototype masks. Its mask is the weighted sum of the prototype masks.
     """
 
     name = "yolov8-seg"
@@ -103,7 +103,7 @@ class Yolov8Seg(DetectionDecoder):
 
 
 class Detr(DetectionDecoder):
-    """DETR: logits (B, queries, classes + 1) for B images, converted by softmax, and boxes (B, queries, 4).
+    """DETR: logits (B, candidates, classes + 1) for B images, converted by softmax, and boxes (B, candidates, 4).
 
     Boxes are centre and size, divided by the image size. The last class means "no object".
     """
@@ -119,8 +119,7 @@ class Detr(DetectionDecoder):
 
 
 class RtDetr(DetectionDecoder):
-    """RT-DETR, Deformable DETR and similar networks: as `detr`, with logits (B, queries, classes), converted by the
-    sigmoid."""
+    """RT-DETR, Deformable DETR and similar networks: as `detr`, with logits (B, candidates, classes) and sigmoid."""
 
     name = "rt-detr"
     version = "1"

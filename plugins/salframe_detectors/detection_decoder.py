@@ -30,7 +30,7 @@ class DecodeRequest:
 
 
 class DetectionDecoder(Role):
-    """Converts the outputs of a detection network to boxes in the images that were its input."""
+    """Converts the outputs of a detection network to boxes in its input images."""
 
     role = "detection-decoder"
     conformance = "salframe_detectors.conformance:check_detection_decoder"

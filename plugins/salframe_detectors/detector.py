@@ -32,7 +32,7 @@ class OnnxDetector(Detector):
     """Runs any ONNX detection network for perspective images on overlapping views, and merges the detections.
 
     The views cover the sphere. Range is optional. Without range, the objects have labels, scores and bearings, and
-    their positions are NaN. Such objects suffice for a query in a map with range, but not for building a map.
+    their positions are NaN.
     """
 
     name = "onnx"
@@ -44,15 +44,15 @@ class OnnxDetector(Detector):
         model: Literal[tuple(ZOO)] | SingleFile = Field(  # type: ignore[valid-type]
             "yolox-nano",
             union_mode="left_to_right",
-            description=f"network. {', '.join(ZOO)}: weights that `salframe weights fetch` downloads; otherwise the "
-            "path of an ONNX file",
+            description=f"network. {', '.join(ZOO)}: weights that `salframe weights fetch` downloads; a path: your "
+            "ONNX file",
         )
         decoder: slot("detection-decoder", "yolox", description="decoder for the output format of the network")  # type: ignore[valid-type]
         labels: Literal["coco-80"] | tuple[str, ...] | SingleFile = Field(
             "coco-80",
             union_mode="left_to_right",
-            description="class labels in the order of the network's outputs. coco-80: the 80 classes of COCO; "
-            "otherwise a list, or the path of a YAML file that contains a list under the key `names`",
+            description="class labels in the order of the network's outputs. coco-80: the 80 classes of COCO; a list: "
+            "your labels; a path: a YAML file with a list under the key `names`",
         )
         size_px: tuple[int, int] | None = Field(
             None, description="width and height of the network's input (pixels); null: read from the file"
@@ -83,7 +83,7 @@ class OnnxDetector(Detector):
             0.45,
             gt=0,
             lt=1,
-            description="minimum intersection over union of two boxes in a view that count as the same object; only "
+            description="minimum intersection over union of two boxes in a view that count as the same object. Only "
             "the box with the better score remains",
         )
         fov_deg: float = Field(

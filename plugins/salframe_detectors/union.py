@@ -21,10 +21,9 @@ from salframe_detectors.duplicates import same_objects
 class UnionDetector(Detector):
     """Merges the detections of several detectors. An object that more than one of them detects is reported once.
 
-    A label is replaced by the name that all detectors share for it, according to salframe's vocabulary. If several
-    detectors detect an object, the merged object has the best of their scores. The other values of the merged object
-    come from one detection: the one with the best score among those with a known position, or among all if no position
-    is known. The order of the detectors does not matter.
+    The merged object has the best score of its detections. Its other values, such as the position, come from the
+    detection with the best score among those with a known position. Labels with the same meaning, such as couch and
+    sofa, count as equal.
     """
 
     name = "union"

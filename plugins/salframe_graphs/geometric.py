@@ -40,9 +40,8 @@ class _Ranking:
 class GeometricMatcher(NodeMatcher):
     """Compares nodes by height, size and the labels nearby, and searches for one pose that explains their positions.
 
-    Only graphs with similar labels are compared (`min_candidate_ratio`). The score of a match is a weighted sum of two
-    Jaccard indices. The first one counts similar nodes. The second one counts similar nodes that coincide under one
-    pose.
+    The score of a match is a weighted sum of two Jaccard indices. The first one counts similar nodes. The second one
+    counts similar nodes that coincide under one pose (geometric verification).
     """
 
     name = "geometric"
@@ -50,35 +49,31 @@ class GeometricMatcher(NodeMatcher):
 
     class Config(NodeMatcherConfig):
         similarity_score: float = Field(
-            1.0,
-            ge=0,
-            description="weight of the first Jaccard index in the score of a match. It compares the nodes of both "
-            "graphs without their horizontal positions",
+            1.0, ge=0, description="weight of the first Jaccard index (similar nodes) in the score of a match"
         )
         geometry_score: float = Field(
             2.0,
             ge=0,
-            description="weight of the second Jaccard index in the score of a match. It counts the nodes that "
-            "coincide under one pose; 0: there is no geometric verification",
+            description="weight of the second Jaccard index (similar nodes that coincide under one pose) in the score "
+            "of a match; 0: there is no geometric verification",
         )
         tolerance_m: float = Field(
             0.3,
             gt=0,
-            description="geometric verification: maximum distance (m) between two nodes that coincide, without the "
-            "part that grows with their ranges (`tolerance_share`)",
+            description="geometric verification: maximum distance (m) between two nodes that coincide, at a range of 0",
         )
         tolerance_share: float = Field(
             0.05,
             ge=0,
-            description="geometric verification: two nodes with the ranges a and b coincide if their distance is at "
-            "most `tolerance_m` + `tolerance_share` * sqrt(a^2 + b^2)",
+            description="geometric verification: increase of the maximum distance with the range. Two nodes with the "
+            "ranges a and b coincide if their distance is at most `tolerance_m` + `tolerance_share` * sqrt(a^2 + b^2)",
         )
         max_scale_error: float = Field(
             0.0,
             ge=0,
             lt=1,
-            description="geometric verification: maximum relative error of the scale of a query's ranges; the "
-            "scale is estimated with the pose; 0: the scale is known, as for a depth sensor",
+            description="geometric verification: maximum relative error of the scale of a query's ranges. The scale "
+            "is estimated together with the pose; 0: the scale is known, as for a depth sensor",
         )
         max_shift_m: float = Field(
             6.0,

@@ -44,8 +44,8 @@ class NodeMatcherConfig(ComponentConfig):
 
     rarity: bool = Field(
         True,
-        description="true: rare labels have larger weights: ln((1 + G) / (1 + g)) + 1 for a label that g of the G "
-        "graphs of the map contain; false: all labels have the weight 1",
+        description="true: rare labels have larger weights. The weight is ln((1 + G) / (1 + g)) + 1 for a label in g "
+        "of the G graphs of the map; false: all labels have the weight 1",
     )
     confidence: bool = Field(
         True,
@@ -56,51 +56,51 @@ class NodeMatcherConfig(ComponentConfig):
         0.25,
         ge=0,
         le=1,
-        description="minimum relative similarity of a graph that is compared with the query: the Jaccard index of the "
-        "labels of both, divided by the highest such index of all graphs (the paper: 0.6)",
+        description="minimum relative similarity (0 to 1) of a graph that is compared with the query node by node. It "
+        "is the Jaccard index of the labels of both, divided by the highest such index of all graphs. The paper uses "
+        "0.6",
     )
     max_candidates: int | None = Field(
         100,
         ge=1,
-        description="maximum number of graphs that are compared with a query node by node; in a larger map, the scene "
-        "index first selects this number of graphs; null: all graphs (as in the paper)",
+        description="maximum number of graphs that are compared with a query node by node. In a larger map, the scene "
+        "index selects them; null: all graphs (as in the paper)",
     )
     scene_index: slot(  # type: ignore[valid-type]
         "scene-index",
         "by-size",
-        description="index that selects the graphs to compare in a map with more than `max_candidates` graphs. "
-        "by-size: the index is chosen by the size of the map",
+        description="index that selects graphs, in a map with more than `max_candidates` graphs. by-size: chosen by "
+        "the size of the map",
     )
     height_scale_m: float | None = Field(
         0.2,
         gt=0,
-        description="difference in the z of the centres of two nodes (m) at which their similarity is halved; null: "
-        "z is ignored",
+        description="difference in z (m) between the centres of two nodes that halves their similarity; null: z is "
+        "ignored",
     )
     size_scale: tuple[float, float] | None = Field(
         (0.8, 0.5),
-        description="scales [a, b] of the differences in size: a ratio of exp(a) between the lengths of two boxes "
-        "halves the similarity of their nodes, and so does a ratio of exp(b) between their heights; null: "
-        "sizes are ignored",
+        description="scales [a, b] of the differences in size. The similarity of two nodes is halved if the ratio of "
+        "their box lengths is exp(a). It is also halved if the ratio of their box heights is exp(b); null: sizes are "
+        "ignored",
     )
     ring_edges_m: Annotated[tuple[float, ...], AfterValidator(_ascending)] = Field(
         (1.0, 2.0, 4.0),
-        description="list of the outer radii (m), ascending, of the rings around a node. The labels of the other "
-        "nodes in each ring are counted and form the structural feature of the node, together with those counted "
-        "by `hops`",
+        description="list of the outer radii (m) of rings around a node, ascending. The labels of the other nodes in "
+        "each ring are counted. These counts and those of `hops` are the structural feature of the node",
     )
     hops: int = Field(
         2,
         ge=0,
         le=16,
         description="maximum number of edges between a node and the nodes whose labels are counted in its structural "
-        "feature; 0: only the rings are used",
+        "feature; 0: only labels in rings are counted",
     )
     structure_weight: float = Field(
         0.3,
         ge=0,
-        description="weight of the structural feature (labels of the nodes nearby) in the similarity of two nodes; "
-        "the label has the weight 1; 0: the feature is not used",
+        description="weight of the structural feature in the similarity of two nodes. The label has the weight 1; 0: "
+        "the feature is not used",
     )
     min_similarity: float = Field(
         0.1, ge=0, le=1, description="minimum similarity (0 to 1) of two nodes that can be matched"

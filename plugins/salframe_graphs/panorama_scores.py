@@ -32,20 +32,24 @@ class PanoramaScoresConfig(ComponentConfig):
         match_only=True,
         description="matcher, which compares the graph of a query with the graphs of the map",
     )
-    top_k: int = match_only(20, ge=1, description="maximum number of matching graphs that the matcher returns")
+    top_k: int = match_only(
+        20, ge=1, description="maximum number of graphs of the map that the matcher returns, best first"
+    )
     agreement: float = match_only(
         0.5,
         ge=0,
-        description="factor of the support between matches. The score of a match increases by this factor times the "
-        "scores of the other matches that give a similar pose of the query in the world; 0: no increase",
+        description="weight of agreeing matches. Matches with different reference frames agree if they give similar "
+        "poses of the query. The score of a match increases by this weight times the scores of the matches that agree "
+        "with it; 0: no increase",
     )
     agreement_radius_m: float = match_only(
-        1.5, gt=0, description="maximum distance (m) between the query poses of two matches that support each other"
+        1.5, gt=0, description="maximum distance (m) between the query poses of two matches that agree"
     )
     nearest_scene: bool = match_only(
         True,
-        description="true: if the best match is a transition frame (in a doorway), the answer is the scene frame (in "
-        "a room) nearest to the estimated pose; false: the answer is the transition frame",
+        description="true: the answer is always a reference frame in a room. If the best match is a frame in a "
+        "doorway, it is replaced by the frame in a room that is nearest to the estimated pose; false: the answer can "
+        "be a frame in a doorway",
     )
 
 

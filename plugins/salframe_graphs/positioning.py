@@ -51,8 +51,8 @@ class RobustPositioner(Positioner):
     """Computes a pose from each minimal set of matches, and refines the poses with the highest scores.
 
     A minimal set has two matches for SE(2), which ignores height, and three for SE(3). The score of a pose counts the
-    matches that agree with it (inliers); closer matches count more. The best poses are fitted to their inliers by
-    Umeyama's method with equal weights. The result has a covariance, and the ratio of the scores of the second and the
+    matches that agree with it (inliers). Closer matches count more. Umeyama's method fits the best poses to their
+    inliers, with equal weights. The result contains a covariance, and the ratio of the scores of the second and the
     best pose.
     """
 
@@ -68,17 +68,17 @@ class RobustPositioner(Positioner):
         tolerance_m: float = Field(
             0.8,
             gt=0,
-            description="maximum distance (m) between an object of the map and the matched object of the query, "
-            "transformed by a pose, at which the match is an inlier of this pose",
+            description="maximum distance (m) of an inlier of a pose: between an object of the map and the matched "
+            "object of the query, transformed by the pose",
         )
         min_inliers: int = Field(2, ge=2, description="minimum number of inliers of a pose, at least 3 for SE(3)")
         ambiguity: float = Field(
             0.95,
             gt=0,
             le=1,
-            description="limit of the ratio of the scores of the second and the best pose. If the ratio is at least "
-            "this value, the result is ambiguous and has no pose. The second pose is the best one that is over 0.5 m "
-            "or 30 deg away from the best pose",
+            description="limit of the score of the second pose, divided by the score of the best pose. If the ratio "
+            "is at least this limit, the result is ambiguous and has no pose. Only poses that are over 0.5 m or 30 "
+            "deg away from the best pose can be second",
         )
 
     _separate_m: ClassVar[float] = 0.5
@@ -198,9 +198,8 @@ def _covariance(reference: np.ndarray, shift: np.ndarray, residual: np.ndarray) 
 class LeastSquaresPositioner(Positioner):
     """The positioner of the paper: the position by least squares over all pairs of nodes, the yaw by a mean of angles.
 
-    The position is the solution of Theorem 1 of the paper. It needs three nodes that are not on a line. With `norms:
-    literal`, the theorem is used as printed. With `angle: arccos`, the angle is computed as in the paper, which loses
-    its sign.
+    A pair consists of an object (node) of the query and the matched object of the map. The position is the solution of
+    Theorem 1 of the paper. It needs three objects that are not on a line.
     """
 
     name = "least-squares"
@@ -209,24 +208,24 @@ class LeastSquaresPositioner(Positioner):
     class Config(ComponentConfig):
         norms: Literal["squared", "literal"] = Field(
             "squared",
-            description="norms in the linear equations of Theorem 1 of the paper. squared: squared norms, as in the "
-            "proof; literal: norms, as printed in the theorem",
+            description="norms in the linear equations of Theorem 1. squared: squared norms, as in the proof in the "
+            "paper; literal: norms, as in the text of the theorem",
         )
         angle: Literal["atan2", "arccos"] = Field(
             "atan2",
-            description="angle of rotation that each pair of matched nodes gives. atan2: with sign; arccos: without "
-            "sign, as in the paper",
+            description="how the angle of rotation of a pair is computed. atan2: with sign; arccos: without sign, as "
+            "in the paper",
         )
         mean: Literal["circular", "arithmetic"] = Field(
             "circular",
-            description="mean of the angles of rotation of all pairs of matched nodes. circular: mean of directions; "
-            "arithmetic: mean of numbers, as in the paper, which is wrong near 180 deg",
+            description="mean of the angles of all pairs. circular: mean of directions; arithmetic: mean of numbers, "
+            "as in the paper, which is wrong near 180 deg",
         )
         max_condition: float = Field(
             1e3,
             gt=1,
-            description="maximum condition number of the linear equations; above it, the nodes are considered to lie "
-            "on a line, and there is no pose",
+            description="maximum condition number of the linear equations. Above this number, the objects are "
+            "considered to lie on a line, and there is no pose",
         )
 
     @property

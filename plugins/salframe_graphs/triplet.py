@@ -21,9 +21,8 @@ from salframe_graphs.node_pairs import shared_weight
 class TripletMatcher(NodeMatcher):
     """Aligns the nodes of two graphs one-to-one, as in the paper.
 
-    The score is the sum of the weights of the edges that both graphs have between aligned nodes. An edge and its two
-    nodes form a triplet. Only graphs with similar labels are compared (`min_candidate_ratio`). There is no geometric
-    verification: the positioner estimates the pose from the aligned nodes.
+    A triplet is an edge with its two nodes. The score is the sum of the weights of the triplets that both graphs have
+    between aligned nodes. There is no geometric verification: the positioner estimates the pose from the aligned nodes.
     """
 
     name = "triplet"
@@ -32,8 +31,8 @@ class TripletMatcher(NodeMatcher):
     class Config(NodeMatcherConfig):
         labels: Literal["set", "multiset"] = Field(
             "multiset",
-            description="label similarity that selects the candidate graphs. set: each label counts once; multiset: "
-            "each label counts as often as it occurs",
+            description="how labels are counted when the graphs to compare are selected. set: each label counts once; "
+            "multiset: each label counts as often as it occurs",
         )
         structure: Literal["rings", "node2vec"] = Field(
             "rings",
@@ -43,24 +42,24 @@ class TripletMatcher(NodeMatcher):
         saliency_weight: float = Field(
             0.0,
             ge=0,
-            description="weight of the ratio of the saliencies in the similarity of two nodes; the label has the "
+            description="weight of the ratio of the saliencies in the similarity of two nodes. The label has the "
             "weight 1; 0: saliencies are not compared",
         )
         normalise: bool = Field(
             True,
-            description="true: the triplet score is divided by the sum of the edge weights of the query; false: it is "
-            "not divided, as in the paper",
+            description="true: the score is divided by the sum of the edge weights of the query; false: it is not "
+            "divided, as in the paper",
         )
         edge_weights: Literal["saliency", "unit"] = Field(
             "saliency",
-            description="weight of a triplet (two nodes and the edge between them). saliency: sqrt(S_a S_b), where "
-            "S_a and S_b are the saliencies of the two nodes; unit: 1",
+            description="weight of a triplet. saliency: sqrt(S_a S_b), where S_a and S_b are the saliencies of its "
+            "nodes; unit: 1",
         )
         similarity_score: float = Field(
             0.0,
             ge=0,
-            description="weight of a Jaccard index in the score of a match, which compares the nodes of both graphs; "
-            "the triplets have the weight 1; 0: only triplets count, as in the paper",
+            description="weight of a Jaccard index of the nodes, which is added to the score. The triplets have the "
+            "weight 1; 0: only triplets count, as in the paper",
         )
         seed: int = Field(0, ge=0, description="random seed of the node2vec training")
 

@@ -22,14 +22,13 @@ class ViewObjects(Settings):
     position_error_m: float = Field(
         0.15,
         gt=0,
-        description="standard deviation (m) of the position of an object in a view along each axis, without the "
-        "error that grows with its range (`range_error_share`). It decides whether objects of several views are merged",
+        description="standard deviation (m) of the position of an object along each axis, at a range of 0. Objects in "
+        "several views of a query are merged if their positions agree within the errors",
     )
     range_error_share: float = Field(
         0.05,
         ge=0,
-        description="standard deviation of the position of an object divided by its range, an independent error in "
-        "addition to `position_error_m`",
+        description="additional standard deviation of the position of an object along each axis, divided by its range",
     )
 
 

@@ -19,46 +19,44 @@ class HouseConfig(QueryView):
     """Settings of the generated building, its changes between map and queries, and the rendering of panoramas."""
 
     style: Literal["home", "office", "hotel"] = Field(
-        "home",
-        description="type of building that is generated (its rooms and furniture): a home, an office building, or a "
-        "hotel",
+        "home", description="type of the building, with its rooms and furniture: a home, an office building, or a hotel"
     )
     rooms: int = Field(12, ge=4, le=MAX_ROOMS, description="number of rooms of the building, including corridors")
     storeys: int = added(
         1,
         ge=1,
         le=9,
-        description="number of storeys, connected by stairs; each has `rooms` rooms, and the seed of the storey below "
-        "plus 1",
+        description="number of storeys, connected by stairs. Each storey has `rooms` rooms. Its seed is the seed of "
+        "the storey below plus 1",
     )
     seed: int = Field(0, ge=0, description="random seed of the building and of the changes of its objects")
     queries_per_room: int = Field(3, ge=0, description="number of queries in each room")
     frames_per_room: int | None = added(
         None,
         ge=1,
-        description="maximum number of reference frames in each room; null: as many as are needed so that every point "
-        "of the floor is at most 3 m from a reference frame. The queries do not depend on this setting",
+        description="maximum number of reference frames in each room; null: no maximum. Every point of the floor is "
+        "then at most 3 m from a reference frame. The queries do not depend on this setting",
     )
     frames_per_position: int = added(
         1,
         ge=1,
         le=16,
-        description="number of reference frames near each of the positions that cover a room (most rooms have one "
-        "position); fewer if the room is too small. The queries do not depend on this setting",
+        description="number of reference frames at each of the positions that cover a room. Most rooms have one "
+        "position. Small rooms have fewer frames. The queries do not depend on this setting",
     )
     map_spacing_m: float = added(
         1.0,
         gt=0,
         le=3,
-        description="distance (m) between neighbouring reference frames near a position, as far as the room allows; "
-        "only used if frames_per_position is over 1",
+        description="distance (m) between the reference frames at one position, as far as the room allows; only used "
+        "if frames_per_position is over 1",
     )
     query_shift_m: float = added(
         0.7,
         ge=0,
         le=2,
         description="mean distance (m) between a query and the nearest reference frame of its room, as far as the "
-        "rooms allow; single distances are 0.43 to 1.57 times the mean; 0: queries are at the positions of reference "
+        "rooms allow. Single distances are 0.43 to 1.57 times the mean; 0: queries are at the positions of reference "
         "frames",
     )
     query_yaw: Literal["uniform", "normal", "same"] = Field(
@@ -71,28 +69,28 @@ class HouseConfig(QueryView):
         0.0,
         ge=0,
         le=180,
-        description="tilt of the camera of each query in degrees, about a random horizontal axis; 0: level; 180: "
+        description="tilt (degrees) of the camera of each query, about a random horizontal axis; 0: level; 180: "
         "upside down",
     )
     query_height_m: float = added(
         1.5,
         ge=0.2,
         le=2.2,
-        description="mean height (m) of the cameras of queries above the floor; single heights differ from it by "
-        "up to 3 cm",
+        description="mean height (m) of the cameras of queries above the floor. Single heights differ from the mean "
+        "by up to 3 cm",
     )
     changed_fraction: float = Field(
         0.1,
         ge=0,
         le=1,
-        description="number of objects that are removed, moved or added after the map was recorded and before the "
-        "queries, divided by the number of objects (0 to 1)",
+        description="share of the objects (0 to 1) that are removed, moved or added between the map and the queries",
     )
     changes: Literal["uniform", "by-class"] = added(
         "uniform",
-        description="objects that change between map and queries. uniform: all objects with equal probability, but "
-        "fittings such as toilets and lamps only if not enough other objects can change; by-class: objects that "
-        "people often move change more often (chairs and bins 10 times as often as wardrobes, fittings never)",
+        description="objects that change between the map and the queries. uniform: all objects with equal "
+        "probability, except for fittings such as toilets and lamps. Fittings only change if too few other objects "
+        "can; by-class: objects that people often move change more often, such as chairs and bins 10 times as often "
+        "as wardrobes. Fittings never change",
     )
     change_kinds: tuple[Literal["removed", "moved", "added"], ...] = added(
         ("removed", "moved", "added"),
@@ -106,19 +104,16 @@ class HouseConfig(QueryView):
         "false: no signs",
     )
     signs_unreadable: float = added(
-        0.0, ge=0, le=1, description="probability (0 to 1) that a sign is unreadable when the queries are taken"
+        0.0, ge=0, le=1, description="probability (0 to 1) that a sign is unreadable in the queries"
     )
     signs_wrong: float = added(
-        0.0,
-        ge=0,
-        le=1,
-        description="probability (0 to 1) that a sign has the number of another room when the queries are taken",
+        0.0, ge=0, le=1, description="probability (0 to 1) that a sign shows the number of another room in the queries"
     )
     lighting: Literal["other", "day", "evening", "dim"] = Field(
         "other",
-        description="lighting of the queries (reference frames always have daylight). other: evening or dim at "
-        "random; day: daylight; evening: all lamps are on and it is dark outside; dim: few lamps are on, and the "
-        "image is dark and noisy",
+        description="lighting of the queries. Reference frames always have daylight. other: evening or dim at random; "
+        "day: daylight; evening: all lamps are on and it is dark outside; dim: few lamps are on, and the image is "
+        "dark and noisy",
     )
     height: int = Field(
         512, ge=64, multiple_of=4, description="height of a panorama in pixels; its width is twice the height"
@@ -130,13 +125,12 @@ class HouseConfig(QueryView):
     )
     models_part: Literal["training", "held-out"] | None = Field(
         None,
-        description="furniture models of `models` to use. training: those in the training data of the detector "
-        "`panoseg`; held-out: all others; null: all models",
+        description="part of the furniture models in `models` to use. training: those in the training data of the "
+        "detector `panoseg`; held-out: all others; null: all models",
     )
     rgb: bool = Field(
         True,
-        description="true: panoramas have colour, range and annotations; false: no colour, and rendering is 9 "
-        "times faster",
+        description="true: panoramas have colour; false: panoramas have no colour, and rendering is 9 times faster",
     )
     query_range: bool = Field(True, description="true: queries have range; false: queries have no range")
     map_range: bool = added(
@@ -145,8 +139,8 @@ class HouseConfig(QueryView):
     query_scale_share: float = Field(
         0.0,
         ge=0,
-        description="standard deviation of the random factor (mean 1) that multiplies all ranges of a query; each "
-        "query has its own factor; 0: ranges have no scale error",
+        description="standard deviation of a random factor (mean 1) for each query, which multiplies its ranges; 0: "
+        "ranges have no scale error",
     )
     hide_query_place: bool = hide_query_place_setting()
 

@@ -44,21 +44,20 @@ class ColmapImporter(Importer):
             None,
             gt=0,
             allow_inf_nan=False,
-            description="length (m) of one unit of the model; exactly one of scale and camera_height must be set",
+            description="length (m) of one unit of the model. Set either scale or camera_height, not both",
         )
         camera_height: float | None = Field(
             None,
             gt=0,
             le=100,
-            description="median height (m) of the cameras above the floor, from which the scale is computed; exactly "
-            "one of scale and camera_height must be set. The floor is detected in the points of the model, and gets z "
-            "= 0",
+            description="median height (m) of the cameras above the floor, from which the scale is computed. The "
+            "floor is detected in the points of the model, and gets z = 0. Set either scale or camera_height, not both",
         )
         images: str | None = Field(
             None,
             min_length=1,
-            description="folder of the pictures; null: the folder `images` in the folder of the model or in one of "
-            "the two folders above it",
+            description="folder of the pictures; null: the folder `images`, which is in the folder of the model or in "
+            "one of the two folders above it",
         )
         depth: str | None = Field(
             None,

@@ -45,8 +45,8 @@ SEAMS = (
 class CubemapImporter(Importer):
     """Cubemaps: six faces of 90 degrees as colour images, with optional depth images and a table of poses, poses.csv.
 
-    The column picture of the table contains the name of the cubemap, which is also part of the file names of its faces.
-    The other columns are those of the format `pictures`. Cubemaps that are not in the table are queries.
+    The column picture of the table contains the name of the cubemap. The file names of the faces contain this name too.
+    The other columns are those of the importer `pictures`. Cubemaps that are not in the table are queries.
     """
 
     name = "cubemap"
@@ -68,7 +68,7 @@ class CubemapImporter(Importer):
         )
         faces: tuple[str, str, str, str, str, str] = Field(
             FACES,
-            description="names of the six faces in the file names, in this order: front, right, back, left, up, down",
+            description="names of the six faces in the file names, in the order front, right, back, left, up, down",
         )
         depth_unit_m: PositiveFloat = Field(
             MILLIMETRE, description="length (m) of one unit of a depth image (0.001: the values are in millimetres)"

@@ -43,13 +43,13 @@ class RosBagImporter(Importer):
         )
         depth: str | None = Field(
             None,
-            description="topics of the depth images, one for each image topic and in the same order. The word none: "
-            "no depth is imported; null: the only depth topic, if there is one",
+            description="topics of the depth images, one for each image topic, in the same order. none: no depth is "
+            "imported; null: the only depth topic, if there is one",
         )
         camera_info: str | None = Field(
             None,
-            description="topics of the camera intrinsics (CameraInfo), one for each image topic and in the same "
-            "order; null: the topic camera_info in the namespace of each image topic, if it exists",
+            description="topics of the camera intrinsics (CameraInfo), one for each image topic, in the same order; "
+            "null: the topic camera_info in the namespace of each image topic, if it exists",
         )
         projection: Projection = Field(
             "auto",
@@ -64,7 +64,7 @@ class RosBagImporter(Importer):
         poses: str | None = Field(
             None,
             description="source of the poses: the name of an odometry topic, or the word tf; null: tf if it contains "
-            "the frame map, otherwise the only odometry topic, otherwise tf",
+            "the frame map. If it does not, the only odometry topic, or tf if there is no such topic",
         )
         world: str | None = Field(
             None,
@@ -73,8 +73,8 @@ class RosBagImporter(Importer):
         )
         odometry: str | None = Field(
             None,
-            description="odometry topic that gives the motion between the views of a sequence; null: the only "
-            "odometry topic, or the source of the poses if there is no odometry topic",
+            description="odometry topic for the motion between the views of a sequence; null: the only odometry "
+            "topic. If there is none, the source of the poses",
         )
         tolerance_s: float = Field(
             0.02,
@@ -103,31 +103,29 @@ class RosBagImporter(Importer):
             0,
             ge=0,
             le=100,
-            description="number of views of each query. A query is a sequence of images of the recording; 0: no "
-            "queries are made of the recording",
+            description="number of views of each query. Queries are sequences of images of the recording; 0: no "
+            "images become queries",
         )
         sequence_period: int = Field(
             20,
             ge=2,
-            description="number of views from the end of one sequence to the end of the next one, larger than "
-            "num_views; the images between two sequences are reference frames",
+            description="number of views from the end of one sequence to the end of the next sequence. It must be "
+            "larger than num_views. The images between two sequences are reference frames",
         )
         view_distance_m: float = Field(
             0.5,
             gt=0,
-            description="distance (m) that the camera moves between two views of a sequence; a turn by "
-            "view_turn_deg also starts a new view",
+            description="distance (m) that the camera moves between two views of a sequence. A turn by view_turn_deg "
+            "also starts a new view",
         )
         view_turn_deg: float = Field(
             45.0,
             gt=0,
-            description="angle (degrees) that the camera turns between two views of a sequence; a motion by "
+            description="angle (degrees) that the camera turns between two views of a sequence. A motion by "
             "view_distance_m also starts a new view",
         )
         distribution: Literal["foxy", "galactic", "humble", "iron", "jazzy", "kilted"] = Field(
-            "humble",
-            description="ROS 2 distribution, whose message definitions are used if the bag contains no message "
-            "definitions",
+            "humble", description="ROS 2 distribution. Its message definitions are used if the bag contains none"
         )
 
     def read(self, source: Path) -> Recording:

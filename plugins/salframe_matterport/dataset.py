@@ -42,8 +42,8 @@ class MatterportAnnotations(NavigableDataset):
     REVERIE.
 
     By default, each query has a map of all other viewpoints of its building. The query is turned by a random yaw. The
-    annotations contain the direction of an object, but no range. The range is computed from the position of the object,
-    which is triangulated from its directions at several viewpoints.
+    annotations contain the direction of an object, but no range. salframe triangulates the position of the object from
+    its directions at several viewpoints, and computes the range from the position.
 
     With `query_motion=driven`, a query is a random walk from viewpoint to viewpoint. Its views are the panoramas of the
     walk, each with a random yaw. The map contains none of these viewpoints.
@@ -65,45 +65,44 @@ class MatterportAnnotations(NavigableDataset):
             0.05,
             ge=0,
             lt=1,
-            description="standard deviation of the random factor (mean 1) that multiplies the range of an object; "
-            "each object has its own factor at each viewpoint; 0: ranges have no noise",
+            description="standard deviation of a random factor (mean 1) for each object at each viewpoint, which "
+            "multiplies the range of the object; 0: ranges have no noise",
         )
         query_range: bool = added(
             True,
-            description="true: the objects of queries have ranges; false: they have directions and solid angles only",
+            description="true: the objects of queries have ranges; false: they only have directions and solid angles",
         )
         min_visible: int = Field(
             3, ge=1, description="minimum number of visible objects at a viewpoint that is used as a query"
         )
         seed: int = Field(
             0,
-            description="random seed of the range noise, of the yaws and walks of queries, of the viewpoints that "
-            "`map_share` chooses, and of the ranges of objects that are seen from a single viewpoint and cannot be "
-            "triangulated",
+            description="random seed of the range noise, of the yaws and walks of queries, of the choice of "
+            "viewpoints by `map_share`, and of ranges that cannot be triangulated",
         )
         leave_out: int = match_only(
             1,
             ge=1,
-            description="number of viewpoints that are left out of the map of a query: its own viewpoint and the "
-            "nearest ones in the same region. Regions with at most this number of viewpoints have no queries",
+            description="number of viewpoints that are missing in the map of a query: its own viewpoint, and the "
+            "nearest ones in the same region. A region with at most this number of viewpoints has no queries",
         )
         query_triangulates: bool = match_only(
             True,
-            description="true: the ranges of the objects in a map are triangulated from all viewpoints of the "
-            "building, also from those left out of the map; false: only from the viewpoints in the map",
+            description="true: the ranges in a map are triangulated from all viewpoints of the building, even from "
+            "those that are missing in the map; false: only from the viewpoints in the map",
         )
         one_map: bool = match_only(
             False,
-            description="true: each map contains all buildings, placed 1 km apart along x. One viewpoint of each "
-            "building is missing in the map and is a query; false: each building has its own maps",
+            description="true: each map contains all buildings, 1 km apart along x. One viewpoint of each building is "
+            "missing in the map and is a query; false: a map contains one building",
         )
         map_share: float | None = added(
             None,
             match_only=True,
             gt=0,
             lt=1,
-            description="share of the viewpoints of each building that form its map, chosen at random; all other "
-            "viewpoints are queries, and leave_out must be 1; null: each query has its own map of all other viewpoints",
+            description="share of the viewpoints of each building that form its map, chosen at random. All other "
+            "viewpoints are queries. leave_out must be 1; null: each query has its own map of all other viewpoints",
         )
         hide_query_place: bool = hide_query_place_setting()
 

@@ -38,12 +38,11 @@ _MISFIT_M = 0.25
 
 
 class HabitatMaps(MatterportAnnotations):
-    """One building of the dataset `matterport-annotations`, with floor masks from the top-down maps of
-    Object2HabitatMap.
+    """One building of the dataset `matterport-annotations`, with floor masks from top-down maps.
 
-    Object2HabitatMap is a program that draws top-down maps of Matterport3D buildings. The floor is the area of all
-    regions in the top-down map. All objects except floor, door and stairs are obstacles. If the folder has the maps of
-    several buildings, select one with `scans`.
+    The program Object2HabitatMap draws the top-down maps. The floor is the area of all regions in the top-down map. All
+    objects except floor, door and stairs are obstacles. If the folder has the maps of several buildings, `scans` must
+    select one.
     """
 
     name = "habitat-maps"

@@ -36,8 +36,9 @@ class Reverie(Scorer):
     """The metrics of the benchmark REVERIE. An agent moves to the viewpoint that shows a target object, and identifies
     the object.
 
-    SR, OSR and SPL measure whether the agent reaches the viewpoint. RGS and RGSPL measure whether it identifies the
-    object.
+    SR (success rate), OSR (oracle success rate) and SPL (success weighted by path length) measure whether the agent
+    reaches the viewpoint. RGS (remote grounding success) and RGSPL (RGS weighted by path length) measure whether it
+    identifies the object.
     """
 
     name = "reverie"

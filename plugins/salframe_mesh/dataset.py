@@ -36,10 +36,9 @@ _COLUMNS = "id", "role", "place", "x_m", "y_m", "z_m", "yaw_rad"
 class MeshDataset(RenderedDataset[FrameSpec]):
     """RGB-D panoramas rendered from a mesh: Matterport3D (.obj), HM3D (.glb), Replica (.ply), or any other building.
 
-    The folder contains a mesh, and a file with the positions of the panoramas: frames.csv, or the .house file of a
-    Matterport3D building. The table frames.csv lists reference frames and queries. The panoramas of a .house file are
-    reference frames. In this case, queries are placed near them on free floor, with a random yaw. The dataset can
-    render a panorama at any pose.
+    A file in the folder contains the positions of the panoramas. If this file is frames.csv, it lists the reference
+    frames and the queries. If it is the .house file of a Matterport3D building, its panoramas are the reference frames.
+    Queries are then placed near them on free floor, with a random yaw. The dataset can render a panorama at any pose.
     """
 
     name = "mesh"

@@ -58,8 +58,8 @@ class PanoSegDetector(Detector):
             0.25,
             ge=0,
             le=1,
-            description="minimum score of an object (0 to 1), which is the mean probability of its class over its "
-            "pixels",
+            description="minimum score of an object (0 to 1). The score is the mean probability of the object's class "
+            "over its pixels",
         )
         exposure: Literal["auto", "none"] = exposure_setting()
 

@@ -62,13 +62,14 @@ class SegmentsDetector(Detector):
         model: Literal["ade20k"] | SingleFile = Field(
             "ade20k",
             union_mode="left_to_right",
-            description="network. ade20k: weights that are downloaded by `salframe weights fetch`; otherwise the path "
-            "of an ONNX or TensorFlow Lite file",
+            description="network. ade20k: weights that `salframe weights fetch` downloads; a path: your ONNX or "
+            "TensorFlow Lite file",
         )
         card: SingleFile | None = Field(
             None,
-            description="path of the network's model card, a YAML file that describes input, output and classes; "
-            "null: the YAML file with the same name beside the network's file, or else the card that salframe includes",
+            description="path of the model card, a YAML file that describes input, output and classes of the network; "
+            "null: the YAML file beside the network with the same name. If there is none, the card that salframe "
+            "includes",
         )
         views: int = Field(
             6, ge=1, le=16, description="number of horizontal perspective views that are cut from the panorama"
@@ -77,8 +78,8 @@ class SegmentsDetector(Detector):
             0,
             ge=0,
             le=8,
-            description="number of views that look up by 60 deg, and of views that look down by 60 deg, in addition to "
-            "the horizontal views",
+            description="number of views that look up by 60 deg, in addition to the horizontal views. The same number "
+            "of views looks down by 60 deg",
         )
         fov_deg: float = Field(
             90.0, ge=30, le=120, description="horizontal field of view (degrees) of each perspective view"

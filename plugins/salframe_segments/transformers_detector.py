@@ -50,8 +50,8 @@ class TransformersDetector(Detector):
     """Objects from a published segmentation or detection network of the library `transformers`.
 
     The network may be for semantic, instance, panoptic or universal segmentation, or for closed-set or zero-shot
-    detection. The configuration of the network states its kind. Range is optional. Without range, the
-    objects have labels, scores and bearings, and their positions are NaN.
+    detection. Range is optional. Without range, the objects have labels, scores and bearings, and their positions are
+    NaN.
     """
 
     name = "transformers"
@@ -64,8 +64,8 @@ class TransformersDetector(Detector):
         labels: tuple[str, ...] | UserFile | None = Field(
             None,
             union_mode="left_to_right",
-            description="labels that a zero-shot network searches for: a list, or the path of a saved map whose "
-            "labels are used; null: the names of salframe's vocabulary. Networks with fixed labels require null",
+            description="labels that a zero-shot network searches for. a list: your labels; a path: the labels of a "
+            "saved map; null: the names of salframe's vocabulary. A network with fixed labels requires null",
         )
         fov_deg: float = Field(
             90.0,

@@ -32,9 +32,9 @@ SAMPLES = 24
 class TextDetector(Detector):
     """Reads texts on signs, posters and door plates in horizontal views, by the networks of RapidOCR.
 
-    Each text is an object with the label `text`, and the attribute `text` of the object is the string that was read.
-    Range is optional. Without range, the objects have bearings, and their positions are NaN. The networks are part of
-    the package `rapidocr`, so nothing is downloaded.
+    Each text is an object with the label `text`. The attribute `text` of the object is the string. Range is optional.
+    Without range, the objects have bearings, and their positions are NaN. The networks are part of the package
+    `rapidocr`, so nothing is downloaded.
     """
 
     name = "text"
@@ -53,7 +53,7 @@ class TextDetector(Detector):
         width_px: int = Field(1024, ge=256, le=4096, description="width of each perspective view in pixels")
         min_score: float = Field(0.6, ge=0, le=1, description="minimum confidence score of a string (0 to 1)")
         min_length: int = Field(
-            2, ge=1, le=MAX_TEXT, description="minimum number of characters of a string; shorter strings are left out"
+            2, ge=1, le=MAX_TEXT, description="minimum number of characters of a string. Shorter strings are left out"
         )
 
         @model_validator(mode="after")

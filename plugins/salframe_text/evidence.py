@@ -21,17 +21,21 @@ ALPHABET = 40
 
 
 class TextEvidence(EvidenceModel):
-    """Log likelihood ratio of the strings that a query shows, in the column `text`.
+    """Log likelihood ratio of the strings on signs in the query, in the column `text`.
 
-    The map has the string s, and the query reads the string q. The probability of reading q is (1 - e)^(n - d) (e /
-    ALPHABET)^d, with the error rate e of a character, the length n of the longer string, and the edit distance d
-    (Levenshtein 1966). ALPHABET is 40.
+    The ratio compares the candidate place with a random place, so rare strings count more. It is 0 if the query or the
+    place has no string. If a query reads several strings, their log likelihood ratios are added. The sum is limited to
+    +-`max_nats`, so that wrong signs cannot overrule the objects.
 
-    A query reads one of the strings of its place. With the probability `unmapped`, a sign was overlooked, replaced or
-    wrong. The query then reads a string of a random place or an unknown string, both equally likely. The ratio compares
-    the place with a random place. A rare string therefore counts more than a frequent one. The strings of a query are
-    assumed to be independent, so their log likelihood ratios are added. The sum is limited to +-`max_nats`, so that
-    wrong signs cannot overrule the objects. The sum is 0 if the query or the place has no string.
+    If a sign shows the string s, the query reads the string q with the probability (1 - e)^(n - d) (e / 40)^d:
+
+    - e: error rate of a character, `character_error`
+    - n: length of the longer string
+    - d: edit distance of s and q (Levenshtein 1966)
+    - 40: number of characters that can be confused
+
+    With the probability `unmapped`, the string is not in the map. The query then reads a string of a random place or an
+    unknown string, both equally likely.
     """
 
     name = "text"
@@ -52,7 +56,7 @@ class TextEvidence(EvidenceModel):
             gt=0,
             lt=1,
             description="probability (0 to 1) that a string of a query is not among the strings of its place in the "
-            "map, because a sign was overlooked, replaced or wrong",
+            "map. The sign was overlooked, replaced or wrong",
         )
         max_nats: float = Field(
             4.0, gt=0, description="maximum absolute value (nats) of the log likelihood ratio of all strings together"

@@ -79,8 +79,8 @@ class VoteTracker(Tracker):
         min_votes: float = Field(
             0.1,
             ge=0,
-            description="minimum sum of the faded probabilities of the agreeing answers at which the pose counts as "
-            "known; an answer without probabilities has the probability 1",
+            description="minimum weight of the agreeing votes at which the pose counts as known. The weight is the "
+            "sum of the faded probabilities of the answers. An answer without probabilities has the probability 1",
         )
         odometry: OdometryNoise = Field(
             OdometryNoise(), description="expected errors of odometry, which enlarge the covariance of the pose"

@@ -28,7 +28,7 @@ def evaluate(directory: str | Path) -> Result[Any]:
 
     Raises:
         ConfigError: `directory` is not a run.
-        DataError: The data set differs from the one that the run was made on.
+        DataError: The dataset differs from the one that the run was made on.
     """
     run, task = open_run(directory)
     dataset = open_dataset(run.data())
@@ -67,7 +67,7 @@ def write_report(
 
     Raises:
         ConfigError: A folder is not a run, the runs are of several tasks, or a column is unknown.
-        DataError: A data set differs from the one that a run was made on, or the file cannot be written.
+        DataError: A dataset differs from the one that a run was made on, or the file cannot be written.
     """
     folders = list(dict.fromkeys(Path(run).resolve() for run in runs))
     if not folders:
@@ -113,7 +113,7 @@ def _open(folder: Path, progress: Progress | None) -> _Opened:
 
 
 def _pool(opened: Sequence[_Opened], entries: Sequence[tuple[Entry, ...]]) -> list[MethodRow]:
-    """Return the row of each arm (a method with its settings, on one data set). Arms of the same runs are summarized
+    """Return the row of each arm (a method with its settings, on one dataset). Arms of the same runs are summarized
     together, so that the paired tests compare each arm with the first one."""
     rows: dict[int, MethodRow] = {}
     together: dict[tuple[int, ...], list[int]] = {}

@@ -16,7 +16,7 @@ from salframe.navigation.episodes import EpisodeRequest
 
 
 class Scorer(Role):
-    """Computes the metrics of a benchmark from a file of answers, which any program may have written."""
+    """Computes the metrics of a benchmark from a file of answers."""
 
     role = "scorer"
 

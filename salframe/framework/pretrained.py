@@ -37,7 +37,7 @@ class PretrainedConfig(ComponentConfig):
     model: HubName | UserFile | None = Field(
         None,
         union_mode="left_to_right",
-        description="path of a folder with config.json and model.safetensors, or hf:ORG/MODEL[@REVISION], a model of "
+        description="path of a folder with config.json and model.safetensors; or hf:ORG/MODEL[@REVISION], a model of "
         "the Hugging Face hub that `salframe weights fetch` downloads; required",
     )
     size_px: tuple[int, int] | None = Field(

@@ -29,7 +29,7 @@ _NODE_COLUMNS = (
 @dataclass(frozen=True, eq=False)
 class SaliencyGraph:
     """A 360-degree saliency graph (docs/explanation/method.md#from-panorama-to-graph): the nodes are salient objects,
-    and the edges connect objects that are close to each other ("in context").
+    and the edges connect objects that are close to each other.
 
     A node without range has a bearing only: its centroid_m, size_m and yaw_rad are NaN, and it has no edges. In a graph
     of one panorama, either all nodes have a range or none has. If none has, the saliency of a node is its share of the
@@ -185,16 +185,17 @@ class GraphConfig(Settings):
     top_k: int | None = Field(
         None,
         ge=1,
-        description="maximum number of nodes of the graph; the most salient objects become nodes; null: all objects",
+        description="maximum number of nodes of the graph. The most salient objects become nodes; null: all objects",
     )
     extent: Literal["mean", "max"] = Field(
         "mean",
-        description="size l of a box in Eq. 1 of the paper. mean: mean of its three sides; max: its longest side",
+        description="size of an object. An edge connects two objects if their distance is smaller than the sizes of "
+        "both (Eq. 1 of the paper). mean: mean of the three sides of the box; max: longest side of the box",
     )
     distance: Literal["surface", "centroid"] = Field(
         "surface",
-        description="distance d_s of two objects in Eq. 1 of the paper, which decides whether an edge connects them. "
-        "surface: distance between their boxes; centroid: distance between their centroids",
+        description="distance of two objects, for the edges (see `graph.extent`). surface: distance between their "
+        "boxes; centroid: distance between their centroids",
     )
 
 

@@ -35,8 +35,8 @@ def range_slot() -> Any:
     return slot(
         RangeModel.role,
         optional=True,
-        description="model that estimates the range of panoramas without a range image; null: their range remains "
-        "unknown",
+        description="range model, which estimates the range of a panorama without a range image; null: the range of "
+        "such a panorama remains unknown",
     )
 
 
@@ -44,8 +44,8 @@ def posterior_slot() -> Any:
     """Return the type of the setting `posterior` of a localizer: the parameters that convert scores to
     probabilities."""
     help = (
-        "parameters that convert scores to probabilities, or the path of a file written by `salframe "
-        "fit`; null: answers have no probabilities"
+        "mapping of parameters that convert scores to probabilities, or the path of a file written by `salframe fit`; "
+        "null: answers have no probabilities"
     )
     return Annotated[
         Posterior | None, BeforeValidator(partial(read_fitted, "posterior")), match_only(None, description=help)
@@ -57,9 +57,8 @@ class LevelledConfig(ComponentConfig):
 
     level: Literal["auto", "off"] = added(
         "auto",
-        description="levelling of tilted panoramas before they are described. auto: reference frames are levelled by "
-        "their poses, queries by the floor and walls in the range image, or by the lines in the colour image; off: no "
-        "levelling",
+        description="auto: tilted panoramas are turned upright before they are processed; off: they are not. The tilt "
+        "comes from the pose. If the pose is unknown or exactly level, the tilt is estimated from the images",
     )
 
 

@@ -319,7 +319,7 @@ class LocalizationMap:
         Pass one of: a query, the images of a panorama, or views. For several views, the pose of the answer is the pose
         of the last view. If the last view has a `position_m`, it is the pose of the body (such as a robot) on which the
         camera has this position. If the localizer cannot join views, or their motion is unknown, each view is localized
-        alone and the probabilities are multiplied. A note of the answer states this.
+        alone, and the probabilities are multiplied. A note in the answer states this.
 
         Args:
             query: The frame or panorama.

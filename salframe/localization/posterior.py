@@ -37,48 +37,39 @@ class Head(Settings):
     log-odds of the accuracy.
     """
 
-    absent_mean: float = Field(
-        description="mean contrast of the answers to out-of-map queries. The contrast of an answer is the score of "
-        "the first place minus the mean score of the next five places, divided by `temperature`"
-    )
+    absent_mean: float = Field(description="mean contrast of the answers to out-of-map queries")
     absent_deviation: float = Field(
         gt=0, description="standard deviation of the contrast of the answers to out-of-map queries"
     )
     bias: float = Field(
-        description="logarithm of a likelihood ratio at the contrast `absent_mean`: how much more probable this "
-        "contrast is for a correct answer than for an answer to an out-of-map query"
+        description="value of ln(p / q) at the contrast `absent_mean`. p is the probability density of a contrast for "
+        "correct answers, and q the density for answers to out-of-map queries"
     )
     slope: float = Field(
         ge=0,
-        description="change of the logarithm of the likelihood ratio (see `bias`) if the contrast increases by "
-        "`absent_deviation`",
+        description="change of ln(p / q) (see `posterior.head.bias`) if the contrast increases by `absent_deviation`",
     )
     accuracy: float = Field(
         ge=0, le=1, description="probability (0 to 1) that the first place is correct, if the query is in the map"
     )
     other_score: float = Field(
-        description="mean score of the places after the first one, divided by `temperature`; it is used if an answer "
+        description="mean score of the places after the first one, divided by `temperature`. It is used if an answer "
         "has only one place"
     )
     objects: float = Field(
         0.0,
         ge=0,
-        description="mean number of objects of the reference frames in rooms; 0: the number of objects of a query has "
-        "no effect",
+        description="mean number of objects n0 of the reference frames in rooms. The four settings whose names end in "
+        "`_effect` use it; 0: they have no effect",
     )
     mean_effect: float = Field(
-        0.0, description="change of ln(`absent_mean`) per unit of ln(number of objects of the query / `objects`)"
-    )
-    deviation_effect: float = Field(
-        0.0, description="change of ln(`absent_deviation`) per unit of ln(number of objects of the query / `objects`)"
-    )
-    bias_effect: float = Field(
-        0.0, description="change of `bias` per unit of ln(number of objects of the query / `objects`)"
-    )
-    accuracy_effect: float = Field(
         0.0,
-        description="change of the log-odds of `accuracy` per unit of ln(number of objects of the query / `objects`)",
+        description="change of ln(`absent_mean`) if ln(n / n0) increases by 1. n is the number of objects of the "
+        "query, and n0 is `posterior.head.objects`",
     )
+    deviation_effect: float = Field(0.0, description="change of ln(`absent_deviation`) if ln(n / n0) increases by 1")
+    bias_effect: float = Field(0.0, description="change of `bias` if ln(n / n0) increases by 1")
+    accuracy_effect: float = Field(0.0, description="change of the log-odds of `accuracy` if ln(n / n0) increases by 1")
 
     def relative_objects(self, objects: np.ndarray) -> np.ndarray:
         """Return nu (see the class) for queries with these numbers of objects (N,); 0 if a number of objects is 0,
@@ -128,27 +119,26 @@ class Posterior(Settings):
         MAX_OUT_OF_MAP_PROBABILITY,
         ge=0,
         le=1,
-        description="maximum out-of-map probability (0 to 1) of an answer that names a place; above it, the answer "
-        "has the status out-of-map",
+        description="maximum out-of-map probability (0 to 1) of an answer with a pose. Above this value, the answer "
+        "has the status out-of-map and no pose; 1: answers never have this status",
     )
     calibrate: bool = Field(
         True,
-        description="true: the out-of-map probability is calibrated with the reference frames of each map; false: the "
-        "fitted parameters are used for all maps",
+        description="true: the out-of-map probability is calibrated with the reference frames of each map; false: all "
+        "maps use the fitted parameters",
     )
     query_distance_m: float = Field(
         1.0,
         gt=0,
-        description="typical distance (m) of a query from the nearest reference frame of its place, which is used by "
-        "the calibration only",
+        description="typical distance (m) of a query from the nearest reference frame of its place. Only the "
+        "calibration uses it",
     )
     max_false_accept: float | None = Field(
         None,
         gt=0,
         lt=1,
-        description="maximum false accept rate (share of the out-of-map queries whose answers are accepted). An "
-        "answer is accepted only if it passes a conformal test, which uses the reference frames of the map; null: no "
-        "test",
+        description="maximum share of the out-of-map queries whose answers are accepted (0 to 1). A conformal test "
+        "with the reference frames of the map enforces it; null: no test",
     )
 
     def contrast(self, scores: np.ndarray) -> float:

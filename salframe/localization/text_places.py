@@ -96,9 +96,7 @@ class TextAnswer:
 def ask(map: LocalizationMap, text: str) -> TextAnswer:
     """Return the places of a map that fit a description in words.
 
-    The objects in the description, and the stated orders of two objects ("left of"), are treated as independent. The
-    number of objects with a label in a place is the maximum over its scene frames. The likelihood of the stated orders
-    is the mean over the scene frames of the place, because the order of objects depends on the position of the speaker.
+    The objects in the description, and the stated orders of two objects ("left of"), are treated as independent.
 
     Args:
         map: The map.

@@ -64,7 +64,6 @@ def exposure_setting() -> Any:
     """Return the field of the setting `exposure` of a detector that applies `brighten_dark` to its input."""
     return Field(
         "auto",
-        description="correction of the exposure before the network runs. auto: the linear light of a dark panorama "
-        f"(mean luminance below {DARK_LUMINANCE:g}, with white = 1) is multiplied so that the mean becomes "
-        f"{USUAL_LUMINANCE:g}, by a factor of at most {MAX_GAIN:g}; none: no correction",
+        description="correction of the exposure before the network runs. auto: a dark panorama (mean luminance below "
+        "0.09, where white is 1) is brightened to the mean 0.29, by a factor of at most 16; none: no correction",
     )

@@ -172,7 +172,7 @@ class Recording:
 
 
 class Importer(Role):
-    """Converts recordings in another format to panoramas with poses, times and places."""
+    """Converts recordings of other formats, such as ROS bags, to panoramas with poses, times and places."""
 
     role = "importer"
     word: ClassVar[str] = "format"

@@ -22,7 +22,7 @@ class ObjectNoise(Settings):
     the frame and the object."""
 
     missed: float = Field(
-        0.0, ge=0, le=1, description="share of objects that are removed (0 to 1), as if a detector had missed them"
+        0.0, ge=0, le=1, description="share of objects (0 to 1) that are removed, as if a detector had missed them"
     )
     mislabelled: float = Field(
         0.0, ge=0, le=1, description="share of objects (0 to 1) whose label is replaced by another label of the dataset"
@@ -30,8 +30,8 @@ class ObjectNoise(Settings):
     range_share: float = Field(
         0.0,
         ge=0,
-        description="standard deviation of the random factor (mean 1) that multiplies the range of an object; each "
-        "object has its own factor; 0: ranges do not change",
+        description="standard deviation of a random factor (mean 1) for each object, which multiplies the range of "
+        "the object; 0: ranges do not change",
     )
 
 

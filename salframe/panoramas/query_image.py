@@ -19,32 +19,28 @@ class QueryImage(Settings):
     """Changes of a colour image. They are applied in the order of the settings, and are not random."""
 
     blur_px: float = Field(
-        0.0,
-        ge=0,
-        le=50,
-        description="standard deviation (pixels of the panorama) of the Gaussian blur that is applied to the linear "
-        "light; 0: no blur",
+        0.0, ge=0, le=50, description="standard deviation (pixels of the panorama) of a Gaussian blur; 0: no blur"
     )
     exposure_ev: float = Field(
         0.0,
         ge=-10,
         le=10,
-        description="change of the exposure in stops (EV): linear light is multiplied by 2 to the power of this "
-        "value, so -2 leaves a quarter of the light; values above white become white",
+        description="change of the exposure in stops (EV). For example, -2 leaves a quarter of the light. Pixels that "
+        "become too bright are white",
     )
     warmth_ev: float = Field(
         0.0,
         ge=-4,
         le=4,
-        description="error of the white balance in stops: linear red is multiplied by 2 to the power of half of this "
-        "value, and linear blue is divided by the same factor; positive: warm (yellow), negative: cool (blue)",
+        description="error of the white balance in stops (EV): the ratio of red to blue light is multiplied by 2 to "
+        "the power of this value. Positive: warm (yellow); negative: cool (blue)",
     )
     scale: float = Field(
         1.0,
         gt=0,
         le=1,
-        description="share of the original resolution: the image is reduced to this share of its width and height, "
-        "then enlarged to the original size; 1: no change",
+        description="share of the original resolution. The image is reduced to this share of its width and height, "
+        "and then enlarged to the original size; 1: no change",
     )
     jpeg_quality: int | None = Field(
         None,

@@ -26,13 +26,13 @@ class OdometryErrors(OdometryNoise):
     scale_share: float = Field(
         0.0,
         ge=0,
-        description="standard deviation of the random factor (mean 1) that multiplies all travelled distances of a "
-        "query; each query has its own factor; 0: distances have no scale error",
+        description="standard deviation of a random factor (mean 1) for each query, which multiplies its travelled "
+        "distances; 0: distances have no scale error",
     )
     shuffled: bool = Field(
         False,
-        description="true: the measured motions are assigned to other views of the same query, as a control "
-        "experiment (no effect on queries of fewer than three views); false: each view has its own motion",
+        description="true: each view gets the measured motion of another view of the same query, as a control "
+        "experiment. Queries of fewer than three views do not change; false: each view has its own motion",
     )
 
 

@@ -39,16 +39,15 @@ class QueryView(ComponentConfig):
         match_only=True,
         gt=0,
         le=360,
-        description="horizontal field of view (degrees) of queries, centred on the heading of the camera; the view "
+        description="horizontal field of view (degrees) of queries, centred on the heading of the camera. A query "
         "shows all elevations; 360: the whole panorama",
     )
     query_focal: float | None = added(
         None,
         match_only=True,
         gt=0,
-        description="focal length of queries, divided by half the image width. A query is then one perspective view "
-        "(4:3) along the heading of the camera (1: 90 deg wide, 74 deg high; 2: 53 and 41; 3: 37 and 28); null: "
-        "queries are panoramas",
+        description="focal length of perspective queries (4:3), divided by half the image width. 1: the view is 90 "
+        "deg wide and 74 deg high; 2: 53 x 41 deg; 3: 37 x 28 deg; null: queries are panoramas",
     )
     query_noise: AnnotationNoise = added(
         AnnotationNoise(),
@@ -65,14 +64,15 @@ class QueryView(ComponentConfig):
         match_only=True,
         ge=1,
         le=100,
-        description="number of views per query; 1: the views that the dataset stores, usually one",
+        description="number of views per query; 1: no views are added to those in the dataset, which usually stores "
+        "one view per query",
     )
     query_motion: Literal["turned", "driven"] = added(
         "turned",
         match_only=True,
         description="motion of the camera between the views of a query. turned: the camera turns to the left on the "
-        "spot, by 60 % of the field of view per view; driven: the camera moves along a path, which requires a dataset "
-        "with further views near the query (house, matterport-annotations, or a folder with sequences)",
+        "spot, by 60 % of the field of view per view; driven: the camera moves along a path. Only some datasets "
+        "support driven: house, matterport-annotations, and folders with sequences",
     )
     query_odometry: OdometryErrors = added(
         OdometryErrors(),
@@ -82,9 +82,8 @@ class QueryView(ComponentConfig):
     query_errors: Literal["per-query", "per-view"] = added(
         "per-query",
         match_only=True,
-        description="simulated detection errors of an object (by `query_noise` or the detector annotations) in the "
-        "views of a query. per-query: an object has the same errors in all views of the query; per-view: an object "
-        "has new errors in each view",
+        description="which simulated detection errors the views of a query share. per-query: an object has the same "
+        "errors in all views; per-view: an object has new errors in each view",
     )
 
 

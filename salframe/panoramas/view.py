@@ -25,15 +25,14 @@ class OdometryNoise(Settings):
         0.02,
         ge=0,
         le=1,
-        description="standard deviation of the position error of odometry along each horizontal axis, divided by the "
+        description="standard deviation of the position error of odometry along x and along y, divided by the "
         "travelled distance",
     )
     heading_drift_deg: float = Field(
         1.0,
         ge=0,
         le=180,
-        description="standard deviation (degrees) of the error of odometry in the change of heading from one view to "
-        "the next",
+        description="standard deviation (degrees) of the heading error of odometry between two successive views",
     )
 
 

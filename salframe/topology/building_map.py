@@ -76,10 +76,9 @@ def build_map(
 ) -> BuildingMap:
     """Build the map of a dataset and save it to the folder `output`, in one step.
 
-    The topology is computed from the floor masks of the dataset, and from the stairs and lifts that the dataset knows.
-    Without masks, floors are derived from the range of the reference frames (`derive_floors`). If no topology can be
-    computed, `tell` is called with the reason. A map without reference frames has only the topology. The new map
-    replaces the map in `output`.
+    The topology is computed from the floor masks of the dataset, and from its stairs and lifts. Without masks, floors
+    are derived from the range of the reference frames. If no topology can be computed, `tell` is called with the
+    reason. A map without reference frames has only the topology. The new map replaces the map in `output`.
 
     Args:
         data: name of a dataset or preset, a YAML file, or a folder with a manifest.json.

@@ -23,14 +23,14 @@ class DistantViews(Settings):
     near_m: float = Field(
         2.5,
         ge=0,
-        description="maximum distance (m) between a view and the last view of its group. The views of a query are "
-        "divided into groups, and each group is assumed to be in one place",
+        description="maximum distance (m) of a view from the last view of its group. In a map without floor masks, "
+        "the views of a query are divided into groups, and each group is assumed to be in one place",
     )
     window_m: float = Field(
         5.0,
         gt=0,
-        description="views outside the group of the last view of the query are compared only with objects of the map "
-        "that are at most this distance (m) from the reference frames of the place",
+        description="maximum distance (m) between the reference frames of a place and the objects that are compared "
+        "with the groups of views before the last group",
     )
     same_place_m: float = Field(
         2.0,

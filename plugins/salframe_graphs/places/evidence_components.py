@@ -48,9 +48,8 @@ class ObjectHypotheses(PlaceHypotheses):
 class LikelihoodEvidence(EvidenceModel):
     """Log likelihood ratio of the objects of the query at the best pose in the place, in the column `likelihood`.
 
-    The ratio compares two explanations of the objects: they are objects of the place, or they are objects that are not
-    in the map. If no object of the query has a range, the value is in the column `bearing_likelihood` instead, and
-    `likelihood` is 0.
+    The ratio is positive if the objects fit the place better than objects that are not in the map. If no object of the
+    query has a range, the value is in the column `bearing_likelihood`, and `likelihood` is 0.
     """
 
     name = "likelihood"
@@ -78,10 +77,9 @@ class LikelihoodEvidence(EvidenceModel):
 class OutlineEvidence(EvidenceModel):
     """Log likelihood ratio of the outline of free space at the best pose in the place, in the column `outline`.
 
-    The outline is the median horizontal distance to the points above the furniture (mostly walls), in each direction.
-    The ratio is large if the outline of the query agrees with the outlines of the place. The outline takes 144 bytes
-    for each frame of the map. It also affects the likelihood of the objects: an object of the place behind the outline
-    does not count as missing.
+    The outline is measured at points above the furniture, which are mostly on walls. The ratio is large if the outline
+    of the query agrees with the outlines of the place. Objects of the place behind the outline do not count as missing
+    in the evidence `likelihood`. A map stores 144 bytes for each reference frame.
     """
 
     name = "outline"
@@ -159,7 +157,7 @@ class PanoramaEvidence(EvidenceModel):
 
 
 class LabelEvidence(EvidenceModel):
-    """Labels that query and place have in common, in two columns. Rare labels count more.
+    """Labels that query and place share, in two columns. Rare labels count more.
 
     `detected_labels` is the share of the query's labels that the place has. `labels_shared` is the Jaccard index of the
     labels of query and place.

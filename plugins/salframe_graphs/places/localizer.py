@@ -84,13 +84,13 @@ class _Hypotheses:
 class SaliencyPlacesLocalizer(GraphLocalizer):
     """Merges the objects of all panoramas of a place, and estimates place and pose of a query together.
 
-    The score of a place is the sum of the `evidence` for it, multiplied by fitted `weights`. By default, the
-    evidence is a likelihood ratio of the objects, the outline of free space, the score of the best match with a
-    single panorama, and the labels that query and place share. The objects of a query have either a range, or only
-    a bearing and a solid angle.
+    The score of a place is a weighted sum of numbers, the evidence. By default, the evidence is: a log likelihood ratio
+    of the objects, a log likelihood ratio of the outline of free space, the score of the best match with a single
+    panorama, and the labels that query and place share. If a query has no range, the bearings and solid angles of its
+    objects are compared instead of positions.
 
-    For some settings of `rates` and `posterior`, the listed default is null. The method then uses a number that
-    `salframe fit` estimated. `salframe show saliency-places` prints these numbers.
+    The defaults of `rates`, `weights` and `posterior` were estimated on tuning data. `salframe fit` estimates `weights`
+    and `posterior` on your data. Use its file with `--set weights=FILE.yaml` and `--set posterior=FILE.yaml`.
     """
 
     name = "saliency-places"

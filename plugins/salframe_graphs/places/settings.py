@@ -48,8 +48,8 @@ class PlacesConfig(GraphLocalizerConfig, PanoramaScoresConfig):
     evidence: slots(  # type: ignore[valid-type]
         "evidence",
         ("likelihood", "outline", "panorama", "labels"),
-        "list of the kinds of evidence for a place. Each kind computes one or more numbers (columns), "
-        "whose weights are in `weights`. Some kinds store data in the map",
+        "list of the kinds of evidence for a place. Each kind computes one or more numbers (columns). `weights` has "
+        "the weight of each column",
     )
     rates: Annotated[Rates, BeforeValidator(partial(_merge_shipped, "rates", shipped_rates))] = Field(
         default_factory=shipped_rates,
@@ -77,14 +77,14 @@ class PlacesConfig(GraphLocalizerConfig, PanoramaScoresConfig):
     candidates: int = match_only(
         100,
         ge=1,
-        description="maximum number of places whose objects are compared with the query one by one; the scene index "
-        "selects the places",
+        description="maximum number of places that are compared with the query object by object. In a larger map, the "
+        "scene index selects them",
     )
     scene_index: slot(  # type: ignore[valid-type]
         "scene-index",
         "by-size",
         match_only=True,
-        description="index that selects the places to compare, in a map with more than `candidates` places",
+        description="index that selects places, in a map with more than `candidates` places",
     )
     merged: bool = match_only(
         True,

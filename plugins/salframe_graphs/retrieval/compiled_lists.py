@@ -38,9 +38,9 @@ _HEIGHT_M = CODE_LOW[0] + CODE_STEP * np.arange(256)
 class CompiledLists(SceneIndex):
     """Ranks reference frames as `inverted-lists` does, then re-ranks the best 2,000 by the positions of objects.
 
-    A pose is computed from two objects of the query and two objects of the frame. It is scored by the objects that
-    coincide under the pose. The best pose of each frame determines its score. This index is for maps of over 10,000
-    reference frames. Its code is compiled by numba when a map is built or opened.
+    A pose is computed from two objects of the query and two objects of the frame. The score of the pose counts the
+    objects that coincide under it. The score of a frame is that of its best pose. This index is for maps of over 10,000
+    reference frames. numba compiles its code when a map is built or opened.
     """
 
     name = "compiled-lists"
@@ -50,13 +50,13 @@ class CompiledLists(SceneIndex):
 
     class Config(InvertedLists.Config):
         tolerance_m: float = match_only(
-            0.3,
-            gt=0,
-            description="two objects with the ranges a and b coincide if their distance (m) is at most `tolerance_m` + "
-            "`tolerance_share` * sqrt(a^2 + b^2)",
+            0.3, gt=0, description="maximum distance (m) between two objects that coincide, at a range of 0"
         )
         tolerance_share: float = match_only(
-            0.05, ge=0, description="increase of the maximum distance in `tolerance_m` per metre of sqrt(a^2 + b^2)"
+            0.05,
+            ge=0,
+            description="increase of the maximum distance with the range. Two objects with the ranges a "
+            "and b coincide if their distance is at most `tolerance_m` + `tolerance_share` * sqrt(a^2 + b^2)",
         )
         max_shift_m: float = match_only(
             6.0,

@@ -17,10 +17,10 @@ from salframe_graphs.retrieval.scoring import best_scenes
 
 
 class InvertedLists(SceneIndex):
-    """Ranks reference frames by a Jaccard index of their objects and the objects of the query. Rare labels count more.
+    """Ranks reference frames by a Jaccard index of their objects and the objects of the query.
 
-    Each object counts as its similarity to the most similar object with the same label. The similarity compares height,
-    box length and box height.
+    Objects with the same label are compared by height, box length and box height. Each object counts as its similarity
+    to the most similar object. Rare labels count more.
     """
 
     name = "inverted-lists"
@@ -28,12 +28,12 @@ class InvertedLists(SceneIndex):
 
     class Config(ComponentConfig):
         height_scale_m: float = match_only(
-            0.2, gt=0, description="difference in height (m) of two objects at which their similarity is halved"
+            0.2, gt=0, description="difference in height (m) of two objects that halves their similarity"
         )
         size_scale: tuple[float, float] = match_only(
             (0.8, 0.5),
-            description="scales of the differences in size: the similarity of two objects is halved if ln(ratio of "
-            "their box lengths) is the first value, and halved if ln(ratio of their box heights) is the second value",
+            description="scales [a, b] of the differences in size. The similarity of two objects is halved if the "
+            "ratio of their box lengths is exp(a). It is also halved if the ratio of their box heights is exp(b)",
         )
 
     def build(self, graphs: Iterable[SaliencyGraph], folder: Path) -> None:

@@ -56,10 +56,10 @@ class Request:
 
     Args:
         methods: Presets, components or YAML files, or variants of them.
-        data: A preset, a data set, a YAML file or a folder with a manifest.json; None: the default data set.
-        data_dir: The `root` of the data set.
+        data: A preset, a dataset, a YAML file or a folder with a manifest.json; None: the default dataset.
+        data_dir: The `root` of the dataset.
         settings: Settings as "key.path=value".
-        name: Name of the run folder; by default the name of the data set.
+        name: Name of the run folder; by default the name of the dataset.
         seed: Seed of confidence intervals and of random numbers of the task.
         engine: The engine that runs the methods; None: the default engine.
         runs: The folder of run folders.
@@ -91,8 +91,8 @@ class Resolved:
 
     Attributes:
         methods: Configurations of the methods by label, in order.
-        name: Name of the data set.
-        data: Configuration of the data set.
+        name: Name of the dataset.
+        data: Configuration of the dataset.
         engine: Configuration of the engine.
         scopes: Settings whose key starts with a scope ("data", "engine", or a scope of the task), by scope.
         notes: Notes on methods that replace a requested one, and on the components that `auto` selected.

@@ -164,7 +164,7 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
 
     @abstractmethod
     def survey(self, dataset: Dataset) -> Surveyed:
-        """Return the pieces of the task on an opened data set. Raises DataError or InputMissing on unsuitable data."""
+        """Return the pieces of the task on an opened dataset. Raises DataError or InputMissing on unsuitable data."""
 
     @abstractmethod
     def key(self, piece: Piece) -> tuple[Any, ...]:
@@ -182,7 +182,7 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
         return ""
 
     def input(self, label: str, method: Any, dataset: Dataset) -> tuple[str, ...]:
-        """Return the parts of a data set's panoramas that a method receives as input, as `input_parts` does."""
+        """Return the parts of a dataset's panoramas that a method receives as input, as `input_parts` does."""
         return input_parts(method, dataset)
 
     @abstractmethod
@@ -195,7 +195,7 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
 
     @abstractmethod
     def summarize(self, parts: Sequence[Part[Surveyed, PieceRowT]], seed: int) -> Sequence[LineT]:
-        """Return the row of each method in the table, in order, over one data set or pooled over several."""
+        """Return the row of each method in the table, in order, over one dataset or pooled over several."""
 
     def write_page(self, result: Result[LineT], records: Sequence[Record[PieceRowT]], survey: Surveyed) -> Path | None:
         """Write the page of a run into its folder and return its path; None if the task has no page (default)."""

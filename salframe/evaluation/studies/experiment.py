@@ -229,7 +229,7 @@ def _run_again(study: Study, request: Request, *, progress: Progress | None) -> 
 
 
 def _with_data(study: Study, request: Request) -> Request:
-    """Return the request, without its data folder if the study's data set needs none.
+    """Return the request, without its data folder if the study's dataset needs none.
 
     Raises InputMissing if the study needs a data folder and the request has none.
     """

@@ -33,16 +33,16 @@ from salframe.panoramas.frames import FrameKind, QueryFrame, ReferenceFrame
 from salframe.panoramas.opening import Progress
 
 HIDE = "data.hide_query_place=true"
-"""Setting of every tuning data set: each query is also localized in a map without its place."""
+"""Setting of every tuning dataset: each query is also localized in a map without its place."""
 
 
 @dataclass(frozen=True, eq=False)
 class TuningData:
-    """A data set to tune on.
+    """A dataset to tune on.
 
     Attributes:
-        name: Name of the data set.
-        dataset: The data set.
+        name: Name of the dataset.
+        dataset: The dataset.
         localizer: The localizer that is tuned.
         descriptions: Description of each frame by id; None if the localizer cannot use the frame.
     """
@@ -131,11 +131,11 @@ def fit_method(
 
     Args:
         method: The method.
-        data: Names of data sets, at least one.
+        data: Names of datasets, at least one.
         output: The YAML file to write.
         tries: Matching settings to try, as "key.path=value,value".
         posterior_only: Whether to keep the matching settings and the weights, and to fit only the posterior.
-        data_dir: The `root` of data sets that have one.
+        data_dir: The `root` of datasets that have one.
         overrides: Settings as "key.path=value", as for a map.
         progress: Reports the progress.
         tell: Receives messages.
@@ -206,7 +206,7 @@ def fit_method(
 def _describe(
     data: str, method: str, data_dir: str | Path | None, overrides: Sequence[str], progress: Progress | None, tell: Tell
 ) -> TuningData:
-    """Return a tuning data set with all of its frames described."""
+    """Return a tuning dataset with all of its frames described."""
     root = data_dir if data_dir and _takes_root(data) else None
     name, dataset, localizer = prepare(data, method, root, [*overrides, HIDE], None, progress, tell)
     if "posterior" not in type(localizer.config).model_fields:
@@ -232,7 +232,7 @@ def _describe(
 
 
 def _takes_root(data: str) -> bool:
-    """Return whether a data set has a `root` setting."""
+    """Return whether a dataset has a `root` setting."""
     if Path(data).is_dir():
         return False
     return "root" in registry().get("dataset", settings("dataset", data)["kind"]).Config.model_fields

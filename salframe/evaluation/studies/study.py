@@ -1,4 +1,4 @@
-"""Studies: methods on data sets with varied settings, pooled over seeds. An ablation is a study."""
+"""Studies: methods on datasets with varied settings, pooled over seeds. An ablation is a study."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ class Study(Settings):
         return {short_name(name): StudiedMethod(method=name) for name in self.methods or (str(self.method),)}
 
     def varied(self, *, of_data: bool) -> list[str]:
-        """Return the varied keys: settings of the data set if `of_data`, otherwise all other settings."""
+        """Return the varied keys: settings of the dataset if `of_data`, otherwise all other settings."""
         return [key for key in self.vary if key.startswith(f"{DATA}.") == of_data]
 
 
@@ -171,7 +171,7 @@ class StudyResult(ResultBase):
         kind: The task.
         runs: The run folders.
         rows: The rows.
-        settings: The varied settings of each row by key. If there are several data sets or arms (named settings of the
+        settings: The varied settings of each row by key. If there are several datasets or arms (named settings of the
             data), also "data" or "arm".
         notes: Notes of the runs.
         reported: Figures that papers report.

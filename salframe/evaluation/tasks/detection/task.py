@@ -36,7 +36,7 @@ from salframe.panoramas.opening import Progress
 
 
 def measure_detection(request: Request, *, progress: Progress | None = None) -> Result[DetectionRow]:
-    """Run detectors on the query panoramas of a data set, and count correct detections.
+    """Run detectors on the query panoramas of a dataset, and count correct detections.
 
     The methods of the request are detectors. Labels are compared in the shared vocabulary (`common_label`), since each
     detector has a different one. The annotated objects are the ground truth (`count_right`).

@@ -1,4 +1,4 @@
-"""The task `localization`: accuracy, pose error and cost of methods over all queries of a data set."""
+"""The task `localization`: accuracy, pose error and cost of methods over all queries of a dataset."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ from salframe.panoramas.opening import Progress
 
 
 def compare(request: Request, *, reported: bool = False, progress: Progress | None = None) -> Result[LocalizationRow]:
-    """Run methods on the queries of a data set and measure them. An interrupted run is resumed.
+    """Run methods on the queries of a dataset and measure them. An interrupted run is resumed.
 
     Args:
         request: The request.

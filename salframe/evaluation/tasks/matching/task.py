@@ -48,7 +48,7 @@ def measure_matching(request: Request, *, progress: Progress | None = None) -> R
     """Match each query with the nearest scene frame of its place. An interrupted run is resumed.
 
     Raises:
-        SalframeError: A name or a setting is wrong, or the data set has no ranges or poses.
+        SalframeError: A name or a setting is wrong, or the dataset has no ranges or poses.
     """
     return run_task(MatchingTask(), request, resolve(request), progress=progress)
 

@@ -199,7 +199,7 @@ def navigate(
     positioning: Positioning = Positioning.ON,
     progress: Progress | None = None,
 ) -> Result[NavigationRow]:
-    """Navigate an agent through the buildings of a data set with each method as its localizer.
+    """Navigate an agent through the buildings of a dataset with each method as its localizer.
 
     An interrupted run is resumed. An agent without positioning ignores the poses of the method. Its position is the
     node of the method's first place, and its heading comes from odometry. The agent TRUE_PLACE uses no method. Its
@@ -209,14 +209,14 @@ def navigate(
         request: The request. Settings "navigation.KEY" are those of NavigationConfig. The seed is used for episodes,
             noise and intervals.
         episodes: The number of random episodes, a JSON file of episodes, or "BENCHMARK:SPLIT": a split of a benchmark
-            whose files are in the `root` of the data set. In a benchmark the agent knows the goals, and the answers of
+            whose files are in the `root` of the dataset. In a benchmark the agent knows the goals, and the answers of
             each method are written in the format of the benchmark.
         positioning: The agents to run for each method: with positioning, without, or both.
         progress: Reports the progress.
 
     Raises:
         SalframeError: A name, a setting or a file is wrong.
-        InputMissing: The data set cannot render panoramas.
+        InputMissing: The dataset cannot render panoramas.
     """
     task, resolved = plan_navigation(request, episodes, positioning)
     return run_task(task, request, resolved, progress=progress)

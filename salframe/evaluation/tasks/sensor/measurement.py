@@ -1,4 +1,4 @@
-"""Calibrate a sensor model of a detector against the annotations of data sets."""
+"""Calibrate a sensor model of a detector against the annotations of datasets."""
 
 from __future__ import annotations
 
@@ -100,16 +100,16 @@ def measure_sensor(
     runs: str | Path = "runs",
     progress: Progress | None = None,
 ) -> SensorMeasurement:
-    """Run a detector on all panoramas of data sets, reference frames and queries, and calibrate a sensor model.
+    """Run a detector on all panoramas of datasets, reference frames and queries, and calibrate a sensor model.
 
     An interrupted run is resumed.
 
     Args:
         detector: The detector.
-        data: Presets, data sets, YAML files or folders; the default data set if there are none.
-        data_dir: The `root` of the data sets.
+        data: Presets, datasets, YAML files or folders; the default dataset if there are none.
+        data_dir: The `root` of the datasets.
         settings: Settings as "data.KEY=value", "detector.KEY=value" and "engine.KEY=value".
-        seeds: Seeds of the data sets; each is a separate run.
+        seeds: Seeds of the datasets; each is a separate run.
         name: Name of the run folder, as in Request.
         engine: The engine, as in Request.
         runs: The folder of run folders.
@@ -137,7 +137,7 @@ def measure_sensor(
     notes: dict[str, None] = {}
     for number, (data_name, (request, resolved)) in enumerate(requests.items()):
         if progress and len(requests) > 1:
-            progress("data sets", number, len(requests))
+            progress("datasets", number, len(requests))
         try:
             record, record_notes = _look_at(task, request, resolved, progress)
         except InputMissing as error:
@@ -163,7 +163,7 @@ def measure_sensor(
 def _look_at(
     task: SensorTask, request: Request, resolved: Resolved, progress: Progress | None
 ) -> tuple[Record[LookRow], Sequence[str]]:
-    """Run a detector on a data set, and return its record and notes.
+    """Run a detector on a dataset, and return its record and notes.
 
     Raises InputMissing or MethodFailed if the detector did not complete its work.
     """
