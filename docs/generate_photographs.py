@@ -42,7 +42,7 @@ def pixels(printed: dict[str, Any]) -> Rows:
 
 
 def objects(printed: dict[str, Any]) -> Rows:
-    yield "objects", "score", "number", "correctly labelled %", "segments covered %", "precision %", "recall %"
+    yield "objects", "score", "number", "correctly labelled %", "true regions covered %", "precision %", "recall %"
     for name, key in DETECTORS.items():
         for score, row in printed[key]["objects"].items():
             yield name, f"{score} and more", str(row["detected"]), *(_share(row[share]) for share in SHARES)
