@@ -77,7 +77,7 @@ def test_a_measured_table_says_what_each_method_was_given():
 
 def test_every_row_of_readmes_table_stands_in_a_table_of_its_data():
     header, *rows = tables(README.partition("\n## Results")[2].partition("\n## ")[0])[0]
-    assert header == ["data", "method", "input", "accuracy % (95 % CI)", "median pose error", "bytes /scene"]
+    assert header == ["data", "method", "input", "accuracy % (95 % CI)", "median pose error", "bytes /panorama"]
     real, office = tables(SUMMARY.read_text())[:2]
     measured = {"10 real buildings": real, "5 rendered offices": office}
     assert len(rows) == 6

@@ -60,7 +60,7 @@ def agreement(
 def _compare(observed: Arcs, expected: Arcs) -> tuple[np.ndarray, np.ndarray]:
     """Return the signed angle between expected arcs (..., M) and observed arcs (N,), and their common length.
 
-    Both are (..., N, M) float32, in radians.
+    Angle and common length are (..., N, M) float32, in radians.
     """
     low_rad, high_rad = (observed.along_rad[:, i, None].astype(np.float32) for i in (0, 1))
     expected_rad = expected.along_rad.astype(np.float32)[..., None, :, :]

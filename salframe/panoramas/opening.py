@@ -144,7 +144,7 @@ def open_frame(
     overrides: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> ReferenceFrame | QueryFrame:
-    """Return the frame with an id in a dataset. If no dataset is named, return the frame of the image at a path.
+    """Return a frame of a dataset by its id or, without a dataset, by the path of its image.
 
     Args:
         name: Id of the frame, or path of the image where `data` is None.

@@ -76,10 +76,10 @@ class RenderedDataset(FolderDataset, Generic[Frame]):
     """Base of datasets that render their panoramas once into a folder of the salframe cache and read them from there.
 
     A subclass lists its frames (FrameSpec or a subclass) and renders one frame at a time. It may list objects and
-    floors. It declares `provides`, because the folder does not exist before `prepare`. If more than its configuration
-    and version determines the pixels, it overrides `fingerprint`. If it overrides `depends_on`, datasets with different
-    settings share the images and cache entries of their common frames. An engine that renders in other processes
-    creates one dataset per process from the configuration.
+    floors. It declares `provides`, because the folder does not exist before `prepare`. If the pixels
+    also depend on something else than its configuration and version, it overrides `fingerprint`. It may override
+    `depends_on`. Datasets with different settings then share the images and cache entries of their common frames. An
+    engine that renders in other processes creates one dataset per process from the configuration.
     """
 
     @property

@@ -13,7 +13,7 @@ Frame = ReferenceFrame | QueryFrame | Panorama
 
 
 def load_samples(frames: Sequence[Frame], count: int) -> list[tuple[Frame, Panorama]]:
-    """Load the panoramas of up to `count` frames at equal distances, among them the first and the last.
+    """Load the panoramas of up to `count` frames, evenly spaced in the list, with the first and the last frame.
 
     Panoramas that cannot be read are left out. The code that uses the frame later reports the error.
     """

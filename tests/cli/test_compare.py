@@ -103,7 +103,7 @@ def test_columns_are_chosen_and_checked_before_the_run(fakes, tmp_path):
     assert refused.err.startswith("error: unknown column 'acuracy', did you mean 'accuracy'?")
     assert not (tmp_path / "runs").exists()
     table = run(*options, "--columns", "accuracy,bytes", "--format", "md").out.splitlines()
-    assert table[0] == "| method | accuracy % (95 % CI) | bytes /scene |"
+    assert table[0] == "| method | accuracy % (95 % CI) | bytes /panorama |"
     latex = run(*options, "--columns", "accuracy", "--format", "latex").out.splitlines()
     assert latex[0] == r"\begin{table}"
     assert latex[5] == r"\begin{tabular}{lr}"

@@ -168,7 +168,7 @@ class PlaceEvidence:
         return Evidence([self.places.names[name] for name in names.tolist()], columns)
 
     def _added(self, description: Description, arrays_of: Callable[[EvidenceModel], Description]) -> Description:
-        """Return a description with the arrays that a function returns for each component.
+        """Return a copy of a description, extended by the arrays of each component, which `arrays_of` returns.
 
         Raises:
             InvalidAnswer: A component returned an array that it does not declare, or that the description already has.

@@ -201,6 +201,6 @@ def _of_places(scene_frames: SceneFrames, of_frames: np.ndarray) -> np.ndarray:
 
 
 def _places_at(regions: Regions, xy_m: np.ndarray, frame: ReferenceFrame) -> list[str | None]:
-    """Return the place at each position (N, 2) on the floor of a frame, None outside all regions."""
+    """Return the place at each position (N, 2) on the storey of a frame, None outside all regions."""
     numbers = regions.at(xy_m, np.full(len(xy_m), frame.T_world_pano[2, 3]))
     return [regions.places[number] if number >= 0 else None for number in numbers.tolist()]

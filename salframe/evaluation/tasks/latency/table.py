@@ -44,7 +44,7 @@ class LatencyRow(MethodRow):
 COLUMNS: dict[str, Column[LatencyRow]] = {
     "input": INPUT,
     "scenes": count_column("scenes", lambda row: row.scenes),
-    "bytes": bytes_column("bytes with\nindex /scene", lambda row: row.bytes_per_scene),
+    "bytes": bytes_column("bytes with\nindex /panorama", lambda row: row.bytes_per_scene),
     "open": cost_column("open\nms", lambda row: None if row.open_s is None else row.open_s * 1e3),
     "opened": cost_column("memory after\nopening MB", lambda row: row.opened_mb, 0),
     "first": cost_column("first query\nms", lambda row: row.first_ms),

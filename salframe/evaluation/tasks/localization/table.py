@@ -154,7 +154,7 @@ COLUMNS: dict[str, Column[LocalizationRow]] = {
         "right: not\naccepted % (95 % CI)", lambda row: row.right_not_accepted, largest=False
     ),
     "absent_accepted": rate_column("out of map:\naccepted % (95 % CI)", lambda row: row.absent_accepted, largest=False),
-    "bytes": bytes_column("bytes\n/scene", lambda row: row.bytes_per_scene),
+    "bytes": bytes_column("bytes\n/panorama", lambda row: row.bytes_per_scene),
     "describe": cost_column("describe\nms", lambda row: row.describe_ms),
     "query": cost_column("query\nms", lambda row: row.query_ms),
     "memory": cost_column("memory\nMB", lambda row: row.peak_memory_mb, 0),

@@ -46,7 +46,7 @@ COLUMNS: dict[str, Column[ScaleRow]] = {
     "input": INPUT,
     "build": cost_column("build\ns", lambda row: row.build_s),
     "memory": cost_column("memory while\nbuilding MB", lambda row: row.build_memory_mb, 0),
-    "bytes": bytes_column("bytes with\nindex /scene", lambda row: row.bytes_per_scene),
+    "bytes": bytes_column("bytes with\nindex /panorama", lambda row: row.bytes_per_scene),
     "open": cost_column("open\ns", lambda row: row.open_s),
     "median": cost_column("query\nmedian ms", lambda row: row.query_median_ms),
     "p95": cost_column("query\np95 ms", lambda row: row.query_p95_ms),
