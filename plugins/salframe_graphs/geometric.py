@@ -60,7 +60,8 @@ class GeometricMatcher(NodeMatcher):
         tolerance_m: float = Field(
             0.3,
             gt=0,
-            description="geometric verification: maximum distance (m) between two nodes that coincide, at a range of 0",
+            description="geometric verification: maximum distance (m) between two nodes that coincide, if their range "
+            "is 0. `tolerance_share` adds to it",
         )
         tolerance_share: float = Field(
             0.05,

@@ -28,7 +28,8 @@ class TextureKind:
     """Painting and mapping of a texture.
 
     Attributes:
-        paint: Painter of the tile (TILE, TILE, 3); v grows with the rows and points upwards on a wall.
+        paint: Painter of the tile (TILE, TILE, 3). Its rows are the texture coordinate v, which points upwards on a
+            wall.
         extent_m: Size of a tile along (u, v); None if one tile fills the surface.
         wear: Contrast of stains and scuffs.
         fixed: True: the pattern is placed exactly at its texture coordinates. False: the pattern is shifted by a

@@ -76,7 +76,7 @@ class VoteTracker(Tracker):
         agreement_deg: float = Field(
             30.0, gt=0, le=180, description="maximum difference (degrees) between the headings of two poses that agree"
         )
-        min_votes: float = Field(
+        min_support: float = Field(
             0.1,
             ge=0,
             description="minimum weight of the agreeing votes at which the pose counts as known. The weight is the "
@@ -147,7 +147,7 @@ class VoteTracker(Tracker):
             share[:, None] * errors
         )
         certainty = fade[rows][members] @ [votes[row].probability for row in members]
-        is_certain = certainty >= self.config.min_votes
+        is_certain = certainty >= self.config.min_support
         status = TrackStatus.TRACKING if is_certain and not self._is_moved_blindly else self._failure(fade)
         pose = pose_2d(x, y, yaw_rad[best] + turn, z)
         place = votes[members[-1]].place if self.find_place is None else self.find_place(pose[:3, 3])

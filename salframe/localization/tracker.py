@@ -78,7 +78,7 @@ class TrackedPose:
 
 
 class Tracker(Role):
-    """Tracks the pose of a moving camera, from odometry and the answers of a localizer to the images of the camera.
+    """Tracks the pose of a moving camera. It combines odometry with a localizer's answers to the images of the camera.
 
     Call `move` with the motion since the previous query, then `observe` with the answer to the present query. If the
     camera moves before the answer arrives, call `observe` first, and then `move` with this later motion. A tracker

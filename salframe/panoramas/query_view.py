@@ -64,7 +64,7 @@ class QueryView(ComponentConfig):
         match_only=True,
         ge=1,
         le=100,
-        description="number of views per query; 1: no views are added to those in the dataset, which usually stores "
+        description="number of views per query, if more than 1; 1: the views in the dataset, usually "
         "one view per query",
     )
     query_motion: Literal["turned", "driven"] = added(
@@ -82,8 +82,8 @@ class QueryView(ComponentConfig):
     query_errors: Literal["per-query", "per-view"] = added(
         "per-query",
         match_only=True,
-        description="which simulated detection errors the views of a query share. per-query: an object has the same "
-        "errors in all views; per-view: an object has new errors in each view",
+        description="whether all views of a query have the same simulated detection errors. per-query: an object has "
+        "the same errors in all views; per-view: an object has new errors in each view",
     )
 
 

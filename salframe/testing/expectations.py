@@ -65,7 +65,7 @@ def call_twice(checked: str, function: Callable[..., Any], *arguments: Any) -> A
 def same(a: Any, b: Any, tolerance: float = 0.0) -> bool:
     """Return whether two values are equal. Floats may differ by a relative and absolute tolerance; NaN equals NaN.
 
-    Fields of dataclasses that are excluded from their comparison are ignored.
+    A field of a dataclass with `compare=False` is ignored.
     """
     if isinstance(a, np.ndarray):
         if not isinstance(b, np.ndarray) or (a.dtype, a.shape) != (b.dtype, b.shape):

@@ -75,7 +75,7 @@ def test_the_trajectory_is_in_the_format_of_tum(folder, map, tmp_path):
 
 
 def test_steps_that_are_not_tracked_are_counted_in_the_trajectory_and_kept_in_the_json(folder, map):
-    tracked = track(map, folder, tracker=configure_default("tracker", "votes", [{"min_votes": 100.0}]))
+    tracked = track(map, folder, tracker=configure_default("tracker", "votes", [{"min_support": 100.0}]))
     assert not tracked.is_tracking.any()
     assert tracked.to_tum().splitlines()[1:] == ["# walk; 6 steps are not tracked"]
     assert len(tracked.to_json()["steps"]) == 6

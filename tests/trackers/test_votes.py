@@ -142,7 +142,7 @@ def test_a_covariance_of_three_axes_is_reduced_to_the_plane():
 
 
 def test_after_rejected_answers_it_is_out_of_the_map_and_after_failed_ones_lost():
-    tracker = votes(min_votes=0.3)
+    tracker = votes(min_support=0.3)
     tracker.observe(answer(at(0.0), 0.6))
     assert tracker.belief().status is TrackStatus.TRACKING
     for _ in range(4):
@@ -151,7 +151,7 @@ def test_after_rejected_answers_it_is_out_of_the_map_and_after_failed_ones_lost(
     belief = tracker.belief()
     assert belief.status is TrackStatus.OUT_OF_MAP
     np.testing.assert_allclose(belief.T_world_pano, at(4.0), atol=1e-12)  # the best guess
-    failing = votes(min_votes=0.3)
+    failing = votes(min_support=0.3)
     failing.observe(answer(at(0.0), 0.6))
     for _ in range(4):
         failing.move(STEP)

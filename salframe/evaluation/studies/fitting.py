@@ -54,7 +54,7 @@ class TuningData:
 
     @cached_property
     def num_objects(self) -> dict[str, int]:
-        """Number of objects of each scene frame of the maps that the localizer can use, by id."""
+        """Mapping from the id of each scene frame that the localizer can use to its number of objects."""
         return {
             frame.id: self.localizer.count_objects(description)
             for fold in self.dataset.folds()

@@ -137,7 +137,7 @@ class Overrides:
 
         Args:
             pairs: The settings.
-            methods: The settings of components of `role`, by name.
+            methods: Mapping from names of methods to settings of components of `role`.
             role: The role of the methods.
             scopes: The names of the scopes.
 

@@ -19,7 +19,8 @@ def describe_in_words(
     """Return a description of random objects, such as "2 plant left of a bed, a sofa".
 
     Each label is named once, with the number of its objects if there are several. Labels are named in pairs, such as
-    "a bed left of a sofa". The order in a pair follows the azimuths of the nearest objects of both labels.
+    "a bed left of a sofa". The order in a pair follows the azimuths of two objects: for each of the two labels, the
+    object nearest to the camera.
 
     Args:
         objects: The objects around the speaker.

@@ -24,7 +24,7 @@ class EpisodeRow(PieceRow):
         success_1m: Whether the agent stopped within 1 m of the goal.
         success_3m: Whether the agent stopped within 3 m of the goal.
         shortest_m: Length of the shortest path in metres.
-        path: True (x, y, z, yaw_rad) of the agent at each panorama; None if the episode crashed.
+        path: Actual (x, y, z, yaw_rad) of the agent at each panorama; None if the episode crashed.
         believed: Estimated (x, y, z, yaw_rad) at each panorama; None where the agent has no estimate.
         left_m: Remaining distance to the goal at the end in metres.
         travelled_m: Length of the path in metres.
