@@ -23,8 +23,8 @@ class IndexQuery:
         label: (J,) int64 indices of the distinct labels. Labels with short inverted lists come first.
         first: (J,) int64, index of the first object with each label.
         last: (J,) int64, index of the last object with each label, plus 1.
-        similarity: (n, 3, 256) int32, similarity (1 to 255) of three sizes of each object (height above the camera, box length, box height)
-            to the value of each code (see CODE_LOW); 255 where the query's value is unknown.
+        similarity: (n, 3, 256) int32, similarity (1 to 255) of three sizes of each object (height above the camera, box
+            length, box height) to the value of each code (see CODE_LOW); 255 where the query's value is unknown.
         rarity: Sum of the rarities of all objects of the query, in units of 1 / RARITY_UNIT.
     """
 
