@@ -43,7 +43,12 @@ def build(**settings):
 def test_the_weights_are_those_of_the_columns_listed():
     shipped = shipped_weights()
     assert config().weights == shipped
-    assert list(config(evidence=["labels", "outline"]).weights) == ["detected_labels", "labels_shared", "outline"]
+    assert list(config(evidence=["labels", "outline"]).weights) == [
+        "detected_labels",
+        "labels_shared",
+        "bearing_detected_labels",
+        "outline",
+    ]
     assert config(evidence=["outline"]).weights == {"outline": shipped["outline"]}
     assert config(evidence=["repainted"]).weights == {"paint": 4.0}  # the component's own
     assert config(weights={"outline": 0.5}).weights == {**shipped, "outline": 0.5}
@@ -84,7 +89,9 @@ def test_a_file_has_the_weights_of_all_columns(tmp_path):
     assert config(evidence=["repainted", "outline"], weights=str(path)).weights == {"paint": 2.0, "outline": 0.5}
     with pytest.raises(ConfigError, match="received a weight for 'paint'"):
         config(evidence=["outline"], weights=str(path))
-    with pytest.raises(ConfigError, match="received no weight for detected_labels, labels_shared"):
+    with pytest.raises(
+        ConfigError, match="received no weight for detected_labels, labels_shared, bearing_detected_labels"
+    ):
         config(evidence=["repainted", "outline", "labels"], weights=str(path))
 
 

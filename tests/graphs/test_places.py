@@ -17,6 +17,8 @@ from salframe_graphs.places.rates import Likelihood, shipped_rates
 from salframe_graphs.sectors import BINS
 
 from salframe.framework.components.identity import identity
+from salframe.graphs.graph import without_range
+from salframe.graphs.packing import graph_from_arrays, graph_to_arrays
 from salframe.localization.describing import describe_frame
 from salframe.localization.map import LocalizationMap
 from salframe.panoramas.floors import FloorMasks
@@ -230,6 +232,27 @@ def test_each_part_of_the_evidence_is_what_it_says():
     assert parts["outline"] == 0  # object lists have none
     scores = {place.place: place.score for place in made.match(seen).places}
     assert scores == pytest.approx(evidence.place_scores(made.config.weights))
+
+
+def test_queries_without_range_have_their_own_columns_of_evidence():
+    made = localizer().localizer
+    with_range = describe_frame(made, asked(["a"], 0.4)[0])[0]
+    bearings = graph_to_arrays(without_range(graph_from_arrays(with_range)))
+    in_both = {
+        name: [made.evidence(description).values[name] for description in (with_range, bearings)]
+        for name in shipped_weights()
+    }
+    used = {name: [bool(values.any()) for values in both] for name, both in in_both.items()}
+    assert used == {
+        "likelihood": [True, False],
+        "bearing_likelihood": [False, True],
+        "outline": [False, False],  # object lists have none
+        "panorama": [True, False],
+        "detected_labels": [True, False],
+        "labels_shared": [True, False],
+        "bearing_detected_labels": [False, True],
+    }
+    assert in_both["bearing_detected_labels"][1].tolist() == in_both["detected_labels"][0].tolist()
 
 
 def test_places_whose_panoramas_are_less_like_the_query_are_not_matched():

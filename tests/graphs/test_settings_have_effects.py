@@ -62,6 +62,7 @@ CHANGES = {
     "weights.panorama": (3.0, {}),
     "weights.detected_labels": (0.5, {}),
     "weights.labels_shared": (1.0, {}),
+    "weights.bearing_detected_labels": (0.5, {}),
     "likelihood.detection_per_sighting": (1.0, {}),
     "likelihood.area_m2": (30.0, {}),
     "likelihood.height_span_m": (1.0, {}),

@@ -157,14 +157,15 @@ class PanoramaEvidence(EvidenceModel):
 
 
 class LabelEvidence(EvidenceModel):
-    """Labels that query and place share, in two columns. Rare labels count more.
+    """Labels that query and place share. Rare labels count more.
 
     `detected_labels` is the share of the query's labels that the place has. `labels_shared` is the Jaccard index of the
-    labels of query and place.
+    labels of query and place. If no object of the query has a range, both columns are 0, and the share is in the column
+    `bearing_detected_labels` instead.
     """
 
     name = "labels"
-    version = "1"
+    version = "2"
     columns = (
         EvidenceColumn(
             "detected_labels",
@@ -173,12 +174,20 @@ class LabelEvidence(EvidenceModel):
         EvidenceColumn(
             "labels_shared", "Jaccard index of the labels of query and candidate place; rare labels count more"
         ),
+        EvidenceColumn(
+            "bearing_detected_labels",
+            "share of the query's labels (0 to 1) that the candidate place has, if no object has a range; rare labels "
+            "count more",
+        ),
     )
 
     def score(self, description: Description, hypotheses: PlaceHypotheses) -> Mapping[str, np.ndarray]:
         made = _with_objects(self, hypotheses)
         detected, shared = label_evidence(made.nodes.label, made.places.index, made.place)
-        return {"detected_labels": detected, "labels_shared": shared}
+        unused = np.zeros(len(hypotheses))
+        if made.nodes.num_ranged:
+            return {"detected_labels": detected, "labels_shared": shared, "bearing_detected_labels": unused}
+        return {"detected_labels": unused, "labels_shared": unused, "bearing_detected_labels": detected}
 
 
 def _with_objects(evidence: EvidenceModel, hypotheses: PlaceHypotheses) -> ObjectHypotheses:
