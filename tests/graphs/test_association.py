@@ -42,9 +42,35 @@ def test_the_covariance_covers_the_errors_of_noisy_bearings():
         assert error @ np.linalg.solve(covariance, error) < 16.3  # 99.9 % quantile of chi-square, 3 degrees
 
 
-def test_an_object_of_one_panorama_has_no_position():
-    rays = rays_of(np.array([[2.5, 0.5, 0.6]]), ["chair"])
-    alone = ObjectBearings(
-        *(getattr(rays, name)[:1] if name != "group" else rays.group for name in ObjectBearings.__dataclass_fields__)
+def select(rays, is_selected):
+    return ObjectBearings(
+        *(
+            rays.group if name == "group" else getattr(rays, name)[is_selected]
+            for name in ObjectBearings.__dataclass_fields__
+        )
     )
-    assert triangulate_objects(alone).owner.tolist() == [-1]
+
+
+def test_an_object_of_one_panorama_has_no_position_if_the_size_of_its_label_is_unknown():
+    rays = rays_of(np.array([[2.5, 0.5, 0.6]]), ["chair"])
+    assert triangulate_objects(select(rays, rays.frame == 0)).owner.tolist() == [-1]
+
+
+@pytest.mark.parametrize(("num_cameras", "is_placed"), [(2, True), (3, False), (4, False)])
+def test_an_object_of_one_panorama_is_placed_by_size_unless_several_panoramas_miss_it(num_cameras, is_placed):
+    points = np.array([[2.5, 0.5, 0.6], [-1.5, 2.0, 0.5], [0.4, -1.8, 0.9], [0.6, 2.8, 1.2]])
+    rays = rays_of(points, ["chair"] * 4)
+    number = np.tile(np.arange(4), len(CAMERAS))
+    rays = select(rays, (rays.frame < num_cameras) & ((number < 3) | (rays.frame == 0)))
+    objects = triangulate_objects(rays)
+    single = objects.owner[3]  # the fourth chair, which only the first camera sees
+    assert (single >= 0) == is_placed
+    if is_placed:
+        offset = points[3] - CAMERAS[0]
+        assert objects.position_m[single] == pytest.approx(points[3], abs=1e-3)  # all chairs have the same size
+        direction = offset / np.linalg.norm(offset)
+        along_m = np.sqrt(direction @ objects.covariance_m2[single] @ direction)
+        # range^2 is proportional to area / solid angle; deviations of their logarithms: 0.35 and 0.6
+        assert along_m == pytest.approx(np.linalg.norm(offset) * np.hypot(0.35, 0.6) / 2, rel=1e-3)
+        across = np.cross(direction, [0.0, 0.0, 1.0])
+        assert np.sqrt(across @ objects.covariance_m2[single] @ across) < along_m / 5
