@@ -251,6 +251,8 @@ TABLE_TERMS = {
     r"clutter": "*clutter*: objects of a query that are not in the map",
     r"contrast": "*contrast* of an answer: the score of the first place minus the mean score of the next five places, "
     "divided by `posterior.temperature`",
+    r"posterior\.head\.": "*head* (`posterior.head`): the model that converts the contrast of an answer to the "
+    "probability that the query is in the map",
 }
 """As TERMS, for terms in the table of a single component. The definitions are in front of this table."""
 

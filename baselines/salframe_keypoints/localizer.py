@@ -58,8 +58,9 @@ class Keypoints(Localizer):
         shortlist_network: slot(  # type: ignore[valid-type]
             "image-network",
             optional=True,
-            description="image network. Its descriptors of whole views select the reference frames to match; null: "
-            "these descriptors are pooled from the descriptors of the keypoints (VLAD)",
+            description="image network that computes one descriptor of each whole view. These descriptors select the "
+            "reference frames to match; null: the descriptor of a view is pooled from the descriptors of its keypoints "
+            "(VLAD)",
         )
         words: int = match_only(
             64, ge=1, description="number of visual words of VLAD; no effect if shortlist_network is set"

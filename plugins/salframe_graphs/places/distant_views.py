@@ -29,8 +29,8 @@ class DistantViews(Settings):
     window_m: float = Field(
         5.0,
         gt=0,
-        description="maximum distance (m) between the reference frames of a place and the objects that are compared "
-        "with the groups of views before the last group",
+        description="maximum distance (m) of an object from a reference frame of a place. The groups of views before "
+        "the last group are compared with all objects of the map within this distance, also with those of other places",
     )
     same_place_m: float = Field(
         2.0,

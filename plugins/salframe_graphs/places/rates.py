@@ -18,7 +18,7 @@ class Rates(Settings):
     """Errors of a detector between two panoramas of one place: ten numbers, which hold for all labels."""
 
     label_agreement: float = Field(
-        gt=0, lt=1, description="probability (0 to 1) that a query object has the same label as this object in the map"
+        gt=0, lt=1, description="probability (0 to 1) that an object has the same label in the query and in the map"
     )
     position_error_m: float = Field(
         gt=0, description="standard deviation (m) of the position of a query object along each axis, at a range of 0"
@@ -71,8 +71,8 @@ class BearingErrors(Settings):
     side_error_share: float = Field(
         0.09,
         ge=0,
-        description="standard deviation of the centre of the visible part of an object, divided by the mean side of "
-        "its box",
+        description="standard deviation of the horizontal or vertical offset between the centre of an object and the "
+        "centre of its visible part, divided by the mean side of its box",
     )
     size_error_log: float = Field(
         0.7, gt=0, description="standard deviation of ln(solid angle) of an object of known size and distance"
@@ -90,8 +90,8 @@ class BearingErrors(Settings):
     )
     detection_logit: float = Field(
         -0.76,
-        description="constant a. Without range, the log-odds of detection at a distance of 2 m are a + b x. x are the "
-        "log-odds by `rates`",
+        description="constant a of the log-odds of detection of an object without range. At a distance of 2 m, they "
+        "are a + b x. x are the log-odds of the same object with range, which `rates` determines",
     )
     detection_per_logit: float = Field(
         1.62, description="factor b of the log-odds a + b x (see `likelihood.bearings.detection_logit`)"
