@@ -93,8 +93,8 @@ def _notation(tables: Sequence[Table]) -> str:
     sentences = ["The brackets after the title of a table contain date, machine and run time of the measurement."]
     if any(table.best for table in tables):
         group = any(table.headings and table.headings[0] != METHOD for table in tables)
-        rows = ", among the rows with the same values in the columns left of *method*"
-        sentences.append(f"A number in **bold** is the best of its column{rows if group else ''}.")
+        rows = " Only rows with the same values left of *method* are compared."
+        sentences.append(f"A number in **bold** is the best of its column.{rows if group else ''}")
     if any(re.search(r"\w\[\w", cell) for table in tables for row in table.rows for cell in row[: table.leading]):
         sentences.append("Square brackets after the name of a method contain the settings that were changed.")
     return " ".join(sentences)
