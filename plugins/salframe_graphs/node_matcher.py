@@ -56,9 +56,9 @@ class NodeMatcherConfig(ComponentConfig):
         0.25,
         ge=0,
         le=1,
-        description="minimum relative similarity (0 to 1) of a graph that is compared with the query node by node. It "
-        "is the Jaccard index of the labels of both, divided by the highest such index of all graphs. The paper uses "
-        "0.6",
+        description="minimum ratio (0 to 1) of a graph that is compared with the query node by node. First, the "
+        "Jaccard index of the labels of graph and query is computed for each graph. The ratio is this index, divided "
+        "by the highest index. The paper uses 0.6",
     )
     max_candidates: int | None = Field(
         100,
@@ -86,8 +86,9 @@ class NodeMatcherConfig(ComponentConfig):
     )
     ring_edges_m: Annotated[tuple[float, ...], AfterValidator(_ascending)] = Field(
         (1.0, 2.0, 4.0),
-        description="list of the outer radii (m) of rings around a node, ascending. The labels of the other nodes in "
-        "each ring are counted. These counts and those of `hops` are the structural feature of the node",
+        description="outer radii (m) of rings around a node, ascending. They are not related to the edges of the "
+        "graph. The structural feature of a node counts the labels of the other nodes: in each ring, and at each "
+        "number of edges up to `hops`",
     )
     hops: int = Field(
         2,
