@@ -93,8 +93,9 @@ def _notation(tables: Sequence[Table]) -> str:
     sentences = ["The brackets after the title of a table contain date, machine and run time of the measurement."]
     if any(table.best for table in tables):
         group = any(table.headings and table.headings[0] != METHOD for table in tables)
-        rows = ", among the rows with the same values in the columns left of *method*"
-        sentences.append(f"A number in **bold** is the best of its column{rows if group else ''}.")
+        sentences.append(f"A number in **bold** is the best of its column{' in its group' if group else ''}.")
+        if group:
+            sentences.append("The rows of a group have the same values in the columns left of *method*.")
     if any(re.search(r"\w\[\w", cell) for table in tables for row in table.rows for cell in row[: table.leading]):
         sentences.append("Square brackets after the name of a method contain the settings that were changed.")
     return " ".join(sentences)
