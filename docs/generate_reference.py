@@ -154,9 +154,11 @@ def write_component_index() -> str:
         "The page of each role states how to choose its components and how to change their settings. The most "
         "important components are the localizers, which are called *methods* on the command line. Most other "
         "components are settings of a localizer:",
-        "- If the type of a setting is a role, its value is the name of a component, as in `--set matcher=triplet`.\n"
+        "- If the type of a setting is a role, its value is the name of a component, as in `--set matcher=triplet`. "
+        "`--set matcher.kind=triplet` means the same.\n"
         "- The settings of this component follow after a dot, as in `--set matcher.rarity=false`.\n"
-        "- A value of the type Noise or Posterior is a mapping, such as {missed: 0.3}.\n"
+        "- A value of the type Noise (simulated errors of a detector) or Posterior (parameters that convert scores to "
+        "probabilities) is a mapping, such as {missed: 0.3}.\n"
         "- A value of the type HubName has the form hf:ORG/MODEL[@REVISION].",
         _definitions("\n".join(purpose for _, purpose, _ in rows), TERMS, "Terms on this page:"),
         _table(("role", "purpose", "components"), rows),
@@ -193,7 +195,8 @@ CHOICES = {
     "importer": "Choose an importer with `salframe data import NAME`, and change its settings with `--set KEY=VALUE`.",
     "localizer": "On the command line, a localizer is called a method. Choose methods with `--methods NAME,NAME`, and "
     "change a setting with `--set KEY=VALUE`.",
-    "evidence": "Choose the evidence of the localizer `saliency-places` with `--set evidence=[NAME,NAME]`.",
+    "evidence": "Choose the evidence of the localizer `saliency-places`, which the method `proposed` uses, with "
+    "`--set evidence=[NAME,NAME]`.",
     "range-model": "Choose the range model of a localizer with `--set range=NAME`, and change its settings with "
     "`--set range.KEY=VALUE`.",
     "scene-index": "Choose the scene index with `--set scene_index=NAME` (localizer `saliency-places`) or with "

@@ -145,8 +145,9 @@ class LoftrCompact(ImageMatcher):
     class Config(ImageMatcher.Config):
         pooled: Literal["sift", "tokens"] = match_only(
             "tokens",
-            description="local descriptors that select the reference frames to match. sift: RootSIFT; tokens: "
-            "features of the network's coarse grid, without SIFT keypoints",
+            description="local descriptors that are pooled to one global descriptor of a view. Global descriptors "
+            "select the reference frames to match. sift: RootSIFT; tokens: features of the network's coarse grid, "
+            "without SIFT keypoints, so max_keypoints has no effect",
         )
 
     def __init__(self, config: Config | None = None) -> None:

@@ -64,10 +64,10 @@ class AnnotationDetector(Detector):
         noise: Literal["auto", "none", "uniform", "uniform-heavy", "panoseg", "segments"] | Noise | UserFile = Field(
             "auto",
             union_mode="left_to_right",
-            description="errors to simulate. none: no errors; uniform, uniform-heavy: the same error rates for all "
-            "objects; a mapping such as {missed: 0.3}: your rates, the same for all objects; panoseg, segments: the "
-            "measured errors of this detector; a path: measured errors in a file written by `salframe sensor`; auto: "
-            "panoseg on rendered panoramas, none on real panoramas",
+            description="errors to simulate. none: no errors; uniform: the same error rates for all objects; "
+            "uniform-heavy: twice the rates of uniform; a mapping such as {missed: 0.3}: your rates, the same for all "
+            "objects; panoseg, segments: the measured errors of this detector; a path: measured errors in "
+            "a file written by `salframe sensor`; auto: panoseg on rendered panoramas, none on real panoramas",
         )
         seed: int = Field(0, ge=0, description="random seed of the simulated detector errors")
 

@@ -29,7 +29,7 @@ CPU."""
 
 
 class OnnxDetector(Detector):
-    """Runs any ONNX detection network for perspective images on overlapping views, and merges the detections.
+    """Runs any ONNX detection network on overlapping perspective views of a panorama, and merges the detections.
 
     The views cover the sphere. Range is optional. Without range, the objects have labels, scores and bearings, and
     their positions are NaN.

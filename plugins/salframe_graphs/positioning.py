@@ -51,9 +51,9 @@ class RobustPositioner(Positioner):
     """Computes a pose from each minimal set of matches, and refines the poses with the highest scores.
 
     A minimal set has two matches for SE(2), which ignores height, and three for SE(3). The score of a pose counts the
-    matches that agree with it (inliers). Closer matches count more. Umeyama's method fits the best poses to their
-    inliers, with equal weights. The result contains a covariance, and the ratio of the scores of the second and the
-    best pose.
+    matches that agree with it (inliers). Inliers with smaller errors count more. Umeyama's method fits the best poses
+    to their inliers, with equal weights. The result contains a covariance, and the ratio of the scores of the second
+    and the best pose.
     """
 
     name = "robust"
@@ -68,17 +68,17 @@ class RobustPositioner(Positioner):
         tolerance_m: float = Field(
             0.8,
             gt=0,
-            description="maximum distance (m) of an inlier of a pose: between an object of the map and the matched "
-            "object of the query, transformed by the pose",
+            description="maximum error (m) of an inlier. The pose transforms the object of the query to the map. The "
+            "error is the distance from there to the matched object of the map",
         )
         min_inliers: int = Field(2, ge=2, description="minimum number of inliers of a pose, at least 3 for SE(3)")
         ambiguity: float = Field(
             0.95,
             gt=0,
             le=1,
-            description="limit of the score of the second pose, divided by the score of the best pose. If the ratio "
-            "is at least this limit, the result is ambiguous and has no pose. Only poses that are over 0.5 m or 30 "
-            "deg away from the best pose can be second",
+            description="limit of a ratio: the score of the second-best pose, divided by the score of the best pose. "
+            "If the ratio reaches the limit, the result is ambiguous and has no pose. The second-best pose must be "
+            "more than 0.5 m or 30 deg away from the best pose",
         )
 
     _separate_m: ClassVar[float] = 0.5

@@ -63,8 +63,9 @@ class RosBagImporter(Importer):
         )
         poses: str | None = Field(
             None,
-            description="source of the poses: the name of an odometry topic, or the word tf; null: tf if it contains "
-            "the frame map. If it does not, the only odometry topic, or tf if there is no such topic",
+            description="source of the poses: the name of an odometry topic, or the word tf; null: tf if the setting "
+            "world is used, if tf contains the frame map, or if the bag has no odometry topic. Otherwise, the only "
+            "odometry topic",
         )
         world: str | None = Field(
             None,
@@ -73,8 +74,9 @@ class RosBagImporter(Importer):
         )
         odometry: str | None = Field(
             None,
-            description="odometry topic for the motion between the views of a sequence; null: the only odometry "
-            "topic. If there is none, the source of the poses",
+            description="odometry topic for the motion between the views of a sequence; null: the topic of the setting "
+            "poses if it is an odometry topic, otherwise the only odometry topic. A bag without odometry topics uses "
+            "tf",
         )
         tolerance_s: float = Field(
             0.02,
@@ -103,8 +105,8 @@ class RosBagImporter(Importer):
             0,
             ge=0,
             le=100,
-            description="number of views of each query. Queries are sequences of images of the recording; 0: no "
-            "images become queries",
+            description="number of views of each query, which is a sequence of images of the recording; 0: no images "
+            "become queries",
         )
         sequence_period: int = Field(
             20,

@@ -96,7 +96,7 @@ class PlaceHypotheses:
 
 
 class EvidenceModel(Role):
-    """Computes numbers (columns of evidence) that measure how well a query fits each candidate place of a map.
+    """Computes evidence: named numbers (columns) that measure how well a query fits each candidate place of a map.
 
     A component sets `columns` and implements `score`. A component that stores arrays of each panorama also sets
     `arrays` and implements `describe` and `index`. All other methods have a default. If a panorama lacks the parts that

@@ -48,8 +48,9 @@ class ObjectHypotheses(PlaceHypotheses):
 class LikelihoodEvidence(EvidenceModel):
     """Log likelihood ratio of the objects of the query at the best pose in the place, in the column `likelihood`.
 
-    The ratio is positive if the objects fit the place better than objects that are not in the map. If no object of the
-    query has a range, the value is in the column `bearing_likelihood`, and `likelihood` is 0.
+    The ratio compares two assumptions: the query shows objects of the place, or it shows objects that are not in the
+    map. It is positive if the first assumption fits better. If no object of the query has a range, the value is in the
+    column `bearing_likelihood`, and `likelihood` is 0.
     """
 
     name = "likelihood"
@@ -78,8 +79,9 @@ class OutlineEvidence(EvidenceModel):
     """Log likelihood ratio of the outline of free space at the best pose in the place, in the column `outline`.
 
     The outline is measured at points above the furniture, which are mostly on walls. The ratio is large if the outline
-    of the query agrees with the outlines of the place. Objects of the place behind the outline do not count as missing
-    in the evidence `likelihood`. A map stores 144 bytes for each reference frame.
+    of the query agrees with the outlines of the place. The outline also helps
+    the evidence `likelihood`: walls hide the objects behind the outline, so the query need not show these objects. A
+    map stores 144 bytes for each reference frame.
     """
 
     name = "outline"
@@ -133,7 +135,7 @@ class OutlineEvidence(EvidenceModel):
 
 
 class PanoramaEvidence(EvidenceModel):
-    """Best score of the matches of the query with the single panoramas of the place, in the column `panorama`."""
+    """Score of the panorama of the place that matches the query best, in the column `panorama`."""
 
     name = "panorama"
     version = "1"
