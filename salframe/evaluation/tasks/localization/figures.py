@@ -70,7 +70,7 @@ def draw_figures(arms: Sequence[Arm], views: Sequence[LocalizationView]) -> list
     figures = [
         *_bars(arm_answers),
         *_costs(arm_answers, lambda row: row.query_ms, "time of a query (ms)", "Accuracy against time"),
-        *_costs(arm_answers, lambda row: row.bytes_per_scene, "bytes per scene", "Accuracy against memory"),
+        *_costs(arm_answers, lambda row: row.bytes_per_scene, "bytes per panorama", "Accuracy against memory"),
         *_recalls(arm_answers),
         *_error_curves(arm_answers),
         *_histograms(arm_answers),
