@@ -25,7 +25,7 @@ def experiment(
     quick: Annotated[bool, typer.Option("--quick", help="Use fewer seeds, queries and methods")] = False,
     force: Annotated[bool, typer.Option("--force", help="Measure tables again even if they are stored")] = False,
     results: Annotated[
-        Path, typer.Option(metavar="DIR", help="Folder of the stored tables, one JSON file per experiment")
+        Path, typer.Option(metavar="DIR", help="Folder to store the tables in, one JSON file per experiment")
     ] = Path("results"),
     *,
     options: CommonOptions,
