@@ -30,13 +30,14 @@ def build(
         ),
     ] = False,
     calibrate: Annotated[
-        bool, typer.Option("--calibrate/--no-calibrate", help="Calibrate the probabilities of answers with the reference frames")
+        bool,
+        typer.Option(
+            "--calibrate/--no-calibrate", help="Calibrate the probabilities of answers with the reference frames"
+        ),
     ] = True,
     floor_map: Annotated[
         Path | None,
-        typer.Option(
-            metavar="MAP.yaml", help="Occupancy map of ROS map_server, for a dataset without floor masks"
-        ),
+        typer.Option(metavar="MAP.yaml", help="Occupancy map of ROS map_server, for a dataset without floor masks"),
     ] = None,
     data_dir: DataDir = None,
     overrides: SetForMethod = None,

@@ -46,7 +46,9 @@ def compare(
     timeout=(timeout_option("query, pair of frames or episode"), None),
 )
 def ablate(
-    file: Annotated[Path, typer.Argument(help="YAML file with the keys `method` and `vary`, or name of a built-in ablation")],
+    file: Annotated[
+        Path, typer.Argument(help="YAML file with the keys `method` and `vary`, or name of a built-in ablation")
+    ],
     *,
     options: CommonOptions,
 ) -> None:

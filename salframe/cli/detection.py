@@ -12,7 +12,9 @@ from salframe.cli.output import show
 
 @with_common_options(without=["seed"], timeout=(timeout_option("panorama"), None))
 def detection(
-    detectors: Annotated[str, typer.Option(help="Detectors to measure, comma-separated; see `salframe plugins`")] = DETECTORS,
+    detectors: Annotated[
+        str, typer.Option(help="Detectors to measure, comma-separated; see `salframe plugins`")
+    ] = DETECTORS,
     classes: Annotated[bool, typer.Option("--classes", help="Also print the results of each class of objects")] = False,
     *,
     options: CommonOptions,

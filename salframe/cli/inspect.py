@@ -82,7 +82,9 @@ def plugins(verbose: Verbose = False, as_json: Json = False) -> None:
 
 
 def show(
-    name: Annotated[str, typer.Argument(help="Name of a method, dataset or other component, or of a role such as detector")],
+    name: Annotated[
+        str, typer.Argument(help="Name of a method, dataset or other component, or of a role such as detector")
+    ],
     verbose: Verbose = False,
     as_json: Json = False,
 ) -> None:

@@ -56,7 +56,8 @@ def localize(
         typer.Option(metavar="FILE", help="16-bit PNG of object ids (0: no object); with --views, one for each view"),
     ] = None,
     labels: Annotated[
-        Path | None, typer.Option(metavar="FILE", help='JSON file with the labels of the object ids, such as {"1": "bed"}')
+        Path | None,
+        typer.Option(metavar="FILE", help='JSON file with the labels of the object ids, such as {"1": "bed"}'),
     ] = None,
     max_false_accept: Annotated[
         float | None,

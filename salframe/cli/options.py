@@ -116,17 +116,12 @@ Style = Annotated[
 ]
 Columns = Annotated[
     str | None,
-    typer.Option(
-        "--columns", metavar="NAMES", help="Columns to print, comma-separated (default: the main columns)"
-    ),
+    typer.Option("--columns", metavar="NAMES", help="Columns to print, comma-separated (default: the main columns)"),
 ]
 Timeout = Annotated[
     float | None,
     typer.Option(
-        "--timeout",
-        parser=limit_parser("--timeout"),
-        metavar="SECONDS",
-        help="Time limit for each query, in seconds",
+        "--timeout", parser=limit_parser("--timeout"), metavar="SECONDS", help="Time limit for each query, in seconds"
     ),
 ]
 Memory = Annotated[
@@ -158,7 +153,8 @@ Fov = Annotated[
     ),
 ]
 CameraFile = Annotated[
-    Path | None, typer.Option("--camera", metavar="FILE", help="JSON file with the calibration of the photographs' camera")
+    Path | None,
+    typer.Option("--camera", metavar="FILE", help="JSON file with the calibration of the photographs' camera"),
 ]
 
 

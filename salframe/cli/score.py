@@ -14,7 +14,9 @@ from salframe.cli.output import print_json
 def score(
     task: Annotated[
         str,
-        typer.Argument(metavar="BENCHMARK", help="Name of the benchmark, such as reverie: a scorer in `salframe plugins`"),
+        typer.Argument(
+            metavar="BENCHMARK", help="Name of the benchmark, such as reverie: a scorer in `salframe plugins`"
+        ),
     ],
     file: Annotated[Path, typer.Argument(help="File of answers in the format of the benchmark")],
     data: Annotated[Path, typer.Option(metavar="DIR", help="Folder with the data of the benchmark")],

@@ -18,9 +18,7 @@ SensorSettings = Annotated[
 
 
 @with_common_options(
-    without=["seed", "timeout", "memory", "style", "columns"],
-    data=(SensorData, DATA),
-    overrides=(SensorSettings, None),
+    without=["seed", "timeout", "memory", "style", "columns"], data=(SensorData, DATA), overrides=(SensorSettings, None)
 )
 def sensor(
     detector: Annotated[str, typer.Argument(help="Detector to measure; see `salframe plugins`")],

@@ -191,8 +191,8 @@ def test_missing_weights_are_told_and_how_to_get_them(data):
     (row,) = done.json["rows"]
     assert (done.code, row["method"], row["available"]) == (1, "loftr", False)
     assert re.fullmatch(
-        r"weights 'loftr': absent\.ckpt does not exist; set another path, or download the weights with: salframe "
-        r"weights fetch loftr",
+        r"weights 'loftr': absent\.ckpt does not exist; correct the path in the settings, or download the weights "
+        r"with: salframe weights fetch loftr",
         row["reason"],
     )
 

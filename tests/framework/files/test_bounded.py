@@ -53,7 +53,7 @@ def test_json_that_is_none(text):
         ("a: !!python/object/apply:os.system [ls]", "tag"),
         ("a: 2020-01-01", "the date 2020-01-01, expected text"),
         ("a: .nan", "finite"),
-        ("a: &b [*b]", r"\*b is inside &b"),
+        ("a: &b [*b]", r"\*b refers to a value that contains it"),
         ("? [1]\n: 2", "key"),
         ("1.5: a", "the key 1.5, expected text or an integer"),
     ],
