@@ -174,7 +174,7 @@ def place_episodes(
 
 def _place(request: EpisodeRequest, sites: Mapping[str, Site], rng: np.random.Generator, number: int) -> Episode:
     if request.world is None and len(sites) > 1:
-        raise DataError(f"the episode names no world, expected one of {', '.join(sites)}")
+        raise DataError(f"the episode has no `world` (building), expected one of {', '.join(sites)}")
     name = next(iter(sites)) if request.world is None else request.world
     if name not in sites:
         raise DataError(f"unknown world {name!r}, expected one of {', '.join(sites)}")

@@ -250,7 +250,8 @@ def test_a_yaml_with_an_unknown_key(data):
         ("method: objects\nvary: {labels: [set]}\nverbose: true", r"sweep\.yaml: unknown key verbose \(known: .*vary"),
         (
             "method: objects\nvary: {lables: [set]}",
-            r"the mapping `vary` has the key lables, which no method has: unknown key 'lables', did you mean 'labels'",
+            r"`vary` has the key lables, which is not a setting of any method: unknown key 'lables', did you "
+            r"mean 'labels'",
         ),
         (
             "method: objects\nset: {detector.noize: none}\nvary: {labels: [set]}",

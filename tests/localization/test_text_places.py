@@ -109,7 +109,7 @@ def test_the_text_and_the_json(home):
     lines = str(answer).splitlines()
     assert lines[0].endswith("office")
     assert lines[3].startswith("question: ")
-    assert lines[-1] == "note: colours are not known, because the map does not store them: red"
+    assert lines[-1] == "note: ignored colours, because the map does not store colours: red"
     content = answer.to_json()
     assert [place["place"] for place in content["places"]] == [place.place for place in answer.places]
     assert content["relations"] == [{"first": 1, "direction": "left of", "second": 2}]

@@ -174,7 +174,9 @@ class Run:
         content = read_yaml(path)
         if isinstance(content, Mapping) and content.get("format") != RUN_FORMAT:
             version = content.get("format", 1)
-            raise ConfigError(f"{directory} has run format {version}, expected {RUN_FORMAT}: run the command again")
+            raise ConfigError(
+                f"{directory} has run format {version}, expected {RUN_FORMAT}: measure the run again with this version"
+            )
         validate(_Request, content, f"{path}:")
         return cls(directory, content)
 

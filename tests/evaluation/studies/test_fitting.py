@@ -113,7 +113,7 @@ def test_a_method_without_the_setting_is_refused(fakes, monkeypatch, tmp_path):
     done = run("fit", "mute", "--data", "rooms", "-o", "out.yaml")
     assert "mute has no setting `posterior`" in done.err
     done = run("fit", "constant", "--data", "rooms", "-o", "out.yaml")
-    assert "constant cannot be fitted: all places of each answer have the same score" in done.err
+    assert "constant cannot be fitted: in each answer, all places have the same score" in done.err
 
 
 def test_settings_are_tried_and_evidence_is_weighed(fakes, monkeypatch, tmp_path):
@@ -155,11 +155,11 @@ def test_settings_are_tried_and_evidence_is_weighed(fakes, monkeypatch, tmp_path
     assert set(yaml.safe_load((tmp_path / "only.yaml").read_text())) == {"posterior", "provenance"}
     both = run("fit", "weighing", *ROOMS, "-o", "no.yaml", "--posterior-only", "--try", "offset=1")
     assert (both.code, len(both.err.splitlines())) == (2, 1)
-    assert "received both settings to try (--try) and posterior_only" in both.err
+    assert "received both --try and --posterior-only" in both.err
     refused = run("fit", "weighing", *ROOMS, "-o", "no.yaml", "--try", "colour=1")
     assert (refused.code, len(refused.err.splitlines())) == (2, 1)
     assert (
-        "the settings {'colour': 1} change the descriptions of panoramas, expected settings that affect only matching"
+        "--try received {'colour': 1}, which changes how panoramas are described, expected settings of the matching"
         in refused.err
     )
 

@@ -68,9 +68,7 @@ class MatchingTask(Task[FramePair, Survey[FramePair], PairRow, MatchingRow]):
 
     def survey(self, dataset: Dataset) -> Survey[FramePair]:
         if "range" not in dataset.provides:
-            raise InputMissing(
-                f"matching accuracy needs panoramas with range, which the dataset {dataset.name} does not have"
-            )
+            raise InputMissing(f"the task matching needs range images, which the dataset {dataset.name} does not have")
         pairs = choose_pairs(dataset)
         left_out = sum(len(fold.queries) for fold in dataset.folds()) - len(pairs)
         note = f"{left_out} queries left out: their place has no scene frame in the map"
@@ -113,15 +111,15 @@ class _Matching(Worker[FramePair]):
         )
         matches = correspond(self._localizer, query, reference)
         if matches is None:
-            raise MethodUnavailable("the method matches neither points nor objects")
+            raise MethodUnavailable("the method matches neither points nor objects, expected a method that does")
         if not isinstance(matches, PointMatches | NodeMatches):
             raise InvalidAnswer(
                 f"correspond returned {type(matches).__name__}, expected PointMatches, NodeMatches or None"
             )
         if self._kind not in (None, type(matches)):
             raise InvalidAnswer(
-                f"correspond returned {type(matches).__name__} after {self._kind.__name__} for earlier "
-                "pairs, expected one type for all pairs"
+                f"correspond returned {type(matches).__name__}, and {self._kind.__name__} for earlier pairs of frames, "
+                "expected the same type for all pairs"
             )
         self._kind = type(matches)
         row = check_matches(matches, piece.query.load(), piece.reference.load(), piece.T_reference_query)
@@ -152,6 +150,9 @@ def choose_pairs(dataset: Dataset) -> list[FramePair]:
                 T_reference_query = invert_pose(reference.T_world_pano) @ truth.T_world_pano
                 pairs.append(FramePair(fold.id, query, reference, T_reference_query))
     if not pairs:
-        reason = f"the dataset {dataset.name} has no query whose place has a scene frame, expected at least one"
+        reason = (
+            f"the dataset {dataset.name} has no query in a place with a reference frame of kind scene, expected at "
+            "least one"
+        )
         raise DataError("; ".join([reason, *places_notes(dataset)]))
     return pairs

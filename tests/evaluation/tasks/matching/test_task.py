@@ -197,7 +197,7 @@ def test_queries_of_places_that_are_not_mapped_are_left_out_and_counted(furnishe
 
 
 def test_data_that_tells_no_truth_is_refused(furnished):
-    with pytest.raises(InputMissing, match="needs panoramas with range, which the dataset furnished does not have"):
+    with pytest.raises(InputMissing, match="needs range images, which the dataset furnished does not have"):
         measure(["points"], "data.ranges=false")
     with pytest.raises(DataError, match="the true pose of the query bedroom-query is missing"):
         measure(["points"], "data.posed=false")

@@ -174,11 +174,11 @@ def test_the_command_prints_the_table_and_the_report(read):
     [
         (
             ("--data", "still"),
-            "error: the dataset still cannot render panoramas at new poses, which navigation needs\n",
+            "error: navigation needs panoramas at new poses, which the dataset still cannot render\n",
         ),
         (
             ("--data", "unmasked"),
-            "error: the dataset unmasked has no floor masks, which navigation needs to detect collisions\n",
+            "error: navigation needs floor masks to detect collisions, the dataset unmasked has none\n",
         ),
         (
             ("--data", "apartment", "--episodes", "none.json"),
