@@ -64,7 +64,8 @@ def estimate_range(
         absent = sorted(model.needs - panorama.provides)
         if absent:
             raise InputMissing(
-                f"the range model {model.name!r} needs {' and '.join(absent)}, which {panorama.id} does not have"
+                f"the range model {model.name!r} needs {' and '.join(absent)}, which the panorama {panorama.id} does "
+                "not have"
             )
         start = time.perf_counter()
         range_m = model.estimate(panorama)
@@ -87,7 +88,7 @@ def _check_range(model: RangeModel, panorama: Panorama, range_m: Any) -> None:
         raise InvalidAnswer(f"{model.name} returned {received}, expected {expected}, metres along the ray")
     if (range_m <= 0).any() or np.isinf(range_m).any():
         raise InvalidAnswer(
-            f"{model.name} returned a range that is 0, negative or infinite, expected positive "
+            f"{model.name} returned a range that is zero, negative or infinite, expected positive "
             "metres, or NaN where the range is unknown"
         )
 

@@ -212,7 +212,7 @@ def test_data_without_floors_give_a_map_without_topology(rooms):
 @pytest.mark.parametrize("options", [(), ("--central-nodes",), ("--no-topology",)])
 def test_two_floors_of_one_height_are_refused(rooms, tmp_path, options):
     done = run("map", "build", "storeys", "-o", "map", "--method", "reader", "--set", "data.height_m=0", *options)
-    error = "error: two floors with overlapping or adjacent masks are at z = 0 m, expected a different z_m for each\n"
+    error = "error: two floors whose masks overlap or touch have z_m = 0, expected a different z_m for each floor\n"
     assert (done.code, done.err) == (2, error)
     assert not (tmp_path / "map").exists()
 

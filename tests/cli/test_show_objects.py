@@ -184,7 +184,7 @@ def test_depth_of_a_photograph_is_read_as_declared(pictures):
     declared = run(*shown, "--range-kind", "ray", "--range-missing", "9999", *DETECTOR)
     assert "fills" not in declared.err
     error = run(*shown, "--range-kind", "cube", *DETECTOR).err
-    assert "range_kind is 'cube' for a photograph, expected 'z' (along the optical axis) or 'ray'" in error
+    assert "range_kind is 'cube' for a photograph, expected 'z' (depth along the optical axis) or 'ray'" in error
 
 
 def test_a_photograph_of_a_calibrated_camera(pictures):
@@ -198,4 +198,4 @@ def test_a_photograph_of_a_calibrated_camera(pictures):
     (pictures / "camera.json").write_text(json.dumps({**content, "width": 642}))
     larger = run("show-objects", "desk.png", "--camera", "camera.json", *DETECTOR)
     assert larger.code == 1
-    assert "desk.png is 640 x 480, expected 642 x 480 like its camera" in larger.err
+    assert "desk.png is 640 x 480, expected 642 x 480, the size of its calibration" in larger.err

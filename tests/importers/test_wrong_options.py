@@ -27,7 +27,7 @@ import salframe
         ("perspective", ["depth_kind=ray"], "the depth images of one place contradict each other: check"),
         ("perspective", ["position_unit_m=0.01"], "the positions are 100 times too small for the ranges"),
         ("cubemap", ["depth_unit_m=0.004"], "4 times too large"),
-        ("cubemap", ["depth_kind=ray"], "hold z-depth of cube faces"),
+        ("cubemap", ["depth_kind=ray"], "contain z-depth of cube faces"),
         ("cubemap", ["pose_convention=compass"], 'likely the convention "compass"'),
         ("tum", ["depth_unit_m=0.001"], "5 times too large, likely fifths of a millimetre read as millimetres"),
     ],

@@ -112,7 +112,7 @@ def test_quaternions_of_a_table_in_another_order_are_noticed(import_from, tmp_pa
         rows.append([f"{stand.name}.jpg", *stand.position, *np.roll(quaternion, 1)])
     write_poses(root, rows, ("picture", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"))
     notes = salframe.import_data("pictures", root, tmp_path / "out").notes
-    assert any("are not upright by their poses" in note for note in notes)
+    assert any("are not upright according to their poses" in note for note in notes)
 
 
 @pytest.mark.parametrize(

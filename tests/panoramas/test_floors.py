@@ -146,7 +146,7 @@ def test_masks_that_were_read_from_images_are_accepted():
         ({"resolution_m": np.inf}, "a resolution of inf m per pixel, expected a finite number above 0"),
         ({"resolution_m": np.nan}, "a resolution of nan m per pixel"),
         ({"origin_m": (0.0, np.nan)}, r"the origin \(0.0, nan\) m"),
-        ({"origin_m": (0.0, 1.0, 2.0)}, "three finite numbers"),
+        ({"origin_m": (0.0, 1.0, 2.0)}, "expected finite numbers"),
         ({"z_m": np.inf}, "the height inf m"),
         ({"regions": {"hall": 1}}, "FloorMasks.regions has the id 'hall', expected a whole number"),
         ({"free": np.ones((3, 5))}, "FloorMasks.free has dtype float64, expected bool"),

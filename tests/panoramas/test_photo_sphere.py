@@ -189,7 +189,7 @@ ENTITIES = '<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&
     [
         (packet(**{**CROP, "CroppedAreaLeftPixels": 300}), "column 300 and row 40, expected a crop inside"),
         (packet(**{**CROP, "CroppedAreaTopPixels": -5}), "row -5, expected a crop inside"),
-        (packet(**{**CROP, "FullPanoWidthPixels": 100}), "full width = 2 x height"),
+        (packet(**{**CROP, "FullPanoWidthPixels": 100}), "full panorama with width = 2 x height"),
         (packet(**{**CROP, "FullPanoHeightPixels": "nan"}), "FullPanoHeightPixels 'nan', expected a number"),
         (packet(**{**CROP, "FullPanoHeightPixels": "1e99"}), "FullPanoHeightPixels '1e99', expected a number"),
         (packet(**{**CROP, "CroppedAreaImageHeightPixels": 0}), "a crop of 256 x 0"),

@@ -71,10 +71,10 @@ def test_an_estimate_is_kept_for_all_that_use_the_same_model(tmp_path):
         (np.ones((8, 16)), r"even returned float64 \(8, 16\), expected float32 \(8, 16\)"),
         (np.ones((8, 8), np.float32), r"even returned float32 \(8, 8\), expected float32 \(8, 16\)"),
         (None, r"even returned NoneType \(\), expected float32 \(8, 16\)"),
-        (np.zeros((8, 16), np.float32), "even returned a range that is 0, negative or infinite, expected positive"),
+        (np.zeros((8, 16), np.float32), "even returned a range that is zero, negative or infinite, expected positive"),
         (
             np.full((8, 16), np.inf, np.float32),
-            "even returned a range that is 0, negative or infinite, expected positive",
+            "even returned a range that is zero, negative or infinite, expected positive",
         ),
     ],
 )

@@ -85,7 +85,7 @@ def test_a_table_of_objects_that_says_nothing_is_refused(tmp_path, monkeypatch):
             "instance_id": ["1"],
             "label": ["bed"],
         },
-        r"instance_id, expected unique ids": {"instance_id": [1, 1], "label": ["bed", "lamp"]},
+        r"instance_id, expected a different value in each row": {"instance_id": [1, 1], "label": ["bed", "lamp"]},
     }
     for message, columns in cases.items():
         write_objects(Path("objects.parquet"), columns)
