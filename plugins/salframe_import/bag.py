@@ -128,8 +128,8 @@ class MessageStore(ABC):
                 raise DataError(f"the topic {topic} of {self.path} has no message, expected at least one")
             if min(times)[0] <= 0:
                 raise DataError(
-                    f"the topic {topic} of {self.path} has messages without a header stamp, expected the time at which "
-                    "each was taken"
+                    f"the topic {topic} of {self.path} has a message without a header stamp, expected its time in the "
+                    "header"
                 )
         return {topic: np.array(sorted(times), np.int64) for topic, times in rows.items()}
 

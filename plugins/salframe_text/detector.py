@@ -60,8 +60,8 @@ class TextDetector(Detector):
         def _views_cover_the_horizon(self) -> Any:
             if self.views * self.fov_deg < 360:
                 raise ValueError(
-                    f"views * fov_deg is {self.views} * {self.fov_deg:g} = {self.views * self.fov_deg:g} deg, expected "
-                    "at least 360 deg to cover the horizon"
+                    f"views={self.views} of fov_deg={self.fov_deg:g} cover {self.views * self.fov_deg:g} deg, "
+                    "expected at least 360 deg: increase views or fov_deg"
                 )
             return self
 

@@ -77,14 +77,16 @@ def test_a_bag_with_depth_in_another_unit_is_named(import_from, tmp_path):
 
 
 def test_the_axes_of_a_camera_frame_are_named(import_from, home):
-    with pytest.raises(salframe.DataError, match=r"is not upright by its poses.*: likely --set camera_axes=optical$"):
+    with pytest.raises(
+        salframe.DataError, match=r"are not upright according to their poses.*: try --set camera_axes=optical$"
+    ):
         import_from("rosbag", home["rosbag"], "camera_axes=body")
 
 
 @pytest.mark.parametrize("wrong", [{"order": "wxyz"}, {"inverted": True}], ids=["order", "inverted"])
 def test_the_transforms_of_a_bag_that_is_not_upright_are_named(import_from, tmp_path, wrong):
     source = write_bag(tmp_path / "bag", stands(), **wrong)
-    expected = r"check the transforms of this frame .*, whether they are inverted, and the order of quaternions"
+    expected = r"check whether the transforms of this frame .* are inverted, and that quaternions"
     with pytest.raises(salframe.DataError, match=expected):
         import_from("rosbag", source)
 
