@@ -220,7 +220,10 @@ def _find_storeys(
         )
     on_stairs = sorted(set(range(len(frames))) - set(np.concatenate(groups).tolist()))
     if on_stairs:
-        notes.append(f"{len(on_stairs)} frames are on no storey: {_listed([frames[k].id for k in on_stairs])}")
+        notes.append(
+            f"{len(on_stairs)} frames are between the storeys, and are ignored: "
+            f"{_listed([frames[k].id for k in on_stairs])}"
+        )
     count = _Count(len(frames) - len(on_stairs), progress)
     for numbers in groups:
         members = tuple(frames[number] for number in numbers)

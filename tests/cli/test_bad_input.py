@@ -201,7 +201,7 @@ def test_another_method_in_the_place_of_one_that_cannot_run_is_named(data):
     done = run("compare", "--methods", "loftr", "--data", "./data", "--engine", "inline", "--json")
     assert [row["method"] for row in done.json["rows"]] == ["loftr-compact"]
     (note,) = done.json["notes"]
-    assert re.match(r"loftr-compact, not loftr: (weights 'loftr': .* is missing|loftr needs torch)", note)
+    assert re.match(r"loftr-compact is used instead of loftr: (weights 'loftr': .* is missing|loftr needs torch)", note)
 
 
 BROKEN_PLUGINS = {

@@ -328,9 +328,9 @@ def test_the_quaternion_of_an_optical_frame_in_the_order_w_x_y_z_is_harmless(tmp
 def test_clocks_that_differ_by_half_a_second_are_named(tmp_path):
     (note,) = read(write_pinhole(tmp_path / "a", clock_s=0.5), "depth=none").notes
     assert note.startswith(
-        "the pictures were recorded 0.00 s after their stamps, and the poses of /odom, in the frame odom"
+        "the pictures were recorded 0.00 s after their stamps, but the poses of /odom, in the frame odom"
     )
-    assert note.endswith("the poses wrong by 0.50 s")
+    assert note.endswith("the stamps may be from different clocks")
 
 
 @pytest.mark.parametrize(

@@ -282,6 +282,6 @@ def _summary(fit: Fit) -> list[str]:
         f"temperature {fit.posterior.temperature:.4g}: mean -ln(probability of the query's place) "
         f"{fit.place_nll_after:.3f}, "
         f"{fit.place_nll_before:.3f} at temperature 1; {fit.place_answers} answers",
-        f"head: mean -ln(probability of the true case, in the map or out of it) {fit.here_nll_after:.3f}, "
+        f"out-of-map probability: mean -ln(probability of the true case, in the map or not) {fit.here_nll_after:.3f}, "
         f"{fit.here_nll_before:.3f} with a constant probability; {fit.answers} answers",
     ]

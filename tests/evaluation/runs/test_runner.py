@@ -148,7 +148,7 @@ def test_another_comparison_with_a_method_more_asks_only_that_one(fakes, asked):
     assert asked == ["greedy"] * 6
     assert after["reader"] == before["reader"]
     assert kept(second) == kept(first)
-    assert f"reader: answers of {first.run}, with their times, are reused" in second.notes
+    assert f"reader: the answers and times of the run {first.run} are reused" in second.notes
     assert "reused" not in " ".join(first.notes)
     assert run(["reader", "greedy"], name="another")[1].notes == second.notes  # of the resumed run too
 

@@ -71,7 +71,7 @@ class MatchingTask(Task[FramePair, Survey[FramePair], PairRow, MatchingRow]):
             raise InputMissing(f"the task matching needs range images, which the dataset {dataset.name} does not have")
         pairs = choose_pairs(dataset)
         left_out = sum(len(fold.queries) for fold in dataset.folds()) - len(pairs)
-        note = f"{left_out} queries left out: their place has no scene frame in the map"
+        note = f"{left_out} queries are left out: the map has no scene frame of their place"
         return Survey(dataset, pairs, (note, *places_notes(dataset)) if left_out else ())
 
     def key(self, piece: FramePair) -> tuple[str, str]:
