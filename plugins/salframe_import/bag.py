@@ -138,7 +138,9 @@ class MessageStore(ABC):
         for _, message in self.messages([topic], log_ns):
             if message.stamp_ns == stamp_ns:
                 return message.content
-        raise DataError(f"{self.path} no longer has the message of the topic {topic} at {stamp_ns / 1e9:.3f} s")
+        raise DataError(
+            f"{self.path} no longer has the message of the topic {topic} at {stamp_ns / 1e9:.3f} s: import it again"
+        )
 
     def _all_topics(self) -> str:
         return _listed([f"{topic} [{kind}]" for topic, kind in sorted(self.types.items())])

@@ -115,7 +115,9 @@ class TransformersDetector(Detector):
     def detect(self, panorama: Panorama) -> Detections:
         """See Detector. Raises InputMissing if the panorama has no colour."""
         if panorama.rgb is None:
-            raise InputMissing(f"{panorama.id} has no colour, which the detector {self.name!r} needs")
+            raise InputMissing(
+                f"{panorama.id} has no colour image, which the detector {self.name!r} needs: choose another detector"
+            )
         return self._objects.detect(panorama.rgb, panorama.valid, panorama.range_m)
 
 

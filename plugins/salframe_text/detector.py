@@ -76,7 +76,9 @@ class TextDetector(Detector):
     def detect(self, panorama: Panorama) -> Detections:
         """See Detector. Raises InputMissing if the panorama has no colour."""
         if panorama.rgb is None:
-            raise InputMissing(f"{panorama.id} has no colour, which the detector {self.name!r} needs")
+            raise InputMissing(
+                f"{panorama.id} has no colour image, which the detector {self.name!r} needs: choose another detector"
+            )
         return self._objects(self._read(panorama.rgb), panorama.range_m)
 
     def _read(self, rgb: np.ndarray) -> list[tuple[str, float, np.ndarray]]:

@@ -15,7 +15,7 @@ app = typer.Typer(help="List, inspect, render and import datasets.", no_args_is_
 
 @app.command("list")
 def list_(as_json: Json = False) -> None:
-    """List datasets and their presets."""
+    """List the names of datasets that --data accepts."""
     from salframe.cli.tables import print_table
     from salframe.framework.components.installation import list_components
     from salframe.framework.components.presets import names, settings
@@ -169,10 +169,12 @@ def import_(
         str | None, typer.Option(metavar="Nm|Ns", help="Minimum distance or time between panoramas, such as 0.5m or 2s")
     ] = None,
     floors: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="YAML file of floor masks, used for places and routes")
+        Path | None,
+        typer.Option(metavar="FILE", help="YAML file that lists floor masks (images of rooms), for places and routes"),
     ] = None,
     overrides: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a setting of the importer")
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Change a setting of the importer, which reads the recording"),
     ] = None,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Read some panoramas, print a summary and draw pictures; write no dataset")

@@ -32,9 +32,9 @@ def experiment(
 ) -> None:
     """Measure the tables of an experiment and store them.
 
-    An experiment is a set of tables, such as those on the results pages. A table that is stored with the same settings
-    and versions is printed without a new measurement. Tables of real buildings need --data-dir. Run the same command
-    again to resume an interrupted run.
+    An experiment is a set of tables, such as those on the results pages. If a table is already stored for the same
+    settings and versions, it is printed and not measured again. Tables of real buildings need --data-dir. Run the same
+    command again to resume an interrupted run.
     """
     from salframe.cli.tables import format_experiment, print_experiment, print_table
     from salframe.evaluation.studies.experiment import experiment_names, read_experiment, run_experiment

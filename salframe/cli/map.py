@@ -127,8 +127,7 @@ def connect(
     end: Annotated[str | None, typer.Argument(metavar="TO", help="Node or place on another floor")] = None,
     kind: Annotated[str, typer.Option(metavar="KIND", help="Kind of the connection: stairs or lift")] = "stairs",
     length: Annotated[
-        float | None,
-        typer.Option(metavar="M", help="Length of the connection in metres, which counts in the length of routes"),
+        float | None, typer.Option(metavar="M", help="Length of the connection in metres; routes include it")
     ] = None,
     file: Annotated[
         Path | None, typer.Option(metavar="FILE.csv", help="CSV table of connections: start, end, kind, length_m")

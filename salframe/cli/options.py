@@ -97,7 +97,7 @@ Name = Annotated[
 ]
 Runs = Annotated[Path, typer.Option(help="Folder that contains the run folders")]
 EngineName = Annotated[
-    str, typer.Option("--engine", help="Engine that runs the work, such as processes; see `salframe plugins`")
+    str, typer.Option("--engine", help="Engine that runs the work, such as ray; see `salframe plugins`")
 ]
 Workers = Annotated[
     int | None,
@@ -105,7 +105,7 @@ Workers = Annotated[
         "--workers",
         parser=number_parser("--workers", int, 1, MAX_WORKERS),
         metavar="N",
-        help="Number of worker processes (default: 1 to measure times, else one per core)",
+        help="Number of worker processes (default: one per core; 1 while measuring times)",
     ),
 ]
 parse_seed = number_parser("--seed", int, 0, MAX_SEED)
@@ -127,7 +127,7 @@ Timeout = Annotated[
 Memory = Annotated[
     float | None,
     typer.Option(
-        "--memory", parser=limit_parser("--memory"), metavar="MB", help="Memory limit in megabytes for each method"
+        "--memory", parser=limit_parser("--memory"), metavar="MB", help="Memory limit for each method, in megabytes"
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON")]
@@ -136,7 +136,7 @@ RangeUnit = Annotated[
     typer.Option(
         parser=number_parser("--range-unit", float, 1e-6, 1.0),
         metavar="METRES",
-        help="Metres per step of a range pixel (default: 0.001, so ranges are in millimetres)",
+        help="Metres per unit of range pixels (default: 0.001, that is, millimetres)",
     ),
 ]
 RangeMissing = Annotated[

@@ -33,7 +33,8 @@ def track(
         str | None, typer.Option(help="Format of the recording (default: rosbag if there is no manifest.json)")
     ] = None,
     overrides: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a setting of the importer")
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Change a setting of the importer, which reads the recording"),
     ] = None,
     rerun: Annotated[
         Path | None, typer.Option(metavar="FILE.rrd", help="Write a recording for the rerun viewer")

@@ -47,7 +47,7 @@ def fetch(name: Name) -> None:
 
     Weights that are in the cache are not downloaded again. Also prints the licence, and the terms of the training data
     if they differ. For a model of the Hugging Face hub, downloads only safetensors files, and prints the commit to
-    which the revision is pinned.
+    which the revision is now pinned.
     """
     from salframe.cli.output import Bars
     from salframe.framework.components.installation import fetch_weights, find_weights

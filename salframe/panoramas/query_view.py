@@ -112,7 +112,7 @@ def as_query(panorama: Panorama, config: ComponentConfig) -> Panorama:
         return panorama
     if config.query_image != QueryImage():
         if panorama.rgb is None:
-            raise InputMissing(f"{panorama.id} has no colour, which the setting query_image needs")
+            raise InputMissing(f"{panorama.id} has no colour image, which the setting query_image needs")
         panorama = replace(panorama, rgb=change_image(panorama.rgb, config.query_image))
     if config.query_noise != AnnotationNoise():
         if panorama.annotations is None:

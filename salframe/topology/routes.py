@@ -185,7 +185,10 @@ def with_position(topology: TopologicalMap, xyz_m: np.ndarray, node_id: str = HE
     """
     number = find_floor(topology.floors, xyz_m)
     if number is None:
-        raise DataError(f"the position ({xyz_m[0]:.2f}, {xyz_m[1]:.2f}, {xyz_m[2]:.2f}) m is not on a floor of the map")
+        raise DataError(
+            f"the position ({xyz_m[0]:.2f}, {xyz_m[1]:.2f}, {xyz_m[2]:.2f}) m is not on a floor of the map, expected a "
+            "position inside a floor mask"
+        )
     floor = topology.floors[number]
     grid = FloorGrid(floor, topology.parameters.robot_radius_m)
     close_doorways(grid, topology.parameters.min_doorway_m)

@@ -111,7 +111,7 @@ def test_errors_take_annotations() -> None:
 
 
 def test_image_changes_take_colour() -> None:
-    with pytest.raises(InputMissing, match="p has no colour, which the setting query_image needs"):
+    with pytest.raises(InputMissing, match="p has no colour image, which the setting query_image needs"):
         as_query(Panorama("p", range_m=whole().range_m), config(query_image={"exposure_ev": -2}))
 
 

@@ -57,7 +57,7 @@ def test_without_range_the_bearing_is_known(detector):
 
 def test_a_plain_wall_has_no_text_and_colour_is_needed(detector):
     assert len(detector.detect(with_signs({}))) == 0
-    with pytest.raises(InputMissing, match="signs has no colour, which the detector 'text' needs"):
+    with pytest.raises(InputMissing, match="signs has no colour image, which the detector 'text' needs"):
         detector.detect(replace(with_signs({}), rgb=None))
 
 

@@ -212,7 +212,7 @@ class Registry:
             return self._components[role, name][0]
         if name == AUTO and (order := auto_order(role)):
             raise ConfigError(
-                f"the {role} {AUTO!r} can only be selected when the data are known: name a {role} "
+                f"{AUTO!r} selects a {role} only when the data are known: name a {role} "
                 f"({', '.join(order)}, ...), or specify the data"
             )
         for failure in self.failures:

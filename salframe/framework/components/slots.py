@@ -112,8 +112,8 @@ def _fill(role: str, default: str, value: Any, info: ValidationInfo) -> Componen
         if len(value) > 1:
             keys = ", ".join(f"{role}.{key}" for key in value if key != "kind")
             raise ConfigError(
-                f"received {keys}, but the {role} is 'auto', and is only selected when the data are known: set "
-                f"{role} to one of {', '.join(auto_order(role))}, or specify the data"
+                f"received {keys}, but 'auto' selects a {role} only when the data are known: set {role} to one of "
+                f"{', '.join(auto_order(role))}, or specify the data"
             )
         return undecided(role).Config()
     component = choice.choose(role, parts_added(info.data.values()))

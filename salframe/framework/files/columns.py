@@ -254,7 +254,8 @@ def read_columns(folder: Path, expected: Mapping[str, ArrayKind] | None = None) 
         if values.ndim != 1 or shapes.prod(1, dtype=float).sum() != len(values):
             raise DataError(
                 f"{path} has an array of shape {values.shape}, expected "
-                f"({shapes.prod(1, dtype=float).sum():.0f},), the number of values in {folder / TABLE}"
+                f"({shapes.prod(1, dtype=float).sum():.0f},), the number of values in {folder / TABLE}: build the map "
+                "again"
             )
         if expected is not None and column.words is None:
             _check_values(path, values, expected[column.name])
@@ -271,7 +272,7 @@ def _read_lengths(path: Path, shape: tuple[int, int]) -> np.ndarray:
     if lengths.shape != shape or lengths.dtype.kind != "u" or lengths.max(initial=0) > MAX_AXIS:
         raise DataError(
             f"{path} has an array of dtype {lengths.dtype} and shape {lengths.shape}, expected unsigned integers of "
-            f"at most {MAX_AXIS} and shape {shape}"
+            f"at most {MAX_AXIS} and shape {shape}: build the map again"
         )
     return lengths.T
 
@@ -298,30 +299,34 @@ def check_kinds(columns: Columns, row: Row) -> None:
 def _check_columns(path: Path, table: _Table, expected: Mapping[str, ArrayKind]) -> None:
     names = {column.name for column in table.columns}
     if names != expected.keys():
-        raise DataError(f"{path} has the columns {', '.join(sorted(names))}, expected {', '.join(expected)}")
+        raise DataError(
+            f"{path} has the columns {', '.join(sorted(names))}, expected {', '.join(expected)}: build the map again"
+        )
     for column in table.columns:
         kind = expected[column.name]
         if column.absent or not kind.fits("U" if column.words is not None else kind.kinds[0], column.shape):
             raise DataError(
                 f"{path}: the column {column.name} has arrays of shape {column.shape}, and {len(column.absent)} rows "
-                f"without one, expected {kind} in every row"
+                f"without one, expected {kind} in every row: build the map again"
             )
 
 
 def _check_values(path: Path, values: np.ndarray, kind: ArrayKind) -> None:
     if values.dtype.kind not in kind.kinds:
-        raise DataError(f"{path} contains values of dtype {values.dtype}, expected {kind}")
+        raise DataError(f"{path} contains values of dtype {values.dtype}, expected {kind}: build the map again")
     if values.dtype.kind == "f" and not np.isfinite(values).all():
-        raise DataError(f"{path} contains NaN or infinity, expected finite numbers")
+        raise DataError(f"{path} contains NaN or infinity, expected finite numbers: build the map again")
 
 
 def _check_words(path: Path, numbers: np.ndarray, words: Sequence[str]) -> None:
     if numbers.dtype.kind != "u":
         raise DataError(
-            f"{path} contains values of dtype {numbers.dtype}, expected unsigned integers: the indices of the strings"
+            f"{path} contains values of dtype {numbers.dtype}, expected unsigned integers: build the map again"
         )
     if len(numbers) and numbers.max() >= len(words):
-        raise DataError(f"{path} contains the index {numbers.max()}, expected an index below {len(words)}")
+        raise DataError(
+            f"{path} contains the index {numbers.max()}, expected an index below {len(words)}: build the map again"
+        )
 
 
 def _path(folder: Path, name: str) -> Path:

@@ -147,12 +147,10 @@ def test_without_data_it_stays_undecided_and_is_not_built(detectors):
     config = configure_default("localizer", "objects")
     assert config.detector.kind == "auto"
     with pytest.raises(
-        ConfigError, match=r"the detector 'auto' can only be selected when the data are known.*\(annotations, seg"
+        ConfigError, match=r"'auto' selects a detector only when the data are known.*\(annotations, seg"
     ):
         registry().build("localizer", config)
-    with pytest.raises(
-        ConfigError, match=r"received detector\.noise, but the detector is 'auto', .* one of annotations"
-    ):
+    with pytest.raises(ConfigError, match=r"received detector\.noise, but 'auto' selects .* one of annotations"):
         configure("localizer", "objects", {"detector": {"noise": "none"}})
     choice = Choice("mine", lambda: frozenset({"annotations"}))
     decided = configure("localizer", "objects", {}, [{"detector": {"noise": "none"}}], choice)

@@ -68,7 +68,10 @@ class MatchingTask(Task[FramePair, Survey[FramePair], PairRow, MatchingRow]):
 
     def survey(self, dataset: Dataset) -> Survey[FramePair]:
         if "range" not in dataset.provides:
-            raise InputMissing(f"the task matching needs range images, which the dataset {dataset.name} does not have")
+            raise InputMissing(
+                f"the task matching needs range images, which the dataset {dataset.name} does not have: choose "
+                "another dataset"
+            )
         pairs = choose_pairs(dataset)
         left_out = sum(len(fold.queries) for fold in dataset.folds()) - len(pairs)
         note = f"{left_out} queries are left out: the map has no scene frame of their place"
