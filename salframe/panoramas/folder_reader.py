@@ -217,9 +217,8 @@ class Folder:
         lowest_m, highest_m = min(cameras_m), max(cameras_m)
         if highest_m - lowest_m > MIN_STOREY_M:
             raise DataError(
-                f"{self.root / MANIFEST}: the floor has no z_m and the cameras span more than one storey "
-                f"(z = {lowest_m:.2f} to {highest_m:.2f} m), expected the height of the floor in the "
-                "world in metres"
+                f"{self.root / MANIFEST}: the floor has no z_m, expected its height in the world in metres, because "
+                f"the cameras span more than one storey (z = {lowest_m:.2f} to {highest_m:.2f} m)"
             )
         on_zero = lowest_m > -SAME_FLOOR_M and highest_m <= MAX_CAMERA_M
         return [0.0 if on_zero else max(lowest_m - USUAL_M, highest_m - MAX_CAMERA_M)]

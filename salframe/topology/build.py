@@ -114,7 +114,8 @@ class _FloorMap:
         self._names = self._grid.names
         if not self._names:
             raise DataError(
-                f"the storey at z = {floor.z_m:g} m has no free floor in any region, expected it in at least one region"
+                f"the storey at z = {floor.z_m:g} m has no free floor in any region, expected free floor in at least "
+                "one"
             )
         self.nodes: list[MapNode] = []
         self._positions: list[np.ndarray] = []
