@@ -33,7 +33,7 @@ def list_(as_json: Json = False) -> None:
     if as_json:
         print_json([dict(zip(("name", "kind", "summary"), row, strict=True)) for row in rows])
     else:
-        print_table(("name", "dataset", ""), rows)
+        print_table(("name", "kind", "description"), rows)
 
 
 @app.command()

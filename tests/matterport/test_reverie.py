@@ -309,7 +309,10 @@ def test_an_experiment_takes_published_episodes(walked):
 def test_data_without_a_folder_has_no_published_episodes():
     data = "matterport-annotations"
     result = run("navigate", "--data", data, "--methods", "objects", "--episodes", "reverie:val_seen")
-    reason = f"the episodes reverie:val_seen are in the folder of the dataset {data}: pass it as --data-dir DIR"
+    reason = (
+        f"the episodes reverie:val_seen are in the folder of the dataset {data}, received no folder: pass this folder "
+        "as --data-dir DIR"
+    )
     line = f"error: {reason}\n"
     assert (result.code, result.err) == (2, line)
 
