@@ -11,7 +11,7 @@ from salframe.cli.options import Json
 from salframe.cli.output import print_json
 
 app = typer.Typer(help="List, download and locate the weights of networks.", no_args_is_help=True)
-Name = Annotated[str, typer.Argument(help="Name in `salframe weights list`, or hf:ORG/MODEL[@REVISION] (Hugging Face)")]
+Name = Annotated[str, typer.Argument(help="Name in `salframe weights list`, or hf:ORG/MODEL of Hugging Face (optional: @REVISION)")]
 
 
 @app.command("list")

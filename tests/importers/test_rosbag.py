@@ -339,7 +339,7 @@ def test_clocks_that_differ_by_half_a_second_are_named(tmp_path):
         (["depth_kind=cube"], "depth_kind is cube for pinhole images, expected z or ray"),
         (["projection=equirectangular"], "images of 640 x 480 without intrinsics, expected width = 2 x height"),
         (["depth=/camera/image_raw"], "the topic /camera/image_raw has pictures, expected depth"),
-        (["image=/camera/depth/image"], "the topic /camera/depth/image has depth, expected pictures"),
+        (["image=/camera/depth/image"], "the topic /camera/depth/image has depth images, expected pictures"),
         (["camera_info=/camera/image_raw"], "has the type sensor_msgs/msg/Image, expected sensor_msgs/msg/CameraInfo"),
         (["num_views=20"], "num_views is 20, expected less than sequence_period, which is 20"),
         (["num_views=3", "group_by=motion"], "num_views is 3 with group_by=motion: set group_by=time"),

@@ -126,8 +126,8 @@ def test_a_fold_of_the_distortion_is_not_seen_twice():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"fx": 4.2, "fy": 4.2}, r"field of view of 178.5 deg, expected 5 to 170 deg: give fx and fy in pixels"),
-        ({"fx": 42000, "fy": 42000}, r"field of view of 0.8\d+ deg, expected 5 to 170"),
+        ({"fx": 4.2, "fy": 4.2}, r"field of view of 178.5 deg .*, expected 5 to 170 deg: give fx and fy in pixels"),
+        ({"fx": 42000, "fy": 42000}, r"field of view of 0.8\d+ deg .*, expected 5 to 170"),
         ({"fx": 420, "fy": 150}, "fx 420 and fy 150, expected a ratio fx / fy from 0.5 to 2"),
         ({"fx": -420}, "expected finite numbers, and positive sizes"),
         ({"cx": float("nan")}, "cx nan, .*expected finite numbers"),

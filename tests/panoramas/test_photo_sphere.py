@@ -194,7 +194,7 @@ ENTITIES = '<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&
         (packet(**{**CROP, "FullPanoHeightPixels": "1e99"}), "FullPanoHeightPixels '1e99', expected a number"),
         (packet(**{**CROP, "CroppedAreaImageHeightPixels": 0}), "a crop of 256 x 0"),
         (packet(**{**CROP, "CroppedAreaImageWidthPixels": 150}), "expected the aspect ratio of the picture, 256 x 100"),
-        (packet(**{k: v for k, v in CROP.items() if "Left" not in k}), "no CroppedAreaLeftPixels"),
+        (packet(**{k: v for k, v in CROP.items() if "Left" not in k}), "no property CroppedAreaLeftPixels"),
         (packet(PosePitchDegrees=91), "PosePitchDegrees '91', expected a number from -90 to 90"),
         (packet(PoseRollDegrees="left"), "PoseRollDegrees 'left'"),
         (packet(ProjectionType="cylindrical"), "the projection 'cylindrical', expected 'equirectangular'"),

@@ -107,7 +107,7 @@ def test_missing_odometry_leaves_the_motion_unknown(tmp_path, rows):
     ("change", "message"),
     [
         ({"role": "map", "place": "hall", "pose": POSE}, "the reference frame a has the key `sequence`"),
-        ({"t_s": None}, "the view a of the sequence 'walk' has no t_s"),
+        ({"t_s": None}, "the view a of the sequence 'walk' has no `t_s`"),
         ({"t_s": 4.0}, "two views of a sequence have the same t_s"),
     ],
 )

@@ -202,7 +202,9 @@ def test_data_that_tells_no_truth_is_refused(furnished):
     with pytest.raises(DataError, match="the true pose of the query bedroom-query is missing"):
         measure(["points"], "data.posed=false")
     rows, _ = measure(["nodes", "points"], "data.instances=false")
-    assert rows["nodes"].reason == "the method needs annotations, which the dataset furnished does not have"
+    assert rows["nodes"].reason == (
+        "the method needs annotations, which the dataset furnished does not have: use another method or dataset"
+    )
     assert rows["points"].mma_1.value == 1
 
 
