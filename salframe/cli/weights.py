@@ -11,7 +11,9 @@ from salframe.cli.options import Json
 from salframe.cli.output import print_json
 
 app = typer.Typer(help="List, download and locate the weights of networks.", no_args_is_help=True)
-Name = Annotated[str, typer.Argument(help="Name in `salframe weights list`, or hf:ORG/MODEL of Hugging Face (optional: @REVISION)")]
+Name = Annotated[
+    str, typer.Argument(help="Name in `salframe weights list`, or a Hugging Face model: hf:ORG/MODEL@REVISION")
+]
 
 
 @app.command("list")
@@ -45,9 +47,9 @@ def list_(verbose: Verbose = False, as_json: Json = False) -> None:
 def fetch(name: Name) -> None:
     """Download weights to the cache of salframe and verify them.
 
-    Weights that are in the cache are not downloaded again. Also prints the licence, and the terms of the training data
-    if they differ. For a model of the Hugging Face hub, downloads only safetensors files, and prints the commit to
-    which the revision is now pinned.
+    Weights that are in the cache are not downloaded again. @REVISION can be left out. Also prints the licence, and the
+    terms of the training data if they differ. For a model of the Hugging Face hub, downloads only safetensors files,
+    and prints the commit to which the revision is now pinned.
     """
     from salframe.cli.output import Bars
     from salframe.framework.components.installation import fetch_weights, find_weights

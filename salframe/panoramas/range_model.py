@@ -64,8 +64,7 @@ def estimate_range(
         absent = sorted(model.needs - panorama.provides)
         if absent:
             raise InputMissing(
-                f"the range model {model.name!r} needs {' and '.join(absent)}, which the panorama {panorama.id} does "
-                "not have"
+                f"the range model {model.name!r} needs {' and '.join(absent)}, which {panorama.id} does not have"
             )
         start = time.perf_counter()
         range_m = model.estimate(panorama)

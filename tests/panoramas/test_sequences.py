@@ -100,7 +100,7 @@ def test_missing_odometry_leaves_the_motion_unknown(tmp_path, rows):
     assert [view.id for view in frame.views] == ["a", "b"]
     assert frame.T_last_view is None
     (note,) = [note for note in data_notes(FolderDataset(FolderDataset.Config(root=tmp_path))) if "motion" in note]
-    assert note.startswith("the motion between the views of b is unknown (1 of 1 queries with several views)")
+    assert note.startswith("the motion between the views is unknown for 1 of 1 queries with several views, such as b")
 
 
 @pytest.mark.parametrize(
