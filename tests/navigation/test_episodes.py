@@ -113,7 +113,7 @@ def test_a_file_without_episodes_is_one_line(sites):
 
 
 def test_several_worlds_must_be_told_apart(sites):
-    with pytest.raises(DataError, match="episode 0: the episode has no `world` .*, expected one of floor, attic"):
+    with pytest.raises(DataError, match=r"episode 0: the episode has no `world` .*, expected one of floor, attic"):
         place_episodes(
             read_episode_requests(write([{"start": "b", "goal": "a-west"}])), {**sites, "attic": sites["floor"]}, 0
         )

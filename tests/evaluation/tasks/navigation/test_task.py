@@ -199,7 +199,7 @@ def test_bad_episodes_are_told_and_the_others_walked():
         "navigate", "--data", "apartment", "--methods", "seer", "--episodes", "mixed.json", "--engine", "inline"
     )
     assert result.code == 0
-    assert "episode 0: floor: (4.10, 0.50) m is in a wall or obstacle" in result.out
+    assert "episode 0: floor: the position (4.10, 0.50) m is in a wall or obstacle" in result.out
     assert "episode 2: floor: unknown node 'attic'." in result.out
 
 
