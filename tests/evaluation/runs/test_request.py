@@ -46,7 +46,7 @@ def test_two_methods_of_the_same_name_are_an_error(fakes):
     Path("other").mkdir()
     for file in ("mine.yaml", "other/mine.yaml"):
         Path(file).write_text("kind: reader\n")
-    with pytest.raises(ConfigError, match=r"the methods mine\.yaml and other/mine\.yaml, .* the same label mine"):
+    with pytest.raises(ConfigError, match=r"the methods mine\.yaml and other/mine\.yaml have the same label 'mine'"):
         resolve(request("mine.yaml", "other/mine.yaml"))
     assert list(resolve(request("reader", "reader")).methods) == ["reader"]
 
