@@ -114,7 +114,7 @@ class _Matching(Worker[FramePair]):
         )
         matches = correspond(self._localizer, query, reference)
         if matches is None:
-            raise MethodUnavailable("the method matches neither points nor objects, expected a method that does")
+            raise MethodUnavailable("the method matches neither points nor objects")
         if not isinstance(matches, PointMatches | NodeMatches):
             raise InvalidAnswer(
                 f"correspond returned {type(matches).__name__}, expected PointMatches, NodeMatches or None"
