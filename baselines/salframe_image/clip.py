@@ -171,7 +171,8 @@ def room_type(place: str) -> str:
 def _unit(embeddings: np.ndarray, path: Path) -> np.ndarray:
     if embeddings.ndim != 2:
         raise WeightsError(
-            f"{path} returned an array of shape {embeddings.shape}; expected (N, D), one embedding per image or prompt"
+            f"{path} returned an array of shape {embeddings.shape}; expected (N, D), one vector for each image or "
+            "prompt"
         )
     return embeddings / np.maximum(np.linalg.norm(embeddings, axis=1, keepdims=True), 1e-9)
 

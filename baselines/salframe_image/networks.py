@@ -28,7 +28,8 @@ RESNET101 = NetworkWeights(
     Download(
         (
             "https://huggingface.co/onnxmodelzoo/resnet101-v1-7/resolve/main",
-            "https://media.githubusercontent.com/media/onnx/models/e8feddcd242650ccf821323cac6fdfb38fd09a05/vision/classification/resnet/model",
+            "https://media.githubusercontent.com/media/onnx/models/e8feddcd242650ccf821323cac6fdfb38fd09a05/vision/classification/resnet/model"
+            "",
         )
     ),
 )
@@ -80,7 +81,7 @@ class OnnxImageNetwork(ImageNetwork):
         if features.ndim not in (2, 4):
             received = f"{self._model.outputs[0]} {features.shape}"
             raise WeightsError(
-                f"{self._path} has the output {received}; expected features of shape (N, C, h, w) or (N, C)"
+                f"the network {self._path} has the output {received}; expected features of shape (N, C, h, w) or (N, C)"
             )
         return features
 

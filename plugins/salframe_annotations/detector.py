@@ -80,7 +80,8 @@ class AnnotationDetector(Detector):
             if isinstance(value, str) and value not in words and not Path(value).is_file():
                 choices = ", ".join(map(repr, words))
                 raise ValueError(
-                    f"received {value!r}, expected {choices}, error rates, or a file written by `salframe sensor`"
+                    f"received {value!r}, expected {choices}, a mapping of error rates, or a file that `salframe "
+                    "sensor` wrote"
                 )
             return value
 
@@ -111,7 +112,7 @@ class AnnotationDetector(Detector):
         annotations = panorama.annotations
         if annotations is None:
             raise InputMissing(
-                f"{panorama.id} has no annotations, which the detector {self.name!r} requires: choose another detector"
+                f"{panorama.id} has no annotations, which the detector {self.name!r} needs: choose another detector"
             )
         objects, seed = seen_objects(panorama), (self.config.seed, zlib.crc32(panorama.error_id.encode()))
         noise = self.config.noise

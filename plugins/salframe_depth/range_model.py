@@ -80,8 +80,8 @@ class OnnxDepth(MonocularDepth):
         self._check_scale("metric: true for a network that gives metres")
         if settings.input == "equirectangular" and settings.gives == "z-depth":
             raise ConfigError(
-                f"the range model {self.name!r} has gives=z-depth and input=equirectangular, expected gives=range, "
-                "inverse or points: a panorama has no optical axis"
+                f"the range model {self.name!r} received gives=z-depth with input=equirectangular, expected "
+                "gives=range, inverse or points: a panorama has no optical axis"
             )
         width, height = settings.size_px or (None, None)
         self._model = open_model(settings.model, [(None, 3, height, width)])
@@ -96,7 +96,8 @@ class OnnxDepth(MonocularDepth):
             )
         if settings.input == "equirectangular" and width != 2 * height:
             raise ConfigError(
-                f"{settings.model} takes images of {width} x {height}, expected width = 2 x height (equirectangular)"
+                f"the network {settings.model} takes images of {width} x {height}, expected width = 2 x height "
+                "(equirectangular)"
             )
         self.size_px = width, height
         self._run_network(np.full((1, height, width, 3), UNSEEN, np.uint8))
@@ -106,9 +107,7 @@ class OnnxDepth(MonocularDepth):
         super().check(config)
         if config.model is None:
             raise WeightsError(
-                f"the range model {cls.name!r} has no network, expected the path of an ONNX file in the setting "
-                f"`model`",
-                "model=PATH",
+                f"the range model {cls.name!r} has no network: set `model` to the path of an ONNX file", "model=PATH"
             )
         if not config.model.is_file():
             raise WeightsError(f"{config.model} does not exist, expected the path of an ONNX file")
@@ -155,4 +154,6 @@ class OnnxDepth(MonocularDepth):
             if points
             else "(1, height, width), (1, 1, height, width) or (1, height, width, 1)"
         )
-        raise WeightsError(f"{self.config.model} returned {shape} as its first output, expected {expected}")
+        raise WeightsError(
+            f"the network {self.config.model} returned a first output of shape {shape}, expected {expected}"
+        )

@@ -128,7 +128,9 @@ class OnnxDetector(Detector):
     @from_near_side
     def detect(self, panorama: Panorama) -> Detections:
         if panorama.rgb is None:
-            raise InputMissing(f"{panorama.id} has no colour, which the detector {self.name!r} needs")
+            raise InputMissing(
+                f"{panorama.id} has no colour image, which the detector {self.name!r} needs: choose another detector"
+            )
         image = panorama.rgb
         if panorama.valid is not None:
             image = np.where(panorama.valid[..., None], image, np.uint8(self.config.fill))

@@ -185,13 +185,14 @@ class NodeMatcher(GraphMatcher):
         if rarity.shape != (len(graphs.labels) + 1,) or rarity.dtype != np.float64:
             expected = f"float64 ({len(graphs.labels) + 1},)"
             raise DataError(
-                f"{folder / _RARITY} is {rarity.dtype} {rarity.shape}, expected {expected}: build the map again"
+                f"{folder / _RARITY} has dtype {rarity.dtype} and shape {rarity.shape}, expected {expected}: build "
+                "the map again"
             )
         max_rarity = np.log(1 + len(graphs)) + 1  # rarity of a label that no graph has
         if not ((rarity > 0) & (rarity <= max_rarity + 1e-9)).all():
             raise DataError(
-                f"{folder / _RARITY} has values from {rarity.min():g} to {rarity.max():g}, expected over 0 and at most "
-                f"{max_rarity:g}: build the map again"
+                f"{folder / _RARITY} has values from {rarity.min():g} to {rarity.max():g}, expected values above 0 "
+                f"and at most {max_rarity:g}: build the map again"
             )
         scenes = graphs.scenes
         if scenes is None and self._looks_up(graphs):

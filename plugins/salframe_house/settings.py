@@ -148,8 +148,8 @@ class HouseConfig(QueryView):
     def _signs_are_unique(self) -> HouseConfig:
         if self.signs and self.storeys > 1:
             raise ValueError(
-                f"signs is true and storeys is {self.storeys}, expected storeys=1 or signs=false: the numbers on the "
-                "signs would repeat on each storey"
+                f"received signs=true with storeys={self.storeys}, expected storeys=1 or signs=false: the numbers on "
+                "the signs would repeat on each storey"
             )
         return self
 
@@ -166,8 +166,8 @@ class HouseConfig(QueryView):
     def _turns_about_the_vertical(self) -> HouseConfig:
         if self.query_views > 1 and self.query_motion == "turned" and self.query_tilt_deg:
             raise ValueError(
-                f"query_tilt_deg is {self.query_tilt_deg:g} with query_views={self.query_views} and "
-                "query_motion=turned, expected query_tilt_deg=0, query_motion=driven or query_views=1: a turned camera "
-                "stays level"
+                f"query_tilt_deg is {self.query_tilt_deg:g}, but the camera stays level with "
+                f"query_views={self.query_views} and query_motion=turned: set query_tilt_deg=0, query_motion=driven "
+                "or query_views=1"
             )
         return self

@@ -128,8 +128,8 @@ class MessageStore(ABC):
                 raise DataError(f"the topic {topic} of {self.path} has no message, expected at least one")
             if min(times)[0] <= 0:
                 raise DataError(
-                    f"the topic {topic} of {self.path} has messages without a header stamp, expected the time at which "
-                    "each was taken"
+                    f"the topic {topic} of {self.path} has a message without a header stamp, expected its time in the "
+                    "header"
                 )
         return {topic: np.array(sorted(times), np.int64) for topic, times in rows.items()}
 
@@ -138,7 +138,9 @@ class MessageStore(ABC):
         for _, message in self.messages([topic], log_ns):
             if message.stamp_ns == stamp_ns:
                 return message.content
-        raise DataError(f"{self.path} no longer has the message of the topic {topic} at {stamp_ns / 1e9:.3f} s")
+        raise DataError(
+            f"{self.path} no longer has the message of the topic {topic} at {stamp_ns / 1e9:.3f} s: import it again"
+        )
 
     def _all_topics(self) -> str:
         return _listed([f"{topic} [{kind}]" for topic, kind in sorted(self.types.items())])

@@ -78,7 +78,7 @@ def find_cameras(
     for topics, expects_depth in ((color_topics, False), (depth_topics, True)):
         for topic in topics:
             if topic is not None and shown[topic] != expects_depth:
-                received, expected = ("pictures", "depth") if expects_depth else ("depth", "pictures")
+                received, expected = ("pictures", "depth images") if expects_depth else ("depth images", "pictures")
                 option = "depth" if expects_depth else "image"
                 raise DataError(f"the topic {topic} has {received}, expected {expected}: correct the setting {option}")
     cameras = []
@@ -91,8 +91,8 @@ def find_cameras(
             of_depth = _images(bag, depth, _info_topic(bag, depth) or fallback, projection)
             if (of_depth.camera is None) != (images_of_color.camera is None):
                 raise DataError(
-                    f"the topics {color} and {depth} have different projections, expected intrinsics for both or "
-                    "neither: pass --set projection=pinhole or --set projection=equirectangular"
+                    f"only one of the topics {color} and {depth} has intrinsics, expected both or neither: pass --set "
+                    "projection=pinhole or --set projection=equirectangular"
                 )
         cameras.append(BagCamera(images_of_color, of_depth))
     return cameras
@@ -173,6 +173,6 @@ def _names(value: str | None) -> list[str]:
 def _check_count(option: str, topics: Sequence[object], images: Sequence[object]) -> None:
     if len(topics) != len(images):
         raise DataError(
-            f"{option} names {len(topics)} topics and image names {len(images)}, expected one {option} topic "
-            "for each image topic"
+            f"the setting {option} names {len(topics)} topics and the setting image {len(images)}, expected one "
+            f"{option} topic for each image topic"
         )

@@ -203,7 +203,8 @@ def read_odometry(bag: MessageStore, topic: str) -> PoseTrack:
     if len(names) != 1:
         received = f"{len(names)} pairs of frames" if names else "no message"
         raise DataError(
-            f"the topic {topic} of {bag.path} has {received}, expected a single pair of frame_id and child_frame_id"
+            f"the topic {topic} of {bag.path} has {received}, expected the same frame_id and child_frame_id in all "
+            "messages"
         )
     parent, child = names.pop()
     if not child:
@@ -271,7 +272,9 @@ def find_poses(bag: MessageStore, tree: TransformTree, frame: str, topic: str | 
         topic = bag.choose("poses", None, [ODOMETRY])
     if topic not in (None, TF_SOURCE):
         if world is not None:
-            raise DataError(f"received world={world} with poses={topic}, expected world only with poses={TF_SOURCE}")
+            raise DataError(
+                f"received world={world} with poses={topic}: set poses={TF_SOURCE} to use world, or leave out world"
+            )
         return odometry_source(bag, tree, bag.choose("poses", topic, [ODOMETRY]))
     world = world or (MAP if MAP in above else tree.root(frame))
     if world not in tree.frames:
@@ -281,8 +284,8 @@ def find_poses(bag: MessageStore, tree: TransformTree, frame: str, topic: str | 
         )
     if all(track.is_static for track in tree.chain(frame)):
         raise DataError(
-            f"{bag.path} has no moving poses, expected a topic of the type {ODOMETRY}, or transforms in /tf that "
-            f"move the frame {frame}. The bag has the frames {', '.join(tree.frames) or 'none'}"
+            f"{bag.path} has no poses of the camera over time, expected a topic of the type {ODOMETRY}, or transforms "
+            f"in /tf that move the frame {frame}; the bag has the frames {', '.join(tree.frames) or 'none'}"
         )
     return PoseSource(tree, world)
 

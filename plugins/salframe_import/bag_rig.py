@@ -104,8 +104,8 @@ class BagRig:
             depths = tuple(messages[camera.depth.topic] if camera.depth else None for camera in self.cameras)
             shots.append(BagShot(number, colors, depths))
         notes = [
-            f"{count} of {len(stamps)} pictures of {topics[0]} have no message of {topic} within {self.tolerance_s:g} "
-            "s and are left out"
+            f"{count} of {len(stamps)} pictures of {topics[0]} are left out: no message of {topic} is within "
+            f"{self.tolerance_s:g} s"
             for topic, count in missing.items()
             if count
         ]
@@ -197,18 +197,19 @@ class BagRig:
         best: CameraAxes = "body" if up["body"] > up["optical"] else "optical"
         if axes != "auto" and (up[axes] >= MIN_UP or up[best] < MIN_UP):
             return replace(self, axes=axes)
-        where = f"the frame {self.frame} of {self.cameras[0].color.topic} is not upright by its poses"
+        where = (
+            f"the images of {self.cameras[0].color.topic} (frame {self.frame}) are not upright according to their poses"
+        )
         if axes != "auto":
             raise DataError(
-                f"{where}: the mean z of its up direction is {up[axes]:.2f} with {axes} axes, expected "
-                f"{MIN_UP:.2f} to 1: likely --set camera_axes={best}"
+                f"{where}: with camera_axes={axes}, the z of their up direction is {up[axes]:.2f}, expected "
+                f"{MIN_UP:.2f} to 1: try --set camera_axes={best}"
             )
         if up[best] < MIN_UP:
             raise DataError(
-                f"{where}: the mean z of its up direction is {up['optical']:.2f} with optical axes (x right, y down) "
-                f"and {up['body']:.2f} with body axes (x forward, z up), expected {MIN_UP:.2f} to 1: check the "
-                "transforms of this frame in /tf_static, whether they are inverted, and the order of quaternions (x, "
-                "y, z, w)"
+                f"{where}: the z of their up direction is {up['optical']:.2f} with optical axes (x right, y down) "
+                f"and {up['body']:.2f} with body axes (x forward, z up), expected {MIN_UP:.2f} to 1: check whether "
+                "the transforms of this frame in /tf_static are inverted, and that quaternions are x, y, z, w"
             )
         return replace(self, axes=best)
 

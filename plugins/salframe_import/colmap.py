@@ -88,7 +88,7 @@ class ColmapImporter(Importer):
         world, notes = self._world(model)
         images = _image_folder(None if self.config.images is None else Path(self.config.images), folder)
         if num_unused := _num_unused(images, model):
-            notes.append(f"{num_unused} pictures in {images} have no pose in the model and are left out")
+            notes.append(f"{num_unused} pictures in {images} are left out: no pose in the model")
         frames: dict[int, list[ModelPicture]] = {}
         for picture in model.pictures:
             frames.setdefault(picture.frame, []).append(picture)
@@ -134,7 +134,7 @@ class ColmapImporter(Importer):
         if low_m <= height_m <= high_m:
             return world, []
         return world, [
-            f"the cameras are {height_m:.3g} m above the floor by the points of the model, expected {low_m:g} to "
+            f"the cameras are {height_m:.3g} m above the floor in the points of the model, expected {low_m:g} to "
             f"{high_m:g} m: check scale, or pass camera_height"
         ]
 

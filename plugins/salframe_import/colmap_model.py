@@ -107,7 +107,8 @@ def read_model(folder: Path) -> Model:
     ]
     if not pictures:
         raise DataError(
-            f"none of the {model.num_images()} pictures of {folder} has a pose, expected registered pictures"
+            f"none of the {model.num_images()} pictures of {folder} has a pose, expected pictures that COLMAP "
+            "registered"
         )
     points = np.array([point.xyz for point in model.points3D.values()], np.float64).reshape(-1, 3)
     return Model(tuple(sorted(pictures, key=lambda picture: picture.name)), points)

@@ -36,8 +36,9 @@ def up_direction(T_model_cameras: Sequence[np.ndarray]) -> np.ndarray:
     length = float(np.linalg.norm(mean))
     if length < MIN_AGREEMENT:
         raise DataError(
-            f"the up directions of the {len(T_model_cameras)} pictures of the COLMAP model disagree (their mean has a "
-            f"length of {length:.2f}, expected {MIN_AGREEMENT:g} to 1): turn the pictures upright and reconstruct again"
+            f"the pictures of the COLMAP model have different up directions (the mean of {len(T_model_cameras)} unit "
+            f"vectors has the length {length:.2f}, expected {MIN_AGREEMENT:g} to 1): turn the pictures upright and "
+            "reconstruct again"
         )
     return mean / length
 
@@ -85,7 +86,7 @@ def floor_height(points_z: np.ndarray, cameras_z: np.ndarray) -> float:
     spread = float(np.subtract(*np.percentile(cameras_z, [90, 10])))
     if spread > MAX_SPREAD * height:
         raise DataError(
-            f"the cameras of the COLMAP model differ in height by {spread / height:.0%} of their height above the "
-            f"floor, expected at most {MAX_SPREAD:.0%}: pass --set scale=METRES_PER_UNIT instead of camera_height"
+            f"the heights of the cameras of the COLMAP model above the floor differ by {spread / height:.0%}, "
+            f"expected at most {MAX_SPREAD:.0%}: pass --set scale=METRES_PER_UNIT instead of camera_height"
         )
     return camera_z - height

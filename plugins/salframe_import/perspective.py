@@ -205,7 +205,8 @@ def _camera(path: Path, content: _Transforms, frame: _FrameOfFile, picture: Path
         values["fl_x"] = width / 2 / np.tan(values["camera_angle_x"] / 2)
     if values["fl_x"] is None:
         raise DataError(
-            f"{path} has neither fl_x nor camera_angle_x for {frame.file_path}, expected one of them as focal length"
+            f"{path} has neither fl_x nor camera_angle_x for {frame.file_path}, expected one of them for the focal "
+            "length"
         )
     fx = float(values["fl_x"])
     fy = fx if values["fl_y"] is None else float(values["fl_y"])

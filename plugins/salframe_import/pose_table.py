@@ -71,8 +71,8 @@ def read_pose_table(path: Path, config: PoseSettings) -> dict[str, PoseRow]:
         )
     if not has_quaternion and config.pose_convention not in LEVEL_CONVENTIONS:
         raise ConfigError(
-            f"pose_convention is {config.pose_convention!r} and {path} has the column yaw_deg, expected the "
-            f"pose_convention {' or '.join(LEVEL_CONVENTIONS)}, or the columns {','.join(QUATERNION)}"
+            f"pose_convention is {config.pose_convention!r}, expected {' or '.join(LEVEL_CONVENTIONS)}, because "
+            f"{path} has the column yaw_deg: set pose_convention, or use the columns {','.join(QUATERNION)}"
         )
     orientation = QUATERNION if has_quaternion else ("yaw_deg",)
     numbers = read_csv_numbers(path, (*POSITION, *orientation), (*ANGLES, "t_s"))

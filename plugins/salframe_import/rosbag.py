@@ -139,7 +139,7 @@ class RosBagImporter(Importer):
         odometries = bag.topics([ODOMETRY])
         if config.poses is None and poses.odometry is None and odometries:
             others = ", ".join(odometries)
-            notes.insert(0, f"the poses are those of {poses}. To use the poses of {others}, pass --set poses=TOPIC")
+            notes.insert(0, f"the poses are from {poses}; to use those of {others}, pass --set poses=TOPIC")
         posed, more = _posed(rig, shots, poses)
         notes += [*more, *_delay_notes(shots, poses), *rig.notes(*posed[0])]
         rig = rig.with_upright_axes([T for _, T in posed], config.camera_axes)
@@ -168,7 +168,7 @@ class RosBagImporter(Importer):
         poses of the views come from the setting `poses`. They are unknown if this source is the odometry itself.
         """
         if self.config.group_by == "motion":
-            raise ConfigError("group_by is motion, expected group_by=time for a sequence of views")
+            raise ConfigError("group_by is motion, expected time for a sequence of views: set group_by=time")
         bag, rig = self._open(source)
         poses = find_poses(bag, rig.tree, rig.frame, self.config.poses, self.config.world)
         motion = self._motion(bag, poses)
@@ -208,11 +208,14 @@ class RosBagImporter(Importer):
         """Raise ConfigError if two settings contradict each other."""
         config = self.config
         if config.num_views and config.group_by == "motion":
-            raise ConfigError(f"num_views is {config.num_views} with group_by=motion, expected group_by=time")
+            raise ConfigError(
+                f"num_views is {config.num_views} with group_by=motion: set group_by=time to make sequences, or "
+                "num_views=0"
+            )
         if config.num_views >= config.sequence_period:
             raise ConfigError(
-                f"num_views is {config.num_views} and sequence_period is {config.sequence_period}, expected "
-                "num_views < sequence_period"
+                f"num_views is {config.num_views}, expected less than sequence_period, which is "
+                f"{config.sequence_period}"
             )
 
     def _kind(self, cameras: Sequence[BagCamera]) -> RangeKind:
@@ -220,11 +223,11 @@ class RosBagImporter(Importer):
         is_equirectangular = any(camera.color.camera is None for camera in cameras)
         if is_equirectangular and len(cameras) > 1:
             raise ConfigError(
-                f"image names {len(cameras)} topics including an equirectangular topic, expected the equirectangular "
-                "topic alone"
+                f"the setting image names {len(cameras)} topics, and one of them is equirectangular, expected only the "
+                "equirectangular topic"
             )
         if is_equirectangular and self.config.group_by == "motion":
-            raise ConfigError("group_by is motion, expected group_by=time for equirectangular images")
+            raise ConfigError("group_by is motion, expected time for equirectangular images: set group_by=time")
         kinds = [RangeKind.RAY, RangeKind.CUBE] if is_equirectangular else [RangeKind.Z, RangeKind.RAY]
         kind = kinds[0] if self.config.depth_kind is None else RangeKind(self.config.depth_kind)
         if kind not in kinds:
@@ -283,11 +286,11 @@ def _posed(
     posed = [(shot, T) for shot in shots if (T := poses.pose(rig.frame, shot.stamp_ns, rig.tolerance_s)) is not None]
     if not posed:
         raise DataError(
-            f"none of the {len(shots)} pictures of {rig.bag.path} has a pose of {poses} at its time, expected header "
-            "stamps of the same clock"
+            f"none of the {len(shots)} pictures of {rig.bag.path} has a pose in {poses} at its time: check that the "
+            "header stamps are from the same clock"
         )
     missing = len(shots) - len(posed)
-    return posed, [f"{missing} of {len(shots)} pictures have no pose at their time and are left out"] if missing else []
+    return posed, [f"{missing} of {len(shots)} pictures are left out: no pose at their time"] if missing else []
 
 
 def _delay_notes(shots: Sequence[BagShot], poses: PoseSource) -> list[str]:
@@ -296,9 +299,9 @@ def _delay_notes(shots: Sequence[BagShot], poses: PoseSource) -> list[str]:
     if abs(delay_s - poses.delay_s) <= MAX_DELAY_S:
         return []
     return [
-        f"the pictures were recorded {delay_s:.2f} s after their stamps, and the poses of {poses} {poses.delay_s:.2f} "
-        f"s after theirs, expected a difference of at most {MAX_DELAY_S:g} s: the stamps may be of different clocks, "
-        f"and the poses wrong by {abs(delay_s - poses.delay_s):.2f} s"
+        f"the pictures were recorded {delay_s:.2f} s after their stamps, but the poses of {poses} {poses.delay_s:.2f} "
+        f"s after their stamps, expected a difference of at most {MAX_DELAY_S:g} s: the stamps may be from different "
+        "clocks"
     ]
 
 

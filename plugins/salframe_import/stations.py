@@ -168,7 +168,7 @@ def group_by_station(images: Sequence[PosedImage]) -> dict[str, list[PosedImage]
     groups: dict[str, list[PosedImage]] = {}
     for image in images:
         if image.station is None:
-            raise DataError(f"the image {image.name} has no key station, expected the key for every image")
+            raise DataError(f"the image {image.name} has no key `station`, expected the key for every image")
         groups.setdefault(image.station, []).append(image)
     return groups
 
@@ -215,8 +215,8 @@ def group_by_motion(
     groups = [run for run, view in zip(runs, views, strict=True) if view.sum() >= config.min_view_deg]
     if not groups:
         raise DataError(
-            f"no part of the recording shows {config.min_view_deg:g} deg within {config.max_move_m:g} m; the largest "
-            f"field of view is {max(int(view.sum()) for view in views)} deg: turn the camera at each place, decrease "
+            f"the images at one place show at most {max(int(view.sum()) for view in views)} deg, expected at least "
+            f"{config.min_view_deg:g} deg within {config.max_move_m:g} m: turn the camera at each place, decrease "
             "min_view_deg, or increase max_move_m"
         )
     num_unused = len(images) - sum(map(len, groups))
@@ -253,13 +253,13 @@ def check_upright(poses: Sequence[np.ndarray], others: Mapping[str, Sequence[np.
         return
     level = [setting for setting, changed in others.items() if _median_tilt_deg(changed) <= LEVEL_TILT_DEG]
     cause = (
-        f"likely --set {' or --set '.join(level)}"
+        f"try --set {' or --set '.join(level)}"
         if level
         else "check the axes of the cameras and of the world, and whether the poses map the camera to the world"
     )
     raise DataError(
-        f"the images are {tilt_deg:.0f} deg from upright by their poses (median of {len(poses)} images), expected at "
-        f"most {MAX_IMAGE_TILT_DEG:g}: {cause}"
+        f"according to their poses, the images are {tilt_deg:.0f} deg from upright (median of {len(poses)} images), "
+        f"expected at most {MAX_IMAGE_TILT_DEG:g} deg: {cause}"
     )
 
 
@@ -344,7 +344,7 @@ def _fitted(name: str, camera: PosedCamera, pixels: np.ndarray) -> PosedCamera:
         return camera
     if abs(width * lens.height / (height * lens.width) - 1) > MAX_ASPECT_ERROR:
         raise DataError(
-            f"{name} is {width} x {height}, expected {lens.width} x {lens.height} or the same ratio, the size that its "
-            "camera was calibrated for"
+            f"{name} is {width} x {height}, expected {lens.width} x {lens.height}, the size of its calibration, or "
+            "the same aspect ratio"
         )
     return camera.scaled(width, height)

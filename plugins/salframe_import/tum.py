@@ -106,8 +106,8 @@ class TumImporter(Importer):
         if not is_matched.any():
             raise DataError(
                 f"no image of {source / COLOR} has a pose{'' if depths is None else ' and a depth image'} within "
-                f"{self.config.max_time_s:g} s (the nearest is {gap_s.min():.3g} s away), expected times of the same "
-                "clock: correct pose_offset_s, or increase max_time_s"
+                f"{self.config.max_time_s:g} s of its time (the nearest is {gap_s.min():.3g} s away): correct "
+                "pose_offset_s, or increase max_time_s"
             )
         lens, note = self._camera(source)
         encoding = RangeEncoding(self.config.depth_unit_m, kind=RangeKind.Z)

@@ -158,9 +158,9 @@ def _locate_regions(
     matched, pixel_m, origin_m, misfit_m = max(fits, key=lambda fit: len(fit[0]))
     if len(matched) < 2 or misfit_m > _MISFIT_M:
         raise DataError(
-            f"{source}/region.png does not match the regions of the .house file: "
-            f"{len(matched)} of {len(patches)} patches match a region, with a median edge distance of "
-            f"{misfit_m:.2f} m; expected at least two matches, and a distance of at most {_MISFIT_M} m"
+            f"{source}/region.png does not match the .house file: {len(matched)} of {len(patches)} patches match a "
+            f"region, expected at least two, and the median distance of the edges is {misfit_m:.2f} m, expected at "
+            f"most {_MISFIT_M} m"
         )
     table = np.zeros(number.max() + 1, np.int32)
     for patch, region in matched.items():

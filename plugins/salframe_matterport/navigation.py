@@ -98,8 +98,8 @@ class ViewpointWorld(World):
 
     def stand(self, x_m: float, y_m: float, yaw_rad: float, floor: int | None = None) -> np.ndarray:
         raise DataError(
-            f"building {self.id}: received the start ({x_m:.2f}, {y_m:.2f}) m, "
-            "expected a viewpoint: panoramas exist only at viewpoints"
+            f"building {self.id}: received the start ({x_m:.2f}, {y_m:.2f}) m, expected the id of a viewpoint, because "
+            "panoramas exist only at viewpoints"
         )
 
     def draw_start(self, rng: np.random.Generator) -> np.ndarray:

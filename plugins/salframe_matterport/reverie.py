@@ -56,7 +56,7 @@ class Reverie(Scorer):
         scored = {split: episodes for split, episodes in splits.items() if not answer_by_id.keys().isdisjoint(episodes)}
         if not scored:
             available = ", ".join(f"{len(episodes)} of {split}" for split, episodes in splits.items())
-            raise DataError(f"{answers} answers none of the instructions of {root}, expected answers to {available}")
+            raise DataError(f"{answers} has no answer to the instructions of {root}, expected answers to {available}")
         for split, episodes in scored.items():
             missing = [name for name in episodes if name not in answer_by_id]
             if missing:
@@ -96,8 +96,8 @@ class Reverie(Scorer):
         ]
         if hidden:
             _log.warning(
-                "%s: the target object of %d of %d instructions is not in the box file of the last viewpoint of "
-                "the path; the first is %s",
+                "%s: for %d of %d instructions, the target object is not in the box file of the last viewpoint of the "
+                "path, such as %s",
                 *(root, len(hidden), sum(map(len, scored.values())), hidden[0]),
             )
         return rows
@@ -334,7 +334,7 @@ def read_answers(content: Any, path: Path) -> dict[str, Answer]:
             raise DataError(f"{path}: {name} has an empty trajectory, expected at least its start")
     if keyless:
         _log.warning(
-            "%s: %d of %d answers have no key predObjId or pred_objid; they count as answers without an object",
+            "%s: %d of %d answers have neither predObjId nor pred_objid, and count as answers without an object",
             *(path, keyless, len(content)),
         )
     elif 0 < unnamed < len(content):

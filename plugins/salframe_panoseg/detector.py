@@ -114,7 +114,7 @@ def _labels(card: Path) -> list[str]:
     content = read_json(card)
     labels = content.get("labels") if isinstance(content, dict) else None
     if not isinstance(labels, list) or not all(isinstance(label, str) for label in labels):
-        raise WeightsError(f"{card} has no list of labels, expected the card that training wrote beside the network")
+        raise WeightsError(f"{card} has no list of labels, expected the model card that the training of panoseg wrote")
     return ["", *labels]
 
 

@@ -62,8 +62,8 @@ class Ray(WorkerEngine):
         processors = int(ray.cluster_resources().get("CPU", 0))
         if (self.workers or 1) > processors:
             raise ConfigError(
-                f"engine.workers requests {self.workers or 1} processes, expected at most {processors}, the number of "
-                "processors of the Ray cluster"
+                f"engine.workers is {self.workers or 1}, expected at most {processors}, the number of processors of "
+                "the Ray cluster"
             )
         return self.workers or processors
 
@@ -83,7 +83,10 @@ class Ray(WorkerEngine):
             try:
                 ray.init(self.config.address or "local", **log_options, **local_options)
             except (ConnectionError, RuntimeError, ValueError, ray.exceptions.RayError) as error:
-                raise RequirementMissing(f"no Ray cluster at {self.config.address}: {describe_error(error)}") from None
+                raise RequirementMissing(
+                    f"no Ray cluster answers at {self.config.address}: {describe_error(error)}; start it, or correct "
+                    "engine.address"
+                ) from None
 
 
 class _Worker:

@@ -38,7 +38,7 @@ class Input(Settings):
     def _bytes_stay(self) -> Input:
         if self.dtype == "uint8" and (self.scale, self.mean, self.std) != (1.0, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)):
             raise ValueError(
-                "the input dtype is uint8 and the card sets scale, mean or std: remove scale, mean and std"
+                "the model card sets scale, mean or std with the input dtype uint8, expected none of them: remove them"
             )
         return self
 

@@ -38,7 +38,8 @@ ADE20K = NetworkWeights(
     source=Link(
         (
             "https://tfhub.dev/sayakpaul/lite-model/deeplabv3-mobilenetv2-ade20k/1/default/1?lite-format=tflite",
-            "https://storage.googleapis.com/tfhub-lite-models/sayakpaul/lite-model/deeplabv3-mobilenetv2-ade20k/1/default/1.tflite",
+            "https://storage.googleapis.com/tfhub-lite-models/sayakpaul/lite-model/deeplabv3-mobilenetv2-ade20k/1/default/1.tflite"
+            "",
         )
     ),
 )
@@ -149,7 +150,9 @@ class SegmentsDetector(Detector):
             InputMissing: The panorama has no colour.
         """
         if panorama.rgb is None:
-            raise InputMissing(f"{panorama.id} has no colour, which the detector {self.name!r} needs")
+            raise InputMissing(
+                f"{panorama.id} has no colour image, which the detector {self.name!r} needs: choose another detector"
+            )
         rgb = brighten_dark(panorama.rgb, panorama.valid) if self.config.exposure == "auto" else panorama.rgb
         return classify(rgb, panorama.valid, self._views, self._classes.names, self._view_probabilities)
 

@@ -88,8 +88,8 @@ class TransformersDetector(Detector):
         zero_shot = any(known.get(name) is NetworkTask.ZERO_SHOT for name in content.get("architectures") or ())
         if self.config.labels is not None and not zero_shot:
             raise ConfigError(
-                f"the network in {folder} has fixed labels, expected labels=null: only zero-shot networks accept a "
-                f"list of labels"
+                f"received labels for the network in {folder}, which has fixed labels: set labels=null, or use a "
+                "zero-shot network"
             )
         takes_text = zero_shot or content.get("model_type") in TEXT_MODELS
         model = PretrainedModel(folder, known, self.config.device, self.config.size_px, takes_text=takes_text)
@@ -115,7 +115,9 @@ class TransformersDetector(Detector):
     def detect(self, panorama: Panorama) -> Detections:
         """See Detector. Raises InputMissing if the panorama has no colour."""
         if panorama.rgb is None:
-            raise InputMissing(f"{panorama.id} has no colour, which the detector {self.name!r} needs")
+            raise InputMissing(
+                f"{panorama.id} has no colour image, which the detector {self.name!r} needs: choose another detector"
+            )
         return self._objects.detect(panorama.rgb, panorama.valid, panorama.range_m)
 
 
@@ -182,8 +184,8 @@ def _labels(labels: tuple[str, ...] | UserFile | None) -> tuple[str, ...]:
     names = map_labels(labels) if isinstance(labels, UserFile) else labels
     if not names or not all(name.strip() for name in names) or len(set(names)) < len(names):
         raise ConfigError(
-            f"received {len(names)} labels of which {len({name for name in names if name.strip()})} are distinct and "
-            "not empty, expected at least one label, all distinct and not empty"
+            f"received {len(names)} labels, {len({name for name in names if name.strip()})} of them distinct and not "
+            "empty, expected at least one label, and no repeated or empty label"
         )
     return names
 

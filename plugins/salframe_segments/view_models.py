@@ -221,8 +221,7 @@ class GroundedModel(ViewModel):
                 last -= 1
                 if last == first:
                     raise ConfigError(
-                        f"the label {labels[first]!r} is too long for the network in {model.folder}, expected a "
-                        f"shorter label"
+                        f"the label {labels[first]!r} is too long for the network in {model.folder}: shorten the label"
                     )
             self._texts.append(text)
             first = last

@@ -60,8 +60,8 @@ class TextDetector(Detector):
         def _views_cover_the_horizon(self) -> Any:
             if self.views * self.fov_deg < 360:
                 raise ValueError(
-                    f"views * fov_deg is {self.views} * {self.fov_deg:g} = {self.views * self.fov_deg:g} deg, expected "
-                    "at least 360 deg to cover the horizon"
+                    f"views={self.views} of fov_deg={self.fov_deg:g} cover {self.views * self.fov_deg:g} deg, "
+                    "expected at least 360 deg: increase views or fov_deg"
                 )
             return self
 
@@ -76,7 +76,9 @@ class TextDetector(Detector):
     def detect(self, panorama: Panorama) -> Detections:
         """See Detector. Raises InputMissing if the panorama has no colour."""
         if panorama.rgb is None:
-            raise InputMissing(f"{panorama.id} has no colour, which the detector {self.name!r} needs")
+            raise InputMissing(
+                f"{panorama.id} has no colour image, which the detector {self.name!r} needs: choose another detector"
+            )
         return self._objects(self._read(panorama.rgb), panorama.range_m)
 
     def _read(self, rgb: np.ndarray) -> list[tuple[str, float, np.ndarray]]:

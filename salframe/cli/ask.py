@@ -20,7 +20,7 @@ def ask(
 
     Prints the five likeliest places with their probabilities, and the yes-or-no question that would best tell them
     apart. Commas separate objects. A number or "no" may stand before an object. "left of", "right of" or "opposite" may
-    stand between two objects. Words and colours that are not known are reported.
+    stand between two objects. Unknown words and colours are reported.
     """
     from salframe.localization.map import open_map
     from salframe.localization.text_places import ask as run

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from salframe.cli.options import ENGINE, MAP_METHOD, DataDir, EngineName, Set, Workers, with_workers
+from salframe.cli.options import ENGINE, MAP_METHOD, DataDir, EngineName, SetForMethod, Workers, with_workers
 
 if TYPE_CHECKING:
     from salframe.topology.topological_map import TopologicalMap
 
 
 def build(
-    data: Annotated[str, typer.Argument(help="Dataset: a name of `salframe data list`, a YAML file or a folder")],
+    data: Annotated[str, typer.Argument(help="Dataset: a name in `salframe data list`, a YAML file or a folder")],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="MAP", help="Folder to write the map to")],
     method: Annotated[str, typer.Option(help="Localization method; see `salframe methods`")] = MAP_METHOD,
     topology: Annotated[
@@ -30,24 +30,25 @@ def build(
         ),
     ] = False,
     calibrate: Annotated[
-        bool, typer.Option("--calibrate/--no-calibrate", help="Calibrate the probabilities with the reference frames")
+        bool,
+        typer.Option(
+            "--calibrate/--no-calibrate", help="Calibrate the probabilities of answers with the reference frames"
+        ),
     ] = True,
     floor_map: Annotated[
         Path | None,
-        typer.Option(
-            metavar="MAP.yaml", help="Occupancy map (ROS map_server) to use if the dataset has no floor masks"
-        ),
+        typer.Option(metavar="MAP.yaml", help="Occupancy map of ROS map_server, for a dataset without floor masks"),
     ] = None,
     data_dir: DataDir = None,
-    overrides: Set = None,
+    overrides: SetForMethod = None,
     engine: EngineName = ENGINE,
     workers: Workers = None,
 ) -> None:
     """Build a map from the reference frames of a dataset.
 
-    `salframe build` and `salframe map build` are the same command. Reference frames are panoramas with known
-    poses. The map includes a topology (nodes and edges for routes) if the dataset has floor masks, or range images from
-    which floors are derived.
+    `salframe build` and `salframe map build` are the same command. Reference frames are panoramas with known poses.
+    The map includes a topology (nodes and edges for routes) if the dataset has floor masks (images of the free floor
+    from above) or range images.
     """
     from salframe.cli.calibration import describe_calibration
     from salframe.cli.output import Bars, tell

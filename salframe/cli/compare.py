@@ -16,6 +16,7 @@ from salframe.cli.options import (
     Printing,
     Style,
     split_names,
+    timeout_option,
     with_common_options,
 )
 from salframe.cli.output import show
@@ -24,14 +25,14 @@ from salframe.cli.output import show
 @with_common_options()
 def compare(
     methods: Methods = METHODS,
-    reported: Annotated[bool, typer.Option("--reported", help="Also print tables of published results")] = False,
+    reported: Annotated[bool, typer.Option("--reported", help="Also print the results that papers report")] = False,
     *,
     options: CommonOptions,
 ) -> None:
     """Compare methods on the same queries.
 
-    Prints the accuracy, the times and the map size of each method. Run the same command again to resume an interrupted
-    run.
+    A query is a panorama, or another view, to localize. Prints the accuracy, the times and the map size of each method.
+    Run the same command again to resume an interrupted run.
     """
     from salframe.evaluation.tasks.localization.task import LocalizationTask
     from salframe.evaluation.tasks.localization.task import compare as run
@@ -41,16 +42,19 @@ def compare(
 
 
 @with_common_options(
-    data=(Annotated[str | None, typer.Option(help="Dataset to use instead of the one in the ablation file")], None)
+    data=(Annotated[str | None, typer.Option(help="Dataset to use instead of the one in FILE")], None),
+    timeout=(timeout_option("query, pair of frames or episode"), None),
 )
 def ablate(
-    file: Annotated[Path, typer.Argument(help="YAML file with `method:` and `vary:`, or name of an included ablation")],
+    file: Annotated[
+        Path, typer.Argument(help="YAML file with the keys `method` and `vary`, or name of a built-in ablation")
+    ],
     *,
     options: CommonOptions,
 ) -> None:
     """Measure the effect of settings of a method.
 
-    Prints a table with a row for each combination of values.
+    Runs the method with each combination of the values in FILE. Prints a table with a row for each combination.
     """
     from salframe.evaluation.studies.study import ablate as run
     from salframe.evaluation.studies.study import read_study

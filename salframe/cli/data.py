@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from salframe.cli.options import ENGINE, DataArgument, DataDir, EngineName, Json, Set, Workers, with_workers
+from salframe.cli.options import ENGINE, DataArgument, DataDir, EngineName, Json, SetForData, Workers, with_workers
 from salframe.cli.output import print_json
 
 app = typer.Typer(help="List, inspect, render and import datasets.", no_args_is_help=True)
@@ -15,7 +15,7 @@ app = typer.Typer(help="List, inspect, render and import datasets.", no_args_is_
 
 @app.command("list")
 def list_(as_json: Json = False) -> None:
-    """List datasets and their presets."""
+    """List the names of datasets that --data accepts."""
     from salframe.cli.tables import print_table
     from salframe.framework.components.installation import list_components
     from salframe.framework.components.presets import names, settings
@@ -33,14 +33,14 @@ def list_(as_json: Json = False) -> None:
     if as_json:
         print_json([dict(zip(("name", "kind", "summary"), row, strict=True)) for row in rows])
     else:
-        print_table(("name", "dataset", ""), rows)
+        print_table(("name", "kind", "description"), rows)
 
 
 @app.command()
-def info(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, as_json: Json = False) -> None:
+def info(data: DataArgument, data_dir: DataDir = None, overrides: SetForData = None, as_json: Json = False) -> None:
     """Check a dataset, and print its numbers of reference frames, queries and places.
 
-    Renders the dataset first if necessary.
+    Reference frames are panoramas for maps. Queries are views to localize. Renders the dataset first if necessary.
     """
     from contextlib import suppress
 
@@ -85,11 +85,11 @@ def info(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, as
 
 
 @app.command()
-def labels(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, as_json: Json = False) -> None:
+def labels(data: DataArgument, data_dir: DataDir = None, overrides: SetForData = None, as_json: Json = False) -> None:
     """List the labels of the annotated objects of a dataset, with the number of objects of each label.
 
-    Methods compare labels by their names in the vocabulary of salframe. A label that is not in the vocabulary is listed
-    with the most similar names. The exit status is 1 if a panorama cannot be read.
+    Methods compare labels by their names in the vocabulary, the list of labels that salframe knows. A label that is not
+    in the vocabulary is listed with the most similar names. The exit status is 1 if a panorama cannot be read.
     """
     from collections import Counter
     from dataclasses import asdict
@@ -134,14 +134,13 @@ def labels(data: DataArgument, data_dir: DataDir = None, overrides: Set = None, 
 def render(
     data: DataArgument,
     data_dir: DataDir = None,
-    overrides: Set = None,
+    overrides: SetForData = None,
     engine: EngineName = ENGINE,
     workers: Workers = None,
 ) -> None:
-    """Prepare a dataset in advance.
+    """Render or index the images of a dataset in advance.
 
-    Other commands prepare a dataset when they first use it. Run the same command again to resume an
-    interrupted run.
+    Other commands do this when they first use the dataset. Run the same command again to resume an interrupted run.
     """
     from salframe.cli.output import Bars
     from salframe.panoramas.opening import find_dataset
@@ -158,22 +157,24 @@ def import_(
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Folder to write the dataset to")],
     place_from: Annotated[
         Literal["column", "region", "folder", "none"] | None,
-        typer.Option(help="Source of place names (default: column, region or folder, if all have names)"),
+        typer.Option(help="Source of place names (default: the first that names every reference frame)"),
     ] = None,
     queries: Annotated[
         str | None,
         typer.Option(
-            metavar="every:N|FILE", help="Panoramas to use as queries: every Nth with a pose, or the ids in a file"
+            metavar="every:N|FILE", help="Panoramas to use as queries: every Nth with a pose, or a file with their ids"
         ),
     ] = None,
     every: Annotated[
         str | None, typer.Option(metavar="Nm|Ns", help="Minimum distance or time between panoramas, such as 0.5m or 2s")
     ] = None,
     floors: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="YAML file of floor masks, used for places and routes")
+        Path | None,
+        typer.Option(metavar="FILE", help="YAML file that lists floor masks (images of rooms), for places and routes"),
     ] = None,
     overrides: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a setting of the importer")
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Change a setting of the importer, which reads the recording"),
     ] = None,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Read some panoramas, print a summary and draw pictures; write no dataset")
@@ -183,7 +184,9 @@ def import_(
     """Write a recording of another format as a folder of panoramas.
 
     Every command accepts the folder as a dataset. Panoramas without a pose become queries. A panorama that cannot be
-    read is left out, and the exit status is then 1. Run the same command again to resume an interrupted import.
+    read is left out, and the exit status is then 1. --place-from selects the source of place names: a column of the
+    recording, the regions of floors, or the folders of pictures. With none, each panorama is a place. Run the same
+    command again to resume an interrupted import.
     """
     from salframe.cli.output import Bars, tell, warn
     from salframe.drawing.import_preview import preview_import

@@ -6,14 +6,16 @@ from typing import Annotated
 
 import typer
 
-from salframe.cli.options import DETECTORS, CommonOptions, with_common_options
+from salframe.cli.options import DETECTORS, CommonOptions, timeout_option, with_common_options
 from salframe.cli.output import show
 
 
-@with_common_options(without=["seed"])
+@with_common_options(without=["seed"], timeout=(timeout_option("panorama"), None))
 def detection(
-    detectors: Annotated[str, typer.Option(help="Detectors, comma-separated")] = DETECTORS,
-    classes: Annotated[bool, typer.Option("--classes", help="Also print the results of each class")] = False,
+    detectors: Annotated[
+        str, typer.Option(help="Detectors to measure, comma-separated; see `salframe plugins`")
+    ] = DETECTORS,
+    classes: Annotated[bool, typer.Option("--classes", help="Also print the results of each class of objects")] = False,
     *,
     options: CommonOptions,
 ) -> None:

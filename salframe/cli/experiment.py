@@ -25,16 +25,16 @@ def experiment(
     quick: Annotated[bool, typer.Option("--quick", help="Use fewer seeds, queries and methods")] = False,
     force: Annotated[bool, typer.Option("--force", help="Measure tables again even if they are stored")] = False,
     results: Annotated[
-        Path, typer.Option(metavar="DIR", help="Folder of the stored tables, one JSON file per experiment")
+        Path, typer.Option(metavar="DIR", help="Folder to store the tables in, one JSON file per experiment")
     ] = Path("results"),
     *,
     options: CommonOptions,
 ) -> None:
     """Measure the tables of an experiment and store them.
 
-    An experiment is a set of tables, such as those on the results pages. A table that is stored with the same settings
-    and versions is printed without a new measurement. Tables of real buildings need --data-dir. Run the same command
-    again to resume an interrupted run.
+    An experiment is a set of tables, such as those on the results pages. If a table is already stored for the same
+    settings and versions, it is printed and not measured again. Tables of real buildings need --data-dir. Run the same
+    command again to resume an interrupted run.
     """
     from salframe.cli.tables import format_experiment, print_experiment, print_table
     from salframe.evaluation.studies.experiment import experiment_names, read_experiment, run_experiment

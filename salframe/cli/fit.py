@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from salframe.cli.options import DataDir, Set
+from salframe.cli.options import DataDir, SetForMethod
 
 
 def fit(
@@ -21,14 +21,14 @@ def fit(
         typer.Option(
             "--try",
             metavar="KEY.PATH=VALUE,VALUE",
-            help="Values of a setting to try; the best value is used; repeatable",
+            help="Try these values of a setting, and use the best one; repeatable",
         ),
     ] = None,
     posterior_only: Annotated[
-        bool, typer.Option("--posterior-only", help="Keep the weights, and fit only the posterior")
+        bool, typer.Option("--posterior-only", help="Fit only the posterior, and do not change the weights")
     ] = False,
     data_dir: DataDir = None,
-    overrides: Set = None,
+    overrides: SetForMethod = None,
 ) -> None:
     """Fit the parameters of a method to tuning data.
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from salframe.framework.components.settings import Setting
 
 
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Also show versions and paths, and full messages")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Also print versions, paths and complete messages")]
 
 
 def methods(verbose: Verbose = False, as_json: Json = False) -> None:
@@ -47,7 +47,8 @@ def _print_statuses(entries: Sequence[ComponentStatus], verbose: bool, indent: s
 def plugins(verbose: Verbose = False, as_json: Json = False) -> None:
     """List every component, preset and command.
 
-    Components are grouped by role. Each line has the name, the package and the missing requirements of a component.
+    A component is a detector, a dataset or another part of a plugin. Its role is its kind, such as detector. A preset
+    is a named set of settings. Each line has the name, the package and the missing requirements of a component.
     """
     from salframe.framework.components.installation import list_components
     from salframe.framework.components.registry import load_commands, registry
@@ -81,12 +82,15 @@ def plugins(verbose: Verbose = False, as_json: Json = False) -> None:
 
 
 def show(
-    name: Annotated[str, typer.Argument(help="Name of a method, a dataset, another component, or a role")],
+    name: Annotated[
+        str, typer.Argument(help="Name of a method, dataset or other component, or of a role such as detector")
+    ],
     verbose: Verbose = False,
     as_json: Json = False,
 ) -> None:
     """Show the settings of a component, or the components of a role.
 
+    A component is a method, a dataset or another part of a plugin. A role is a kind of component, such as detector.
     Each row has the name, the value, the type and the description of a setting.
     """
     from salframe.cli.tables import print_table
@@ -134,7 +138,7 @@ def _value(setting: Setting) -> str:
 
 
 def doctor(verbose: Verbose = False, as_json: Json = False) -> None:
-    """Check versions, plugins, cache and weights.
+    """Check the versions, plugins, cache and weights of this installation.
 
     The exit status is 1 if a plugin failed to load.
     """

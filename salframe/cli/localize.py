@@ -15,7 +15,7 @@ from salframe.cli.options import (
     Json,
     RangeMissing,
     RangeUnit,
-    Set,
+    SetForData,
     number_parser,
     range_options,
 )
@@ -28,14 +28,14 @@ if TYPE_CHECKING:
 def localize(
     map: Annotated[Path, typer.Argument(help="Map folder written by `salframe build`")],
     frame: Annotated[
-        list[str] | None, typer.Argument(help="Image file of the query, or id of a frame of the dataset --data")
+        list[str] | None, typer.Argument(help="Image file of the query, or id of a frame of the dataset in --data")
     ] = None,
     views: Annotated[bool, typer.Option("--views", help="Localize all images together, as views of one query")] = False,
     motion: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="CSV file with the pose of each view: t_s, x_m, y_m, z_m, yaw_deg"),
+        typer.Option(metavar="FILE", help="CSV file with the camera pose of each view: t_s, x_m, y_m, z_m, yaw_deg"),
     ] = None,
-    data: Annotated[str | None, typer.Option(help="Dataset that contains the frame FRAME")] = None,
+    data: Annotated[str | None, typer.Option(help="Dataset that contains FRAME, if FRAME is an id")] = None,
     rgb: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Colour image of the query, instead of FRAME")
     ] = None,
@@ -47,40 +47,42 @@ def localize(
     range_missing: RangeMissing = None,
     range_kind: Annotated[
         Literal["ray", "z", "cube"] | None,
-        typer.Option(help="Quantity in the range image (default: ray, or z for photographs)"),
+        typer.Option(help="What range pixels measure (default: ray, or z for photographs)"),
     ] = None,
     fov: Fov = None,
     camera: CameraFile = None,
     instances: Annotated[
         list[Path] | None,
-        typer.Option(metavar="FILE", help="Image of object ids, 16-bit PNG, 0: no object; with --views, one per view"),
+        typer.Option(metavar="FILE", help="16-bit PNG of object ids (0: no object); with --views, one for each view"),
     ] = None,
     labels: Annotated[
-        Path | None, typer.Option(metavar="FILE", help='Labels of the object ids, JSON such as {"1": "bed"}')
+        Path | None,
+        typer.Option(metavar="FILE", help='JSON file with the labels of the object ids, such as {"1": "bed"}'),
     ] = None,
     max_false_accept: Annotated[
         float | None,
         typer.Option(
             parser=number_parser("--max-false-accept", float, 0.001, 0.999),
             metavar="SHARE",
-            help="Maximum false accept rate for out-of-map queries (conformal test)",
+            help="Maximum share of out-of-map queries that may be accepted, such as 0.05",
         ),
     ] = None,
     trajectory: Annotated[
-        Path | None, typer.Option(metavar="FILE.tum", help="File to write the pose to, as a TUM trajectory")
+        Path | None, typer.Option(metavar="FILE.tum", help="File to write the pose to, in the TUM trajectory format")
     ] = None,
     data_dir: DataDir = None,
-    overrides: Set = None,
+    overrides: SetForData = None,
     as_json: Json = False,
 ) -> None:
     """Localize a panorama in a saved map.
 
-    Prints the places, best first, and the pose. If the answer is not accepted, also suggests a turn of the camera to
-    directions that the query does not show. Images are panoramas, or photographs with --fov or --camera. With --views,
-    several images form one query. They must be in the order in which they were taken, and the pose is that of the last
-    image. The file of --camera can contain T_base_camera, the pose of the camera on the robot. Then the answer has the
-    pose of the robot's base. With --trajectory, the pose has the timestamp 0. If the answer has no pose, the file has
-    no poses.
+    Prints the places, best first, and the pose. If the answer is not accepted, also suggests how to turn the camera
+    to directions that the query does not show. An image is a panorama. With --fov or --camera, it is a photograph.
+    With --views, several images form one query. List them in the order in which they were taken; the pose is that of
+    the last image. The file of --camera can contain T_base_camera, the pose of the camera on the robot. The answer then
+    has the pose of the robot's base. The values of --range-kind are ray (range along the ray), z (depth along the
+    optical axis of a photograph), and cube (z-depth of the stitched cube faces of a panorama). With --trajectory, the
+    pose has the timestamp 0. If the answer has no pose, the file has no poses.
     """
     from salframe.cli.output import warn
     from salframe.cli.queries import QueryOptions

@@ -16,7 +16,7 @@ from salframe.cli.options import (
     DataDir,
     EngineName,
     Json,
-    Set,
+    SetForData,
     Workers,
     number_parser,
     with_workers,
@@ -49,7 +49,7 @@ def add(
     map: AnyMap,
     data: DataArgument,
     data_dir: DataDir = None,
-    overrides: Set = None,
+    overrides: SetForData = None,
     engine: EngineName = ENGINE,
     workers: Workers = None,
     as_json: Json = False,
@@ -91,7 +91,7 @@ def merge(
     map: AnyMap,
     others: Annotated[
         list[Path],
-        typer.Argument(metavar="OTHER...", help="Folders of maps with the same method, settings and coordinates"),
+        typer.Argument(metavar="OTHER...", help="Map folders to add, with the same method, settings and world frame"),
     ],
     as_json: Json = False,
 ) -> None:
@@ -125,9 +125,9 @@ def connect(
     map: TopologyMap,
     start: Annotated[str | None, typer.Argument(metavar="FROM", help="Node or place on one floor")] = None,
     end: Annotated[str | None, typer.Argument(metavar="TO", help="Node or place on another floor")] = None,
-    kind: Annotated[str, typer.Option(metavar="KIND", help="How to change floors: stairs or lift")] = "stairs",
+    kind: Annotated[str, typer.Option(metavar="KIND", help="Kind of the connection: stairs or lift")] = "stairs",
     length: Annotated[
-        float | None, typer.Option(metavar="M", help="Length of the connection, added to routes that use it (m)")
+        float | None, typer.Option(metavar="M", help="Length of the connection in metres; routes include it")
     ] = None,
     file: Annotated[
         Path | None, typer.Option(metavar="FILE.csv", help="CSV table of connections: start, end, kind, length_m")
@@ -135,7 +135,7 @@ def connect(
 ) -> None:
     """Connect floors of a map by stairs or a lift, so that routes can cross them.
 
-    The connections are FROM and TO with --length, or the rows of --file.
+    Give FROM, TO and --length for one connection, or --file for several.
     """
     from salframe.framework.errors import ConfigError
     from salframe.framework.validation import validate
@@ -193,7 +193,7 @@ def route(
 ) -> None:
     """Print the shortest route between two nodes, places or signs (texts on walls).
 
-    Each step has its length, azimuth and turn.
+    Nodes are positions in rooms and doorways. Each step of the route has its length, azimuth and turn.
     """
     import numpy as np
 
@@ -212,19 +212,20 @@ def route(
 def query(
     map: AnyMap,
     frame: Annotated[
-        str, typer.Argument(help="Image listed in a manifest.json, or id of a frame of the dataset --data")
+        str, typer.Argument(help="Image listed in a manifest.json, or id of a frame of the dataset in --data")
     ],
-    data: Annotated[str | None, typer.Option(help="Dataset that contains the frame")] = None,
+    data: Annotated[str | None, typer.Option(help="Dataset that contains FRAME, if FRAME is an id")] = None,
     goal: Annotated[str | None, typer.Option("--to", metavar="GOAL", help="Node, place or sign to go to")] = None,
     planner: PlannerName = PLANNER,
     data_dir: DataDir = None,
-    overrides: Set = None,
+    overrides: SetForData = None,
     as_json: Json = False,
 ) -> None:
     """Localize a panorama in a map and print the nearest node.
 
-    With --to, also prints the route from that node to GOAL. The first turn of the route is relative to the estimated
-    heading. If there is no route, prints the reason and exits with status 1.
+    Nodes are positions in rooms and doorways, for routes. With --to, also prints the route from the nearest node to
+    GOAL. The first turn of the route is relative to the estimated heading. If there is no route, prints the reason and
+    exits with status 1.
     """
     import numpy as np
 
@@ -269,7 +270,8 @@ def export(
     anchor: Annotated[
         str | None,
         typer.Option(
-            metavar="LAT,LON,BEARING", help="Latitude and longitude of the origin and bearing of the +y axis (degrees)"
+            metavar="LAT,LON,BEARING",
+            help="For .geojson: latitude and longitude of the origin, bearing of +y (degrees)",
         ),
     ] = None,
 ) -> None:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from salframe.cli.options import MATCHING_METHODS, CommonOptions, Methods, with_common_options
+from salframe.cli.options import MATCHING_METHODS, CommonOptions, Methods, timeout_option, with_common_options
 from salframe.cli.output import show
 
 
-@with_common_options(without=["seed"])
+@with_common_options(without=["seed"], timeout=(timeout_option("pair of frames"), None))
 def matching(methods: Methods = MATCHING_METHODS, *, options: CommonOptions) -> None:
     """Measure how many matches of a method are correct.
 
-    Each query is matched with the nearest reference frame of its room. Run the same command again to resume an
-    interrupted run.
+    A match is a pair of corresponding points or objects. Each query is matched with the nearest reference frame of its
+    room. Run the same command again to resume an interrupted run.
     """
     from salframe.evaluation.tasks.matching.task import MatchingTask, measure_matching
 

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from salframe.cli.options import DATA, METHODS, CommonOptions, Methods, parse_seed, with_common_options
+from salframe.cli.options import DATA, METHODS, CommonOptions, Methods, parse_seed, timeout_option, with_common_options
 from salframe.cli.output import show
 
 Worlds = Annotated[str, typer.Option(help="Dataset that supports navigation, such as house-12")]
@@ -15,7 +15,7 @@ NavigationSettings = Annotated[
     typer.Option(
         "--set",
         metavar="KEY.PATH=VALUE",
-        help="Change a setting: KEY, METHOD.KEY, navigation.KEY, data.KEY or engine.KEY",
+        help="Change KEY (all methods), METHOD.KEY, navigation.KEY, data.KEY or engine.KEY",
     ),
 ]
 NavigationSeed = Annotated[
@@ -23,28 +23,34 @@ NavigationSeed = Annotated[
 ]
 
 
-@with_common_options(data=(Worlds, DATA), overrides=(NavigationSettings, None), seed=(NavigationSeed, 0))
+@with_common_options(
+    data=(Worlds, DATA),
+    overrides=(NavigationSettings, None),
+    seed=(NavigationSeed, 0),
+    timeout=(timeout_option("episode"), None),
+)
 def navigate(
     methods: Methods = METHODS,
     episodes: Annotated[
         str,
         typer.Option(
             metavar="N|FILE|BENCHMARK:SPLIT",
-            help="Number of random episodes, a JSON file, or a benchmark: reverie:val_seen",
+            help="Number of random episodes, JSON file, or benchmark such as reverie:val_seen",
         ),
     ] = "100",
     positioning: Annotated[
         Literal["on", "off", "both", "all"],
-        typer.Option(help="Whether the agent uses the poses of the method (both, all: see above)"),
+        typer.Option(help="What the agent uses of an answer: its pose (on), or only its place (off)"),
     ] = "on",
     *,
     options: CommonOptions,
 ) -> None:
     """Measure how well an agent navigates with each method.
 
-    The agent walks from room to room and localizes with the method. With --positioning off, the agent uses only the
-    places of the answers, not the poses. "both" runs each method once with and once without its poses. "all" also
-    runs an agent that knows its true place. Run the same command again to resume an interrupted run.
+    In each episode, the agent walks from a start to a goal, and localizes itself with the method. With --positioning
+    on, it uses the poses of the answers. With off, it uses only their places. With both, each method is measured in
+    both ways. With all, an agent that knows its true place is measured too. Run the same command again to resume an
+    interrupted run.
     """
     from salframe.evaluation.tasks.navigation.options import Positioning
     from salframe.evaluation.tasks.navigation.task import NavigationTask

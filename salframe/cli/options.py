@@ -66,28 +66,46 @@ def limit_parser(option: str) -> Callable[[Any], float | None]:
     return parse
 
 
-Methods = Annotated[str, typer.Option(help="Methods or YAML files, comma-separated; see `salframe methods`")]
-Data = Annotated[str, typer.Option(help="Dataset: a name of `salframe data list`, a YAML file or a folder")]
-DataArgument = Annotated[str, typer.Argument(help="Dataset: a name of `salframe data list`, a YAML file or a folder")]
-DataDir = Annotated[Path | None, typer.Option(help="Folder that contains the files of the dataset, such as a download")]
+Methods = Annotated[str, typer.Option(help="Methods, comma-separated: names in `salframe methods`, or YAML files")]
+Data = Annotated[str, typer.Option(help="Dataset: a name in `salframe data list`, a YAML file or a folder")]
+DataArgument = Annotated[str, typer.Argument(help="Dataset: a name in `salframe data list`, a YAML file or a folder")]
+DataDir = Annotated[Path | None, typer.Option(help="Folder with the files of the dataset, if you downloaded them")]
 Set = Annotated[
     list[str] | None,
     typer.Option(
         "--set",
         metavar="KEY.PATH=VALUE",
-        help="Change a setting: KEY (all methods), METHOD.KEY, data.KEY or engine.KEY",
+        help="Change a setting: KEY for all methods, METHOD.KEY for one, data.KEY, engine.KEY",
     ),
 ]
-Name = Annotated[str | None, typer.Option(help="Name of the run folder (default: name of the dataset)")]
-Runs = Annotated[Path, typer.Option(help="Folder that contains the runs")]
-EngineName = Annotated[str, typer.Option("--engine", help="Engine that distributes the work; see `salframe plugins`")]
+SetForMethod = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY.PATH=VALUE",
+        help="Change a setting: KEY of the method, data.KEY of the dataset, or engine.KEY",
+    ),
+]
+SetForData = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", metavar="KEY.PATH=VALUE", help="Change a setting: data.KEY of the dataset, or engine.KEY of the engine"
+    ),
+]
+Name = Annotated[
+    str | None, typer.Option(help="First part of the name of the run folder (default: name of the dataset)")
+]
+Runs = Annotated[Path, typer.Option(help="Folder that contains the run folders")]
+EngineName = Annotated[
+    str, typer.Option("--engine", help="Engine that runs the work, such as ray; see `salframe plugins`")
+]
 Workers = Annotated[
     int | None,
     typer.Option(
         "--workers",
         parser=number_parser("--workers", int, 1, MAX_WORKERS),
         metavar="N",
-        help="Number of worker processes (default: 1 if times are measured, else one per core)",
+        help="Number of worker processes (default: one per core; 1 while measuring times)",
     ),
 ]
 parse_seed = number_parser("--seed", int, 0, MAX_SEED)
@@ -98,23 +116,18 @@ Style = Annotated[
 ]
 Columns = Annotated[
     str | None,
-    typer.Option(
-        "--columns", metavar="NAMES", help="Columns of the table, comma-separated (default: the main columns)"
-    ),
+    typer.Option("--columns", metavar="NAMES", help="Columns to print, comma-separated (default: the main columns)"),
 ]
 Timeout = Annotated[
     float | None,
     typer.Option(
-        "--timeout",
-        parser=limit_parser("--timeout"),
-        metavar="SECONDS",
-        help="Time limit in seconds for each query, pair of frames or episode",
+        "--timeout", parser=limit_parser("--timeout"), metavar="SECONDS", help="Time limit for each query, in seconds"
     ),
 ]
 Memory = Annotated[
     float | None,
     typer.Option(
-        "--memory", parser=limit_parser("--memory"), metavar="MB", help="Memory limit in megabytes for each method"
+        "--memory", parser=limit_parser("--memory"), metavar="MB", help="Memory limit for each method, in megabytes"
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON")]
@@ -123,12 +136,12 @@ RangeUnit = Annotated[
     typer.Option(
         parser=number_parser("--range-unit", float, 1e-6, 1.0),
         metavar="METRES",
-        help="Unit of the range image in metres (default: 0.001, millimetres)",
+        help="Metres per unit of range pixels (default: 0.001, that is, millimetres)",
     ),
 ]
 RangeMissing = Annotated[
     list[int] | None,
-    typer.Option(metavar="VALUE", min=0, max=65535, help="Pixel value of unknown range, in addition to 0; repeatable"),
+    typer.Option(metavar="VALUE", min=0, max=65535, help="Pixel value for unknown range, in addition to 0; repeatable"),
 ]
 
 Fov = Annotated[
@@ -136,12 +149,26 @@ Fov = Annotated[
     typer.Option(
         parser=number_parser("--fov", float, MIN_FOV_DEG, MAX_FOV_DEG),
         metavar="DEG",
-        help="Horizontal field of view in degrees, for photographs",
+        help="Horizontal field of view of the photographs, in degrees",
     ),
 ]
 CameraFile = Annotated[
-    Path | None, typer.Option("--camera", metavar="FILE", help="Calibration of the camera, for photographs: JSON file")
+    Path | None,
+    typer.Option("--camera", metavar="FILE", help="JSON file with the calibration of the photographs' camera"),
 ]
+
+
+def timeout_option(item: str) -> Any:
+    """Return the type of the option `--timeout` of a command that limits the time of an `item`, such as "episode"."""
+    return Annotated[
+        float | None,
+        typer.Option(
+            "--timeout",
+            parser=limit_parser("--timeout"),
+            metavar="SECONDS",
+            help=f"Time limit for each {item}, in seconds",
+        ),
+    ]
 
 
 def split_names(names: str) -> tuple[str, ...]:

@@ -14,7 +14,9 @@ from salframe.cli.output import print_json
 def score(
     task: Annotated[
         str,
-        typer.Argument(metavar="BENCHMARK", help="Benchmark, such as reverie; see the scorers in `salframe plugins`"),
+        typer.Argument(
+            metavar="BENCHMARK", help="Name of the benchmark, such as reverie: a scorer in `salframe plugins`"
+        ),
     ],
     file: Annotated[Path, typer.Argument(help="File of answers in the format of the benchmark")],
     data: Annotated[Path, typer.Option(metavar="DIR", help="Folder with the data of the benchmark")],
@@ -22,7 +24,7 @@ def score(
 ) -> None:
     """Score a file of answers to a benchmark.
 
-    Any program can write the file. Prints the metrics of the benchmark, one row per split of its data.
+    Any program can write the file. Prints the metrics of the benchmark, one row for each split of its data.
     """
     from salframe.cli.tables import print_table
     from salframe.evaluation.scorer import score as run

@@ -10,7 +10,7 @@ import typer
 from salframe.cli.options import DATA, MAX_SEED, CommonOptions, number_parser, split_names, with_common_options
 from salframe.cli.output import Bars, print_json, tell
 
-SensorData = Annotated[str, typer.Option(help="Datasets with annotations and range, comma-separated")]
+SensorData = Annotated[str, typer.Option(help="Datasets with annotations and range images, comma-separated")]
 SensorSettings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY.PATH=VALUE", help="Change a setting: data.KEY, detector.KEY or engine.KEY"),
@@ -18,12 +18,12 @@ SensorSettings = Annotated[
 
 
 @with_common_options(
-    without=["seed", "timeout", "memory", "style"], data=(SensorData, DATA), overrides=(SensorSettings, None)
+    without=["seed", "timeout", "memory", "style", "columns"], data=(SensorData, DATA), overrides=(SensorSettings, None)
 )
 def sensor(
     detector: Annotated[str, typer.Argument(help="Detector to measure; see `salframe plugins`")],
     seeds: Annotated[
-        str, typer.Option(help="Seeds of the dataset to measure together, comma-separated (default: data.seed)")
+        str, typer.Option(help="Seeds of a generated dataset, comma-separated (default: its setting seed)")
     ] = "",
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="JSON file to write the sensor model to")

@@ -27,13 +27,14 @@ def track(
     ] = None,
     tracker: Annotated[str | None, typer.Option(help="Tracker to use; see `salframe plugins` (default: votes)")] = None,
     views: Annotated[
-        int | None, typer.Option(min=1, help="Number of most recent views to localize together (default: 5)")
+        int | None, typer.Option(min=1, help="Number of latest views to localize together (default: 5)")
     ] = None,
     format: Annotated[
-        str | None, typer.Option(help="Importer of the recording (default: rosbag if there is no manifest.json)")
+        str | None, typer.Option(help="Format of the recording (default: rosbag if there is no manifest.json)")
     ] = None,
     overrides: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a setting of the importer")
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Change a setting of the importer, which reads the recording"),
     ] = None,
     rerun: Annotated[
         Path | None, typer.Option(metavar="FILE.rrd", help="Write a recording for the rerun viewer")
@@ -42,9 +43,10 @@ def track(
 ) -> None:
     """Track the camera of a recording in a saved map.
 
-    Prints the status, the place and the pose after each frame. In the manifest of a folder, each frame of the sequence
-    has the keys `sequence` and `t_s`, and the key `odometry` names the file with the odometry. With --output, writes
-    trajectory.tum (the poses with the status `tracking`), track.json (all steps) and trail.png.
+    Prints the status, the place and the pose after each frame. A folder of panoramas needs a manifest.json. In it,
+    each frame of the sequence has the keys `sequence` and `t_s`, and the key `odometry` names the file with the
+    odometry. With --output, writes trajectory.tum (the poses with the status `tracking`), track.json (all steps) and
+    trail.png.
     """
     from salframe.cli.output import Bars, warn
     from salframe.drawing.rerun_recording import check_rerun_output, write_rerun

@@ -11,15 +11,17 @@ from salframe.cli.options import Json
 from salframe.cli.output import print_json
 
 app = typer.Typer(help="List, download and locate the weights of networks.", no_args_is_help=True)
-Name = Annotated[str, typer.Argument(help="Name in `salframe weights list`, or hf:ORG/MODEL[@REVISION]")]
+Name = Annotated[
+    str, typer.Argument(help="Name in `salframe weights list`, or a Hugging Face model: hf:ORG/MODEL@REVISION")
+]
 
 
 @app.command("list")
 def list_(verbose: Verbose = False, as_json: Json = False) -> None:
     """List the weights that components use.
 
-    The state is `ready`, `absent`, or `another file` if the content of a file is wrong. `--verbose` adds the source,
-    the folder, and the terms of the training data.
+    The state is `ready`, `absent` (not downloaded) or `another file` (wrong content). `--verbose` adds the source, the
+    folder, and the terms of the training data.
     """
     from salframe.cli.tables import print_table
     from salframe.evaluation.tables.text import format_bytes
@@ -45,9 +47,9 @@ def list_(verbose: Verbose = False, as_json: Json = False) -> None:
 def fetch(name: Name) -> None:
     """Download weights to the cache of salframe and verify them.
 
-    Weights that are in the cache are not downloaded again. Also prints the licence, and the terms of the training data
-    if they differ. For a model of the Hugging Face hub, downloads safetensors only, and prints the commit to which the
-    revision is pinned.
+    Weights that are in the cache are not downloaded again. @REVISION can be left out. Also prints the licence, and the
+    terms of the training data if they differ. For a model of the Hugging Face hub, downloads only safetensors files,
+    and prints the commit to which the revision is now pinned.
     """
     from salframe.cli.output import Bars
     from salframe.framework.components.installation import fetch_weights, find_weights

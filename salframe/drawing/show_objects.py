@@ -279,7 +279,8 @@ class _Stages:
         if missing:
             hint = " (--range FILE)" if missing == ["range"] else ""
             raise InputMissing(
-                f"{self._detector.name} needs {' and '.join(missing)}{hint}, which {panorama.id} does not have"
+                f"the detector {self._detector.name} needs {' and '.join(missing)}{hint}, which {panorama.id} does not "
+                "have"
             )
         start = time.perf_counter()
         detections = self._detector.detect(panorama)

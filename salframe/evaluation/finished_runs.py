@@ -76,7 +76,7 @@ def write_report(
     views = [one.view for one in opened]
     tasks = sorted({view.result.task for view in views})
     if len(tasks) > 1:
-        raise ConfigError(f"received runs of the tasks {' and '.join(tasks)}, expected runs of one task")
+        raise ConfigError(f"received runs of the tasks {' and '.join(tasks)}, expected runs of the same task")
     entries, task = find_entries(views), opened[0].task
     arms = name_arms(views, entries, _pool(opened, entries))
     content = task.content(views, arms, columns)

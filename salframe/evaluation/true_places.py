@@ -47,7 +47,7 @@ def places_notes(dataset: Dataset) -> list[str]:
         )
     if others:
         notes.append(
-            f"the true place of {_queries(counts, others)} is not in the map, expected answer out-of-map: "
+            f"the true place of {_queries(counts, others)} is not in the map, so the correct answer is out-of-map: "
             f"{_list([repr(place) for place in others])}"
         )
     return notes

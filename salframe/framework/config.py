@@ -28,11 +28,12 @@ def read_yaml(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
     try:
         if path.resolve() in above:
             raise ConfigError(
-                f"{path} is its own base, directly or through other files: remove the key `base` from one of them"
+                f"{path} inherits from itself through the key `base`: remove the key from one of the files"
             )
         if len(above) > MAX_BASES:
             raise ConfigError(
-                f"{above[0]} has a chain of more than {MAX_BASES} base files, expected at most {MAX_BASES}"
+                f"{above[0]} inherits from more than {MAX_BASES} files through the key `base`, expected at most "
+                f"{MAX_BASES}"
             )
         content = read_bytes(path)
     except (OSError, ValueError) as error:

@@ -67,7 +67,8 @@ class OnnxModel:
             shapes = " and ".join(str(array.shape) for array in arrays)
             reason = shorten(one_line(error), 120)
             raise WeightsError(
-                f"{self.path} failed on inputs of shape {shapes}, which match its declared inputs: {reason}"
+                f"the network {self.path} failed on inputs of shape {shapes}, although it declares these shapes: "
+                f"{reason}"
             ) from None
         for name, result in zip(self.outputs, results, strict=True):
             self._check_output(name, result, len(arrays[0]))
@@ -76,14 +77,18 @@ class OnnxModel:
     def _check_output(self, name: str, result: Any, batch: int) -> None:
         """Raise WeightsError on an output that is no array, has another batch size, or has no finite number."""
         if not isinstance(result, np.ndarray):
-            raise WeightsError(f"{self.path} returned {type(result).__name__} as {name}, expected an array")
+            raise WeightsError(
+                f"the network {self.path} returned {type(result).__name__} as the output {name}, expected an array"
+            )
         if self._has_batch and result.shape[:1] != (batch,):
             raise WeightsError(
-                f"{self.path} returned {name} of shape {result.shape} for a batch of {batch}, expected a first "
-                f"dimension of {batch}"
+                f"the network {self.path} returned the output {name} of shape {result.shape} for {batch} images, "
+                f"expected a first dimension of {batch}"
             )
         if result.size and result.dtype.kind == "f" and not np.isfinite(result).any():
-            raise WeightsError(f"{self.path} returned only NaN or infinite values as {name}, expected finite numbers")
+            raise WeightsError(
+                f"the network {self.path} returned only NaN or infinity as the output {name}, expected finite numbers"
+            )
 
 
 def open_model(
@@ -115,7 +120,7 @@ def open_model(
     )
     content = read_network(path)
     if external_files(path) and path.suffix.lower() != SUFFIX:
-        raise WeightsError(f"{path} stores tensors in other files, expected a file name that ends in {SUFFIX}")
+        raise WeightsError(f"{path} stores weights in other files, expected a file name that ends in {SUFFIX}")
     try:
         session = onnxruntime.InferenceSession(
             b"".join([content, *map(_as_output, outputs)]), options, providers=["CPUExecutionProvider"]
@@ -134,7 +139,8 @@ def open_model(
     )
     if inputs is not None and not _fits(model.inputs, inputs, dtype):
         received = ", ".join(map(str, model.inputs))
-        raise WeightsError(f"{path} takes {received}, expected {', '.join(_layout(dtype, shape) for shape in inputs)}")
+        expected = ", ".join(_layout(dtype, shape) for shape in inputs)
+        raise WeightsError(f"the network {path} takes {received}, expected {expected}")
     return model
 
 

@@ -94,8 +94,8 @@ def read_model_config(folder: Path) -> Mapping[str, Any]:
     for names in ((CONFIG,), WEIGHTS):
         if not any((folder / name).is_file() for name in names):
             raise WeightsError(
-                f"{folder / names[0]} does not exist, expected a folder with {CONFIG} and {WEIGHTS[0]}, "
-                "since other formats of weights can execute code"
+                f"{folder / names[0]} does not exist, expected a folder with {CONFIG} and {WEIGHTS[0]}: "
+                "other formats of weights can execute code"
             )
     try:
         content = read_json(folder / CONFIG)
@@ -219,13 +219,17 @@ class PretrainedModel:
         except Exception as error:  # networks raise many types of exceptions
             shapes = ", ".join(f"{name} {tuple(value.shape)}" for name, value in inputs.items())
             reason = shorten(one_line(error), 120)
-            raise WeightsError(f"{self.folder} failed on {shapes}: {type(error).__name__} {reason}") from None
+            raise WeightsError(
+                f"the network in {self.folder} failed on inputs {shapes}: {type(error).__name__} {reason}"
+            ) from None
         for name, value in list(output.items()):
             if isinstance(value, torch.Tensor) and value.is_floating_point():
                 output[name] = value.float().cpu()
                 if torch.isnan(value).any():
-                    missing = f", and its file has no {', '.join(self._missing[:3])}" if self._missing else ""
-                    raise WeightsError(f"{self.folder} returned NaN values in {name}{missing}, expected numbers")
+                    missing = f", and its file lacks {', '.join(self._missing[:3])}" if self._missing else ""
+                    raise WeightsError(
+                        f"the network in {self.folder} returned NaN in the output {name}{missing}, expected numbers"
+                    )
         return output
 
     def batches(self, images: np.ndarray) -> Iterator[np.ndarray]:
@@ -264,7 +268,7 @@ def _load_part(class_name: str, folder: Path, **settings: Any) -> Any:
             return load(folder, local_files_only=True, trust_remote_code=False, **settings)
         except Exception as error:  # the parsers of the library raise many types of exceptions
             raise WeightsError(
-                f"{folder} has no usable {class_name.removeprefix('Auto')}: {shorten(one_line(error))}"
+                f"the {class_name.removeprefix('Auto')} in {folder} is missing or invalid: {shorten(one_line(error))}"
             ) from None
 
 

@@ -78,8 +78,8 @@ def pack_graph(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     centroid_m, count = arrays["centroid_m"], len(arrays["labels"])
     if not (np.abs(centroid_m) <= REACH_M).all():
         raise DataError(
-            f"an object has a coordinate of magnitude {np.abs(centroid_m).max():.1f} m relative to "
-            f"the camera, expected at most {REACH_M} m"
+            f"an object is {np.abs(centroid_m).max():.1f} m from the camera along one axis, expected at most {REACH_M} "
+            "m: check the unit of the range images"
         )
     nodes = np.zeros(count, NODE)
     nodes["score"] = np.round(arrays["scores"] * 255)

@@ -203,19 +203,16 @@ class MappedGraphs(GraphTable):
             names, nodes, edges = (rows.columns[name] for name in ("labels", "nodes", "edges"))
         except KeyError as error:
             raise DataError(
-                f"{rows.folder} has no column {error}, expected the graphs of a saved map: build the map again"
+                f"{rows.folder} has no column {error}, which the graphs of a map need: build the map again"
             ) from None
         if names.words is None or (nodes.values.dtype, edges.values.dtype) != (NODE, np.uint8):
-            raise DataError(
-                f"{rows.folder} has columns of unexpected types, expected the graphs of a saved map: build the map "
-                f"again"
-            )
+            raise DataError(f"{rows.folder} has columns of wrong types for the graphs of a map: build the map again")
         count = np.diff(names.start)
         super().__init__(names.words, count, names.values, edges.values)
         self._packed, self.scenes = nodes.values, scenes
         if not (np.array_equal(nodes.start, self._start) and np.array_equal(edges.start, self._first_byte)):
             raise DataError(
-                f"{rows.folder} has graphs whose columns of nodes, edges and labels do not match: build the map again"
+                f"{rows.folder} is damaged, its columns of nodes, edges and labels do not match: build the map again"
             )
 
     def __getitem__(self, number: int) -> SaliencyGraph:  # type: ignore[override]  # several graphs: `take`

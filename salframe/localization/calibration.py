@@ -125,8 +125,8 @@ class MapCalibration(Settings):
         if count * max_false_accept < 1:
             raise DataError(
                 f"max_false_accept is {max_false_accept:g}, which needs at least "
-                f"{np.ceil(1 / max_false_accept):.0f} reference frames that were localized without their places for "
-                f"the calibration, but the map has {count}: raise max_false_accept, or add places to the map"
+                f"{np.ceil(1 / max_false_accept):.0f} calibration frames, but the map has {count}: increase "
+                "max_false_accept, or add places to the map"
             )
         num_above = int(np.floor(max_false_accept * (count + 1) + 1e-9)) - 1
         limit = 1 - self.absent_in_map[count - 1 - num_above]
@@ -201,8 +201,8 @@ def calibrate_posterior(
     posterior = localizer.posterior
     if posterior is None:
         raise DataError(
-            f"{localizer.name} has no posterior, so that its answers have no probabilities to calibrate: use a method "
-            "with probabilities, such as proposed, or set `posterior`"
+            f"the answers of {localizer.name} have no probabilities to calibrate: use another method, such as "
+            "proposed, or set `posterior` to a file that `salframe fit` wrote"
         )
     answers = localize_frames(localizer, posterior, descriptions, frames, floors)
     head = calibrate_head(posterior, answers)

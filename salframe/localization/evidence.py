@@ -63,8 +63,8 @@ def fit_weights(samples: Sequence[tuple[Evidence, str]]) -> tuple[dict[str, floa
     usable = [(evidence, np.array(evidence.places) == place) for evidence, place in samples if place in evidence.places]
     if not usable:
         raise DataError(
-            f"none of the {len(samples)} answers ranks the true place of its query, expected at least one such answer: "
-            "use tuning data whose maps contain the places of the queries"
+            f"none of the {len(samples)} answers to the tuning data contains the true place of its query, expected at "
+            "least one: use tuning data whose maps contain the places of the queries"
         )
     names = list(usable[0][0].values)
     columns = [(np.column_stack([evidence.values[name] for name in names]), is_true) for evidence, is_true in usable]

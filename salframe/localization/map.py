@@ -255,9 +255,8 @@ class LocalizationMap:
         posterior = self.localizer.posterior
         if posterior is None:
             raise DataError(
-                f"max_false_accept is {max_false_accept:g} and {self.localizer.name} has no "
-                "probabilities, expected a method with probabilities, such as proposed: build the map with such a "
-                "method, or omit max_false_accept"
+                f"max_false_accept is {max_false_accept:g}, but the answers of {self.localizer.name} have no "
+                "probabilities: build the map with another method, such as proposed, or omit max_false_accept"
             )
         settings = {**posterior.model_dump(), "max_false_accept": max_false_accept}
         posterior = validate(Posterior, settings, "posterior")
@@ -387,8 +386,8 @@ class LocalizationMap:
         """
         if not isinstance(self.localizer, DetectingLocalizer):
             raise InputMissing(
-                f"received detections, which {self.localizer.name} does not use, expected a panorama, or "
-                "a map of a method that detects objects, such as proposed"
+                f"received detections, which {self.localizer.name} does not use: pass a panorama, or build the map "
+                "with a method that uses detections, such as proposed"
             )
         panorama = Panorama("the detections")
         description = self.localizer.describe_detections(detections, panorama)
@@ -597,6 +596,5 @@ def _convert_array_errors(folder: Path | None, localizer: Localizer) -> Iterator
         names = [] if folder is None else find_not_finite(folder)
         hint = f" (not finite: {', '.join(names)})" if names else ""
         raise DataError(
-            f"{where} has arrays that {localizer.name} cannot use{hint}, expected the arrays that "
-            "this method wrote: build the map again"
+            f"{where} is damaged: {localizer.name} cannot use its arrays{hint}: build the map again"
         ) from error

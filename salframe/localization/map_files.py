@@ -123,8 +123,8 @@ class MapParts:
         packed, frames = self.read_table(SCENES), SavedFrames(self.read_table(FRAMES, FRAME_COLUMNS))
         if len(packed) != len(frames):
             raise DataError(
-                f"{self.folder} has {len(packed)} scenes and {len(frames)} frames, expected equal "
-                "numbers: build the map again"
+                f"{self.folder} has {len(packed)} descriptions of {len(frames)} frames, expected one description "
+                "for each frame: build the map again"
             )
         return packed, frames
 
@@ -143,7 +143,7 @@ class MapParts:
         """
         saved = self._read_method().localizer
         if not isinstance(kind := saved.get("kind"), str):
-            raise DataError(f"{self.folder / METHOD} names no localizer: build the map again")
+            raise DataError(f"{self.folder / METHOD} does not name the method of the map: build the map again")
         config: ComponentConfig = validate(registry().get(Localizer.role, kind).Config, saved, f"{self.folder.parent}:")
         return config
 
@@ -189,8 +189,8 @@ class MapParts:
     def _read_method(self) -> _SavedMethod:
         if not self.has(METHOD):
             raise DataError(
-                f"{self.folder.parent} has no localizer, because its data have no reference frames: build "
-                "the map from data with reference frames"
+                f"{self.folder.parent} cannot localize, because its data had no reference frames: build the map "
+                "from data with reference frames"
             )
         return self.read_json(METHOD, _SavedMethod)
 
@@ -276,7 +276,10 @@ def map_labels(directory: str | Path) -> tuple[str, ...]:
     def read(parts: MapParts) -> tuple[str, ...]:
         column = parts.read_scenes()[0].columns.get("labels")
         if column is None or column.words is None:
-            raise DataError(f"the map {directory} has no labels of objects, expected a map of a method with a detector")
+            raise DataError(
+                f"the map {directory} has no labels of objects, expected a map of a method that has a detector, "
+                "such as proposed"
+            )
         return tuple(sorted(column.words))
 
     return read_map(Path(directory), read)
@@ -297,8 +300,8 @@ def check_output(directory: Path) -> None:
         return
     if not directory.is_dir() or not all(path.name.startswith(_PARTS) for path in directory.iterdir()):
         raise ConfigError(
-            f"{directory} is neither empty nor a map, expected a new or empty folder, or a map to replace: choose "
-            "another folder"
+            f"{directory} contains files that are not a map, expected a new or empty folder, or a map to replace: "
+            "choose another folder"
         )
 
 

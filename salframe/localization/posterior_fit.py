@@ -87,15 +87,14 @@ def fit_posterior(answers: Sequence[ScoredAnswer]) -> Fit:
     num_out_of_map = sum(not answer.here for answer in answers)
     if not ranked or not num_out_of_map:
         raise DataError(
-            f"received {len(ranked)} answers that rank the true place of their query and "
-            f"{num_out_of_map} answers to out-of-map queries, expected at least one of each: use tuning data with more "
-            "queries and places"
+            f"the tuning data have {len(ranked)} answers that contain the true place, and {num_out_of_map} answers to "
+            "out-of-map queries, expected at least one of each: use tuning data with more queries and places"
         )
     spread = float(np.std(np.concatenate([answer.scores for answer in answers])))
     if spread == 0 or all(np.ptp(answer.scores) == 0 for answer in ranked):
         raise DataError(
-            "all places of each answer have the same score, expected scores that differ between places: use tuning "
-            "data with more places, or another method"
+            "in each answer, all places have the same score, expected different scores: use tuning data with more "
+            "places, or another method"
         )
     temperature = _fit_temperature(ranked, spread)
     posterior = Posterior(temperature=temperature, head=_fit_head(answers, temperature))
@@ -142,7 +141,7 @@ def _fit_head(answers: Sequence[ScoredAnswer], temperature: float) -> Head:
     mean, deviation = np.mean([m for m, _ in moments.values()]), np.sqrt(np.mean([s**2 for _, s in moments.values()]))
     if deviation == 0:
         raise DataError(
-            "all out-of-map answers have the same scores, expected scores that differ between queries: use tuning data "
+            "the answers to all out-of-map queries have the same scores, expected different scores: use tuning data "
             "with more queries"
         )
     accuracy_effect, accuracies = _fit_accuracy(right[here], nu[here], map_number[here])

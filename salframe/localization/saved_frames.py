@@ -71,12 +71,12 @@ class SavedFrames(Sequence[ReferenceFrame]):
             raise DataError(f"{rows.folder} has no frames: build the map again")
         if unknown := set(rows.columns["kind"].words or ()) - set(FrameKind):
             raise DataError(
-                f"{rows.folder} has frames of the unknown kind {min(unknown)!r}, expected one of "
+                f"{rows.folder} has a frame of the unknown kind {min(unknown)!r}, expected one of "
                 f"{', '.join(FrameKind)}: build the map again"
             )
         if lengths := set(np.diff(rows.columns["pose"].start).tolist()) - {_LEVEL, _TILTED}:
             raise DataError(
-                f"{rows.folder} has a pose of {min(lengths)} numbers, expected {_LEVEL} or {_TILTED}: "
+                f"{rows.folder} has a pose of {min(lengths)} numbers, expected {_LEVEL} or {_TILTED} numbers: "
                 "build the map again"
             )
         for low in range(0, len(self), _CHUNK):

@@ -139,7 +139,7 @@ class _Reader:
         count = _count(words)
         colours = [word for word in words if word in _COLOURS]
         if colours and len(colours) < len(words):
-            self.notes.append(f"colours are not known, because the map does not store them: {', '.join(colours)}")
+            self.notes.append(f"ignored colours, because the map does not store colours: {', '.join(colours)}")
             words = [word for word in words if word not in _COLOURS]
         while words and (words[0] in _LEADING or words[0].isdecimal()):
             words = words[1:]
@@ -152,7 +152,7 @@ class _Reader:
             label = object_label(word)
             if label in self._labels or is_object(label) is not None:
                 if start:
-                    self.notes.append(f"ignored words: {' '.join(words[:start])!r} of {' '.join(words)!r}")
+                    self.notes.append(f"ignored words: {' '.join(words[:start])!r} in {' '.join(words)!r}")
                 if label not in self._labels and is_object(label) is False:
                     self.notes.append(f"{word!r} is not an object")
                 return Mention(word, label, count, is_absent)

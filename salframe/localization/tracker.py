@@ -74,7 +74,7 @@ class TrackedPose:
                     "positive semidefinite matrix"
                 )
         if not self.support >= 0:
-            raise InvalidAnswer(f"a tracked pose has the support {self.support}, expected a number that is at least 0")
+            raise InvalidAnswer(f"a tracked pose has the support {self.support}, expected a number of at least 0")
 
 
 class Tracker(Role):

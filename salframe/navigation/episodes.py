@@ -174,7 +174,7 @@ def place_episodes(
 
 def _place(request: EpisodeRequest, sites: Mapping[str, Site], rng: np.random.Generator, number: int) -> Episode:
     if request.world is None and len(sites) > 1:
-        raise DataError(f"the episode names no world, expected one of {', '.join(sites)}")
+        raise DataError(f"the episode has no `world` (building), expected one of {', '.join(sites)}")
     name = next(iter(sites)) if request.world is None else request.world
     if name not in sites:
         raise DataError(f"unknown world {name!r}, expected one of {', '.join(sites)}")
@@ -187,7 +187,9 @@ def _place(request: EpisodeRequest, sites: Mapping[str, Site], rng: np.random.Ge
         else world.stand(*request.start, yaw_rad, request.floor)
     )
     if not world.is_reachable(start, world.stand_at(goal, 0.0)):
-        raise DataError(f"obstacles in the world {name} block every path from the start to {goal.id}")
+        raise DataError(
+            f"obstacles in the world {name} block every path from the start to {goal.id}: choose another start or goal"
+        )
     return Episode(
         number, name, tuple(start.ravel().tolist()), goal.id, guide.shortest_path(start[:3, 3], goal.id).length_m
     )

@@ -156,7 +156,7 @@ class FloorWorld(World):
     def stand(self, x_m: float, y_m: float, yaw_rad: float, floor: int | None = None) -> np.ndarray:
         count = len(self._floors)
         if floor is None and count > 1:
-            raise DataError(f"{self.id} has {count} floors, expected the number of a floor from 1 to {count}")
+            raise DataError(f"{self.id} has {count} floors, and the start names none: set `floor` from 1 to {count}")
         if floor is not None and not 1 <= floor <= count:
             raise DataError(f"{self.id} has no floor {floor}, expected a number from 1 to {count}")
         return self._stand((x_m, y_m), yaw_rad, 0 if floor is None else floor - 1)
@@ -165,8 +165,8 @@ class FloorWorld(World):
         x_m, y_m = xy_m
         if not self._is_free(np.array([xy_m]), number).all():
             raise DataError(
-                f"{self.id}: ({x_m:.2f}, {y_m:.2f}) m is in a wall or obstacle, "
-                f"or less than {self._radius_m:g} m from one, expected free floor"
+                f"{self.id}: the position ({x_m:.2f}, {y_m:.2f}) m is in a wall or obstacle, or less than "
+                f"{self._radius_m:g} m from one, expected free floor"
             )
         return pose_2d(x_m, y_m, yaw_rad, self._camera_z_m[number])
 
@@ -192,9 +192,7 @@ class FloorWorld(World):
         ]
         ends = np.cumsum([len(one) for one in pixels])
         if not ends[-1]:
-            raise DataError(
-                f"{self.id} has no free floor in any region, expected free floor for the start of an episode"
-            )
+            raise DataError(f"{self.id} has no free floor in any room, expected free floor for the start of an episode")
         drawn = int(rng.integers(ends[-1]))
         number = int(np.searchsorted(ends, drawn, "right"))
         x_m, y_m = self._grids[number].to_metres(np.concatenate(pixels)[drawn] + 0.5)
@@ -261,7 +259,7 @@ def open_worlds(dataset: Dataset) -> Sequence[World]:
     if isinstance(dataset, NavigableDataset):
         return dataset.worlds()
     if type(dataset).observe is Dataset.observe:
-        raise InputMissing(f"the dataset {dataset.name} cannot render panoramas at new poses, which navigation needs")
+        raise InputMissing(f"navigation needs panoramas at new poses, which the dataset {dataset.name} cannot render")
     return floor_worlds(dataset)
 
 
@@ -280,7 +278,7 @@ def floor_worlds(dataset: Dataset, actual: Sequence[FloorMasks] | None = None) -
     """
     floors, connections = dataset.floors(), dataset.connections()
     if not floors:
-        raise DataError(f"the dataset {dataset.name} has no floor masks, which navigation needs to detect collisions")
+        raise DataError(f"navigation needs floor masks to detect collisions, the dataset {dataset.name} has none")
     order = sorted(range(len(floors)), key=lambda number: floors[number].z_m)
     by_height = [floors[number] for number in order]
     frames_by_floor: list[list[ReferenceFrame]] = [[] for _ in floors]
@@ -292,7 +290,7 @@ def floor_worlds(dataset: Dataset, actual: Sequence[FloorMasks] | None = None) -
     if without_frames:
         raise DataError(
             f"the dataset {dataset.name} has no reference frame on its floor at z = {without_frames[0]:g} m, "
-            "expected at least one"
+            "expected at least one on each floor"
         )
     pairs = _connected_floors(by_height, frames_by_floor, connections)
     building = components(len(floors), np.array([(order[i], order[j]) for i, j in pairs], int).reshape(-1, 2))

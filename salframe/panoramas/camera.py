@@ -101,8 +101,8 @@ class Camera:
         if self.lost_share > MAX_LOST_SHARE:
             raise DataError(
                 f"the {self.distortion_model} distortion {list(self.distortion)} is not invertible in "
-                f"{self.lost_share:.0%} of the image, expected at most {MAX_LOST_SHARE:.0%}: check the "
-                f"order {', '.join(COEFFICIENTS[self._model])}, and that fx, fy, cx and cy are in pixels "
+                f"{self.lost_share:.0%} of the image, expected at most {MAX_LOST_SHARE:.0%}: check that the "
+                f"coefficients are {', '.join(COEFFICIENTS[self._model])}, and that fx, fy, cx and cy are in pixels "
                 "of this image"
             )
 
@@ -121,10 +121,10 @@ class Camera:
         """
         if not MIN_FOV_DEG <= fov_deg <= MAX_FOV_DEG:
             raise DataError(
-                f"a camera has a field of view of {fov_deg:g} deg, expected {MIN_FOV_DEG:g} to {MAX_FOV_DEG:g} deg"
+                f"the camera has a field of view of {fov_deg:g} deg, expected {MIN_FOV_DEG:g} to {MAX_FOV_DEG:g} deg"
             )
         if not abs(elevation_deg) <= 90:
-            raise DataError(f"a camera has an elevation of {elevation_deg:g} deg, expected -90 to 90 deg")
+            raise DataError(f"the camera has an elevation of {elevation_deg:g} deg, expected -90 to 90 deg")
         c, s = np.cos(np.radians(elevation_deg)), np.sin(np.radians(elevation_deg))
         look_up = np.array([[c, 0, -s, 0], [0, 1, 0, 0], [s, 0, c, 0], [0, 0, 0, 1]])
         focal = float(width / 2 / np.tan(np.radians(fov_deg) / 2))
@@ -170,7 +170,7 @@ class Camera:
             notes.append(f"the image is rolled: its x axis has an elevation of {roll_deg:.0f} deg; {frames}")
         if self.lost_share > 0:
             notes.append(
-                f"{self.lost_share:.1%} of the image is left out, because the distortion is not invertible there"
+                f"{self.lost_share:.1%} of the pixels are ignored, because the distortion is not invertible there"
             )
         return tuple(notes)
 
@@ -301,11 +301,11 @@ class Camera:
         is_finite = all(isinstance(value, Real) and np.isfinite(float(value)) for value in values.values())
         if not is_finite or min(self.width, self.height, self.fx, self.fy) <= 0:
             received = ", ".join(f"{name} {value!r}" for name, value in values.items())
-            raise DataError(f"a camera has {received}, expected finite numbers, and positive sizes and focal lengths")
+            raise DataError(f"the camera has {received}, expected finite numbers, and positive sizes and focal lengths")
         size = f"{self.width} x {self.height}"
         if not 1 / MAX_PIXEL_RATIO <= self.fx / self.fy <= MAX_PIXEL_RATIO:
             raise DataError(
-                f"a camera has fx {self.fx:g} and fy {self.fy:g}, expected a ratio from "
+                f"the camera has fx {self.fx:g} and fy {self.fy:g}, expected a ratio fx / fy from "
                 f"{1 / MAX_PIXEL_RATIO:g} to {MAX_PIXEL_RATIO:g}: give both in pixels"
             )
         across = max(self.width / self.fx, self.height / self.fy)
@@ -314,12 +314,12 @@ class Camera:
         max_deg = MAX_FISHEYE_FOV_DEG if is_fisheye else MAX_FOV_DEG
         if not MIN_FOV_DEG <= fov_deg <= max_deg:
             raise DataError(
-                f"a camera has fx {self.fx:g} and fy {self.fy:g} for {size} pixels, a field of view of {fov_deg:.4g} "
-                f"deg, expected {MIN_FOV_DEG:g} to {max_deg:g} deg: give fx and fy in pixels of this image"
+                f"the camera has a field of view of {fov_deg:.4g} deg (fx {self.fx:g} and fy {self.fy:g} for {size} "
+                f"pixels), expected {MIN_FOV_DEG:g} to {max_deg:g} deg: give fx and fy in pixels of this image"
             )
         if not (-0.5 <= self.cx <= self.width - 0.5 and -0.5 <= self.cy <= self.height - 0.5):
             raise DataError(
-                f"a camera has the principal point cx {self.cx:g}, cy {self.cy:g} outside its image of "
+                f"the camera has the principal point cx {self.cx:g}, cy {self.cy:g}, expected a point in its image of "
                 f"{size} pixels: give cx and cy in pixels of this image"
             )
 
@@ -330,7 +330,7 @@ class Camera:
         except ValueError:
             raise DataError(
                 f"distortion_model is {self.distortion_model!r}, expected one of {', '.join(DistortionModel)}: for "
-                "another model, undistort the images and use none"
+                "another model, undistort the images and set distortion_model to none"
             ) from None
         names = COEFFICIENTS[self._model]
         values = check_array(self, "distortion", np.float64, None)
@@ -357,8 +357,8 @@ class Camera:
             is_mirrored = np.isfinite(T).all() and np.linalg.det(T[:3, :3]) < 0
             reason = "is left-handed (a mirror)" if is_mirrored else "is not a rigid motion"
             raise DataError(
-                f"T_base_camera {T.tolist()} {reason}, expected the pose of the camera in the base frame: a rotation "
-                "and a translation in metres, with the last row 0 0 0 1"
+                f"T_base_camera {T.tolist()} {reason}, expected the pose of the camera on the robot's base: a "
+                "rotation, a translation in metres, and the last row 0 0 0 1"
             )
         if np.abs(T[:3, 3]).max() > MAX_POSITION_M:
             raise DataError(

@@ -61,13 +61,14 @@ def read_sequence(
     if format is None and (source / MANIFEST).exists():
         if settings:
             raise ConfigError(
-                f"received settings of an importer for the folder {source}, which needs no importer: "
-                "leave out the settings"
+                f"received settings of an importer for {source}, a folder of panoramas, which needs no importer: "
+                "leave out --set"
             )
         return _folder_sequence(Folder(source), name)
     if name is not None:
         raise ConfigError(
-            f"received the sequence {name!r} for {source}, expected a sequence name only for a folder of panoramas"
+            f"received the sequence {name!r} for {source}, expected a sequence name only for a folder of panoramas: "
+            "leave out --sequence"
         )
     return _recorded_sequence(source, default_of("recording") if format is None else format, settings)
 
@@ -91,11 +92,13 @@ def _choose(folder: Folder, name: str | None) -> tuple[str, Sequence[FrameEntry]
     sequences = folder.sequences
     if not sequences:
         raise DataError(
-            f"{folder.root} has no sequence, expected query frames with the keys `sequence` and `t_s` in its manifest"
+            f"{folder.root} has no sequence, expected frames with the keys `sequence` and `t_s` in its manifest.json"
         )
     if name is None and len(sequences) > 1:
         names = ", ".join(list(sequences)[:5]) + (", ..." if len(sequences) > 5 else "")
-        raise ConfigError(f"{folder.root} has {len(sequences)} sequences, expected the name of one of them: {names}")
+        raise ConfigError(
+            f"{folder.root} has {len(sequences)} sequences, expected --sequence with one of them: {names}"
+        )
     name = next(iter(sequences)) if name is None else name
     if name not in sequences:
         raise UnknownName(unknown("sequence", name, list(sequences)))
@@ -116,7 +119,7 @@ def _recorded_sequence(source: Path, format: str, settings: Sequence[str]) -> Ca
         raise DataError(f"{error}; a folder of panoramas with a {MANIFEST} is also accepted") from None
     times = [record.t_s for record in recording.records if record.t_s is not None]
     if len(times) < len(recording.records) or recording.odometry is None:
-        raise DataError(f"the importer {format} returned views without times or odometry, expected both")
+        raise DataError(f"the recording has views without times or odometry in the format {format}, expected both")
     odometry = Odometry.of_rows(recording.odometry, str(source))
     return CameraSequence(
         source.stem,

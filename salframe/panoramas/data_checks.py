@@ -54,8 +54,9 @@ def motion_note(folds: Sequence[Fold]) -> str | None:
     if not unknown:
         return None
     return (
-        f"the motion between the views of {unknown[0]} is unknown ({len(unknown)} of {len(queries)} queries with "
-        "several views), expected odometry at the times of all views: these views are localized one by one and fused"
+        f"the motion between the views is unknown for {len(unknown)} of {len(queries)} queries with several views, "
+        f"such as {unknown[0]}, expected odometry at the times of all views: these views are localized one by one, and "
+        "their answers are combined"
     )
 
 
@@ -85,9 +86,9 @@ def query_notes(panorama: Panorama, camera_z_m: Sequence[float] | np.ndarray = (
     if panorama.range_m is not None and panorama.range_by is None:
         if is_cube_depth(panorama.range_m):
             notes.append(
-                f"the range image of {panorama.id} seems to contain z-depth of cube faces, in which straight walls "
-                "bend, "
-                'expected range along the ray: declare the range kind "cube"'
+                f"the range image of {panorama.id} seems to contain z-depth of cube faces, expected range along the "
+                "ray: "
+                'set the range kind to "cube"'
             )
         else:
             notes.append(units_note([panorama], camera_z_m))

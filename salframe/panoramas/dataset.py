@@ -130,5 +130,5 @@ class Dataset(Role):
             InputMissing: The dataset cannot render.
         """
         raise InputMissing(
-            f"the dataset {self.name} cannot render panoramas at new poses: it has only the panoramas of its frames"
+            f"the dataset {self.name} cannot render panoramas at new poses, because it has only recorded panoramas"
         )

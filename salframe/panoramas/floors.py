@@ -87,14 +87,12 @@ class FloorMasks:
                 )
         if not 0 < self.resolution_m < np.inf:
             raise DataError(
-                f"the masks of a floor have a resolution of {self.resolution_m} m per pixel, "
-                "expected a finite number above 0"
+                f"the masks of a floor have resolution_m = {self.resolution_m}, expected a finite number above 0"
             )
         position_m = as_array((*self.origin_m, self.z_m), "the origin of a floor")
         if position_m.shape != (3,) or not np.isfinite(position_m).all():
             raise DataError(
-                f"a floor has the origin {self.origin_m} m and the height {self.z_m} m, expected (x, y) and z, "
-                "three finite numbers"
+                f"a floor has origin_m = {self.origin_m} and z_m = {self.z_m}, expected finite numbers (x, y) and z"
             )
         object.__setattr__(self, "regions", labels_by_id(self.regions, "FloorMasks.regions"))
 
@@ -177,8 +175,8 @@ def check_heights(floors: Sequence[FloorMasks]) -> None:
     for floor, other in combinations(floors, 2):
         if floor.z_m == other.z_m and masks_touch(floor, other):
             raise DataError(
-                f"two floors with overlapping or adjacent masks are at z = {floor.z_m:g} m, expected a different z_m "
-                "for each"
+                f"two floors whose masks overlap or touch have z_m = {floor.z_m:g}, expected a different z_m for each "
+                "floor"
             )
 
 
@@ -249,8 +247,8 @@ def _lay_over(below: FloorMasks, above: FloorMasks) -> FloorMasks:
     resolution_m = below.resolution_m
     if not np.isclose(above.resolution_m, resolution_m, rtol=1e-6):
         raise DataError(
-            f"masks of the floor at z = {above.z_m:g} m have a resolution of {above.resolution_m:g} m per pixel, "
-            f"expected {resolution_m:g} m as in the map"
+            f"the new masks of the floor at z = {above.z_m:g} m have a resolution of {above.resolution_m:g} m per "
+            f"pixel, expected {resolution_m:g} m as in the map"
         )
     below = _without(below, list(above.regions.values()))
     (left_m, top_m), (above_left_m, above_top_m) = below.origin_m, above.origin_m
@@ -259,8 +257,8 @@ def _lay_over(below: FloorMasks, above: FloorMasks) -> FloorMasks:
     rows, columns = (np.maximum(below.region.shape, shift + above.region.shape) - corner).tolist()
     if rows * columns > MAX_PIXELS:
         raise DataError(
-            f"masks of the floor at z = {above.z_m:g} m, joined with the masks of the map, have {columns} x {rows} "
-            f"pixels, expected at most {MAX_PIXELS}"
+            f"the new and the old masks of the floor at z = {above.z_m:g} m together have {columns} x {rows} pixels, "
+            f"expected at most {MAX_PIXELS} pixels: use masks in the world frame of the map"
         )
     above = _spread(_relabel(above, below), shift - corner, (rows, columns))
     below = _spread(below, -corner, (rows, columns))
@@ -269,8 +267,8 @@ def _lay_over(below: FloorMasks, above: FloorMasks) -> FloorMasks:
         in_place = below.region == label
         if 2 * (in_place & labelled).sum() > in_place.sum():
             raise DataError(
-                f"masks of the floor at z = {above.z_m:g} m cover most of {place} with other regions: use "
-                f"masks in the world frame of the map, or remove {place} from the map"
+                f"the new masks of the floor at z = {above.z_m:g} m cover most of the place {place} with other "
+                f"regions: use masks in the world frame of the map, or remove {place} from the map"
             )
     is_covered = above.free | above.obstacle | labelled
     return replace(
@@ -345,8 +343,8 @@ def read_floors(directory: Path) -> tuple[FloorMasks, ...]:
         parts.setdefault(number, {})[part] = array
     if count.ndim or count.dtype.kind not in "iu" or list(parts) != [str(number) for number in range(int(count))]:
         raise DataError(
-            f"{path} has the floors {', '.join(parts) or 'none'} and the entry count = {count}, expected floors "
-            "numbered from 0, and their number as count"
+            f"{path} has the floors {', '.join(parts) or 'none'} and count = {count}, expected floors numbered from 0, "
+            "and count = the number of floors"
         )
     return tuple(_unpack_floor(floor, f"{path}, floor {number}") for number, floor in parts.items())
 

@@ -93,16 +93,14 @@ class FrameEntry(RangeKeys):
     def _belongs_together(self) -> FrameEntry:
         has_pose, has_place = self.pose is not None, self.place is not None
         if self.role == "query" and (has_pose or has_place):
-            raise ValueError(
-                f"the query {self.id} has a pose or place in the manifest, expected both only in the truth file"
-            )
+            raise ValueError(f"the query {self.id} has a pose or place in the manifest: move both to the truth file")
         if self.role != "query" and not (has_pose and has_place):
-            raise ValueError(f"the reference frame {self.id} has no {'place' if has_pose else 'pose'}")
+            raise ValueError(f"the reference frame {self.id} has no {'place' if has_pose else 'pose'}, expected both")
         if self.sequence is not None and self.role != "query":
-            raise ValueError(f"the reference frame {self.id} has a sequence, expected it only in queries")
+            raise ValueError(f"the reference frame {self.id} has the key `sequence`, expected the key only in queries")
         if self.sequence is not None and self.t_s is None:
             raise ValueError(
-                f"the view {self.id} of the sequence {self.sequence!r} has no t_s, expected its time in seconds"
+                f"the view {self.id} of the sequence {self.sequence!r} has no `t_s`, expected its time in seconds"
             )
         if not (self.rgb or self.range or self.instances):
             raise ValueError(f"the frame {self.id} names no image, expected at least one of rgb, range and instances")
@@ -170,12 +168,12 @@ class Manifest(RangeKeys):
             )
         if any(frame.instances for frame in self.frames) and self.objects is None:
             raise ValueError(
-                "frames have instance images and the manifest has no `objects`, expected the table with "
-                "the labels of the instances"
+                "frames have instance images, but the manifest has no `objects`, expected a table with the labels of "
+                "the instances"
             )
         if self.labels is not None and self.objects is None:
             raise ValueError(
-                "received `labels` without `objects`, expected both: the table `labels` translates the labels of "
+                "received `labels` without `objects`, expected both: `labels` translates the labels of the table "
                 "`objects`"
             )
         return self

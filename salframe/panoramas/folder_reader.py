@@ -80,8 +80,8 @@ class Folder:
         except KeyError:
             where = self.root / (self.manifest.truth or MANIFEST)
             raise TruthMissing(
-                f"{where} has no truth of the query {query_id!r}, which an evaluation needs: "
-                "add its place to the file that `truth` in the manifest names"
+                f"{where} has no true place of the query {query_id!r}, which an evaluation needs: add it to the file "
+                "that `truth` in the manifest names"
             ) from None
         return Truth(entry.place, self._pose(entry.pose), entry.instances)
 
@@ -96,7 +96,9 @@ class Folder:
         kind = FrameKind.TRANSITION if entry.role == "transition" else FrameKind.SCENE
         pose, place = self._pose(entry.pose), entry.place
         if pose is None or place is None:
-            raise DataError(f"{self.root / MANIFEST}: the reference frame {entry.id} has no pose or no place")
+            raise DataError(
+                f"{self.root / MANIFEST}: the reference frame {entry.id} lacks its pose or place, expected both"
+            )
         return ReferenceFrame(entry.id, place, pose, kind, partial(self.load, entry), content)
 
     def _pose(self, pose: Sequence[float] | None) -> np.ndarray | None:
@@ -215,9 +217,8 @@ class Folder:
         lowest_m, highest_m = min(cameras_m), max(cameras_m)
         if highest_m - lowest_m > MIN_STOREY_M:
             raise DataError(
-                f"{self.root / MANIFEST}: the floor has no z_m and the cameras span more than one storey "
-                f"(z = {lowest_m:.2f} to {highest_m:.2f} m), expected the height of the floor in the "
-                "world in metres"
+                f"{self.root / MANIFEST}: the floor has no z_m, expected its height in the world in metres, because "
+                f"the cameras span more than one storey (z = {lowest_m:.2f} to {highest_m:.2f} m)"
             )
         on_zero = lowest_m > -SAME_FLOOR_M and highest_m <= MAX_CAMERA_M
         return [0.0 if on_zero else max(lowest_m - USUAL_M, highest_m - MAX_CAMERA_M)]
@@ -256,6 +257,7 @@ def read_labels(path: Path) -> dict[int, str]:
     labels = {row.instance_id: row.label for row in rows}
     if len(labels) < len(rows):
         raise DataError(
-            f"{path} has {len(rows)} rows and {len(labels)} different values of instance_id, expected unique ids"
+            f"{path} has {len(rows)} rows with {len(labels)} different values of instance_id, expected a different "
+            "value in each row"
         )
     return labels

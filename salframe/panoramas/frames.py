@@ -108,7 +108,8 @@ class QueryFrame:
         motions = check_array(self, "T_last_view", np.float64, len(self.earlier) + 1, 4, 4)
         if not all(is_rigid(motion, POSE_TOLERANCE) for motion in motions):
             raise DataError(
-                f"the query {self.id} has motions between its views that are not rigid, expected rigid motions (4, 4)"
+                f"the query {self.id} has a motion between its views that is not rigid, expected rigid motions of "
+                "shape (4, 4)"
             )
 
     @property

@@ -101,7 +101,7 @@ def read_house(path: Path) -> HouseFile:
     numbers += [part for o in objects for part in (o.centre_m, o.axes, o.half_m)]
     numbers += [point.position_m for point in panoramas.values()]
     if not all(np.isfinite(part).all() for part in numbers):
-        raise DataError(f"{path} has a number that is not finite, expected finite numbers")
+        raise DataError(f"{path} contains NaN or infinity, expected finite numbers")
     if not regions:
         raise DataError(f"{path} has no regions, expected lines that begin with R")
     return HouseFile(regions, objects, panoramas)

@@ -65,8 +65,8 @@ def _find_in(folder: Folder, path: Path) -> FrameImage | None:
         ids = list(dict.fromkeys(image.frame.id for image in matches))
         if len(ids) > 1:
             raise DataError(
-                f"{path} is an image of {len(ids)} frames of {folder.root / MANIFEST} "
-                f"({', '.join(ids[:3])}), expected an image of one frame: pass the id of the frame and "
+                f"{path} is the image of {len(ids)} frames of {folder.root / MANIFEST} "
+                f"({', '.join(ids[:3])}), expected the image of one frame: pass the id of the frame, and "
                 "--data"
             )
         if matches:

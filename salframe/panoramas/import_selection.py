@@ -54,8 +54,8 @@ def select(
     if not references:
         num_posed = sum(record.is_reference for record in records)
         raise DataError(
-            f"the recording has {len(records)} panoramas, {num_posed} with poses, and no reference panorama, expected "
-            "at least one panorama that has a pose and is not a query"
+            f"no panorama of the recording can be a reference frame ({len(records)} panoramas, {num_posed} with "
+            "poses), expected at least one that has a pose and is not a query"
         )
     source = _place_source(references, place_from)
     reference_ids = {record.id for record in references}
@@ -81,9 +81,8 @@ def _place_source(references: Sequence[PanoramaRecord], place_from: str | None) 
     if without and source is not PlaceSource.NONE:
         known = [s for s in PlaceSource if s is PlaceSource.NONE or all(s in record.places for record in references)]
         raise DataError(
-            f"{len(without)} of {len(references)} reference panoramas have no place from the source "
-            f"{source} (such as {without[0]}), expected a place for each: choose one of the sources "
-            f"{', '.join(known)}"
+            f"place_from={source} gives no place to {len(without)} of {len(references)} reference panoramas, such as "
+            f"{without[0]}, expected a place for each: choose {' or '.join(known)}"
         )
     return source
 
@@ -143,5 +142,5 @@ def _apart(first: PanoramaRecord, second: PanoramaRecord, unit: str) -> float:
         return float(np.linalg.norm(np.subtract(second.T_world_pano, first.T_world_pano)[:3, 3]))  # type: ignore[arg-type]
     if first.t_s is None or second.t_s is None:
         without = first if first.t_s is None else second
-        raise DataError(f"the panorama {without.id} has no time, expected a distance such as --every 0.5m")
+        raise DataError(f"the panorama {without.id} has no time: use a distance, such as --every 0.5m")
     return abs(second.t_s - first.t_s)

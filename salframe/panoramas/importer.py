@@ -103,14 +103,14 @@ class PanoramaRecord:
         if not self.parts or not self.parts <= IMPORTED_PARTS or self.parts == {"valid"}:
             received, expected = ", ".join(sorted(self.parts)) or "none", ", ".join(sorted(IMPORTED_PARTS - {"valid"}))
             raise DataError(
-                f"the panorama {self.id} has the parts {received}, expected at least one of {expected}, "
-                "and optionally valid"
+                f"the panorama {self.id} has the parts {received}, expected at least one of {expected} (valid is "
+                "optional)"
             )
         if self.T_world_pano is not None:
             check_pose(self, f"the panorama {self.id}")
         if self.sequence is not None and self.t_s is None:
             raise DataError(
-                f"the view {self.id} of the sequence {self.sequence!r} has no t_s, expected its time in seconds"
+                f"the view {self.id} of the sequence {self.sequence!r} has no `t_s`, expected its time in seconds"
             )
 
     @property
@@ -201,6 +201,6 @@ class Importer(Role):
             DataError: As in `read`, or the format has no odometry.
         """
         raise DataError(
-            f"the format {self.name} has no odometry, expected a recording with odometry such as a ROS bag, or a "
-            "folder of panoramas with a sequence"
+            f"recordings in the format {self.name} have no odometry, expected a format with odometry such as rosbag, "
+            "or a folder of panoramas with a sequence"
         )

@@ -196,13 +196,15 @@ def _claim(folder: Path, importer: Importer, source: Path) -> None:
     path = folder / SETTINGS
     if not path.exists():
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise ConfigError(f"{folder} was not written by `salframe data import`, expected a new or an empty folder")
+            raise ConfigError(
+                f"{folder} contains files that `salframe data import` did not write: choose a new or an empty folder"
+            )
         write_json(path, settings)
     elif (stored := read_json(path)) != settings:
         changed = [key for key, value in settings.items() if not isinstance(stored, dict) or stored.get(key) != value]
         raise ConfigError(
-            f"{folder} was imported with another {' and another '.join(changed)}: remove this folder, "
-            "or choose a new one"
+            f"{folder} was imported with a different value of {' and '.join(changed)}: remove this folder, or choose "
+            "another one"
         )
 
 
@@ -253,9 +255,7 @@ class _Writer:
         """Write the manifest, the tables and the floor masks. Raises DataError if no reference frame was written."""
         if not any(entry.role == "map" for entry in self._entries):
             first = next(iter(self.failures.values()), "none was selected")
-            raise DataError(
-                f"no reference panorama could be imported, and {len(self.failures)} panoramas failed: {first}"
-            )
+            raise DataError(f"no reference panorama could be imported ({len(self.failures)} panoramas failed): {first}")
         objects, odometry = self._recording.objects, self._recording.odometry
         if objects is not None:
             write_objects(self._folder / OBJECTS, objects)

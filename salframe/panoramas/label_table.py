@@ -54,7 +54,8 @@ class LabelTable:
             for label in map(spelling, labels):
                 if names.setdefault(label, name) != name:
                     raise DataError(
-                        f"{path}: the label {label!r} stands for {names[label]!r} and {name!r}, expected one name"
+                        f"{path}: the label {label!r} is listed under {names[label]!r} and {name!r}, expected it "
+                        "under one name"
                     )
         return cls(names)
 

@@ -44,8 +44,8 @@ def read_motion(path: Path, num_views: int) -> tuple[np.ndarray, np.ndarray | No
     if len(late):
         before, after = values[late[0] : late[0] + 2, 0]
         raise DataError(
-            f"{path}: t_s is {after:g} in row {late[0] + 2} after {before:g}, expected increasing times: sort the rows "
-            "and the views by time"
+            f"{path}: t_s goes from {before:g} to {after:g} in row {late[0] + 2}, expected increasing times: sort the "
+            "rows and the views by time"
         )
     has_tilt = np.isfinite(values[:, 5:]).all(0)
     if has_tilt.any() and not has_tilt.all():

@@ -149,7 +149,7 @@ class Annotations:
     def __post_init__(self) -> None:
         if (self.instance_id is None) == (self.objects is None):
             received = "both instance_id and" if self.instance_id is not None else "neither instance_id nor"
-            raise DataError(f"Annotations has {received} objects, expected exactly one of them")
+            raise DataError(f"Annotations received {received} objects, expected exactly one of them")
         if self.instance_id is not None:
             ids = check_array(self, "instance_id", np.int32, None, None)
             if ids.min(initial=0) < 0 or ids.max(initial=0) > MAX_INSTANCE_ID:
@@ -201,7 +201,7 @@ class Panorama:
     def __post_init__(self) -> None:
         if self.range_by is not None and self.range_m is None:
             raise DataError(
-                f"{self.id} has range_by {self.range_by!r}, the model that estimated its range, but no range image: "
+                f"{self.id} has range_by = {self.range_by!r} (the model that estimated its range) but no range image: "
                 "pass range_m, or set range_by to None"
             )
         if self.annotations is not None and not isinstance(self.annotations, Annotations):

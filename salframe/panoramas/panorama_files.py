@@ -108,7 +108,9 @@ def _check_sizes(rgb: Path, parts: Mapping[str, np.ndarray | None], paths: Mappi
         image = parts[name]
         if image is not None and picture is not None and image.shape[:2] != picture.shape[:2]:
             size, expected = (" x ".join(map(str, part.shape[1::-1])) for part in (image, picture))
-            raise DataError(f"{path} is {size}, expected {expected} like {rgb}, whose XMP applies to both")
+            raise DataError(
+                f"{path} is {size}, expected {expected} like {rgb}, because the XMP of that image applies to both"
+            )
 
 
 def _place(parts: Mapping[str, np.ndarray | None], sphere: PhotoSphere) -> dict[str, np.ndarray | None]:

@@ -187,7 +187,7 @@ def _geometry(values: Mapping[str, str], file: ImageFile) -> PhotoSphere:
     if min(crop_w, crop_h) < 1 or abs(full_w - 2 * full_h) > _SIZE_TOLERANCE_PX:
         raise ValueError(
             f"a crop of {crop_w:g} x {crop_h:g} and a full panorama of {full_w:g} x {full_h:g} pixels, "
-            "expected positive sizes and full width = 2 x height"
+            "expected positive sizes, and a full panorama with width = 2 x height"
         )
     if min(left, top) < 0 or left + crop_w > full_w or top + crop_h > full_h:
         raise ValueError(
@@ -211,7 +211,7 @@ def _number(values: Mapping[str, str], name: str, default: float | None, limit: 
     """Return a number of the XMP. Raises ValueError if it is missing without a default, no number or out of range."""
     if name not in values:
         if default is None:
-            raise ValueError(f"no {name}, expected the position of the crop")
+            raise ValueError(f"no property {name}, expected it because the picture is a crop")
         return default
     text = values[name]
     try:

@@ -77,7 +77,9 @@ def photograph_panorama(
     for what, image in (("photograph", rgb), ("depth image", depth_m), ("instance image", instance_id)):
         if image is not None and np.shape(image)[:2] != (camera.height, camera.width):
             received = " x ".join(map(str, np.shape(image)[1::-1]))
-            raise DataError(f"the {what} is {received}, expected {camera.width} x {camera.height} like its camera")
+            raise DataError(
+                f"the {what} is {received}, expected {camera.width} x {camera.height}, the size of its camera"
+            )
     height = height or int(np.clip(round(np.pi * camera.fx), MIN_ROWS, MAX_ROWS))
     is_shown, pixels = camera.sampling(height)
     range_m = annotations = None

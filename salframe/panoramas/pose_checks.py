@@ -119,8 +119,8 @@ def pose_notes(
     notes = []
     if is_hanging.sum() > REFUSED_SHARE * len(frames) and _hang(frames, is_hanging):
         notes.append(
-            f"{is_hanging.sum()} of {len(frames)} reference frames hang upside down by their poses, as the floor "
-            "that they show confirms: they are levelled by their poses"
+            f"{is_hanging.sum()} of {len(frames)} reference frames hang upside down according to their poses and to "
+            "the floor that they show: they are turned upright"
         )
         is_tilted &= ~is_hanging
     if np.count_nonzero(is_tilted & (tilts > REFUSED_TILT_DEG)) > REFUSED_SHARE * len(frames):
@@ -128,9 +128,9 @@ def pose_notes(
     if is_tilted.any():
         first = int(is_tilted.argmax())
         notes.append(
-            f"{is_tilted.sum()} of {len(frames)} reference frames are tilted by their poses by more than "
-            f"{MAX_TILT_DEG:g} deg ({frames[first].id}: {tilts[first]:.0f} deg); they are levelled by their poses: "
-            "check the convention of the poses if the camera was upright"
+            f"{is_tilted.sum()} of {len(frames)} reference frames are tilted by more than {MAX_TILT_DEG:g} deg "
+            f"according to their poses ({frames[first].id}: {tilts[first]:.0f} deg), and are levelled: if the camera "
+            "was upright, check the convention of the poses"
         )
     if not compares_ranges:
         return notes
@@ -162,8 +162,9 @@ def _tilt_deg(pose: np.ndarray) -> float:
 def _tilt_error(frames: Sequence[ReferenceFrame], tilts: np.ndarray) -> str:
     worst = int(np.argmax(tilts > REFUSED_TILT_DEG))
     text = (
-        f"{(tilts > REFUSED_TILT_DEG).sum()} of {len(frames)} reference frames are not upright by their poses "
-        f"({frames[worst].id}: the up axis of the panorama is {tilts[worst]:.0f} deg from the up axis of the world)"
+        f"{(tilts > REFUSED_TILT_DEG).sum()} of {len(frames)} reference frames are not upright according to their "
+        f"poses ({frames[worst].id}: the up axis of the panorama is {tilts[worst]:.0f} deg from the up axis of the "
+        "world)"
     )
     if np.median(tilts) > 180 - MAX_TILT_DEG:
         return f"{text}, likely the camera hangs upside down: turn the images and the poses by 180 deg about x"
@@ -217,8 +218,8 @@ def _cube_note(sample: _Sample) -> str | None:
     if sum(flags) * 2 <= len(flags):
         return None
     return (
-        f"{sum(flags)} of {len(flags)} range images hold z-depth of cube faces, in which straight walls bend "
-        f"({sample.frames[flags.index(True)].id}), expected range along the ray: "
+        f"{sum(flags)} of {len(flags)} range images contain z-depth of cube faces, such as "
+        f"{sample.frames[flags.index(True)].id}, expected range along the ray: "
         'set "range_kind": "cube" in manifest.json'
     )
 
@@ -367,7 +368,7 @@ def _height_notes(sample: _Sample, floors: Sequence[FloorMasks]) -> list[str]:
     frames, z_m, height_m = zip(*rows, strict=True)
     if len(rows) > 1 and np.allclose(z_m, -np.array(height_m), rtol=0.1):
         return [
-            f"the cameras are {height_m[0]:.2f} m above the visible floor, and the z of their poses is {z_m[0]:.2f} m "
+            f"the cameras are {height_m[0]:.2f} m above the visible floor, but the z of their poses is {z_m[0]:.2f} m "
             f"({frames[0].id}), expected the opposite sign: {_convention_text('ros-world-to-camera')}"
         ]
     if not floors:

@@ -84,7 +84,9 @@ class RangeEncoding:
             DataError: The kind is CUBE.
         """
         if self.kind == RangeKind.CUBE:
-            raise DataError("range_kind is 'cube' for a photograph, expected 'z' (along the optical axis) or 'ray'")
+            raise DataError(
+                "range_kind is 'cube' for a photograph, expected 'z' (depth along the optical axis) or 'ray'"
+            )
         return self._metres(steps)
 
     def panorama_steps(self, range_m: np.ndarray) -> np.ndarray:

@@ -87,7 +87,7 @@ def _check_range(model: RangeModel, panorama: Panorama, range_m: Any) -> None:
         raise InvalidAnswer(f"{model.name} returned {received}, expected {expected}, metres along the ray")
     if (range_m <= 0).any() or np.isinf(range_m).any():
         raise InvalidAnswer(
-            f"{model.name} returned a range that is 0, negative or infinite, expected positive "
+            f"{model.name} returned a range that is zero, negative or infinite, expected positive "
             "metres, or NaN where the range is unknown"
         )
 

@@ -179,8 +179,8 @@ def open_photograph(
     else:
         if (file.width_px, file.height_px) != (camera.width, camera.height):
             raise DataError(
-                f"{image} is {file.width_px} x {file.height_px}, expected {camera.width} x {camera.height} like its "
-                "camera: use images of this size, or the calibration of the other size"
+                f"{image} is {file.width_px} x {file.height_px}, expected {camera.width} x {camera.height}, the size "
+                "of its calibration: use images of this size, or calibrate the camera for the other size"
             )
         camera = camera if width == camera.width else camera.scaled(width, height)  # large images are reduced
     steps, instance_id = (
@@ -204,7 +204,7 @@ def _read_ids(path: Path, rgb: np.ndarray) -> np.ndarray:
     ids = images.read_ids(path)
     if ids.shape != rgb.shape[:2]:
         size, expected = (" x ".join(map(str, image.shape[1::-1])) for image in (ids, rgb))
-        raise DataError(f"{path} is {size}, expected {expected} like its photograph")
+        raise DataError(f"{path} is {size}, expected {expected}, the size of its photograph")
     return ids
 
 

@@ -88,8 +88,8 @@ def motions(views: Sequence[View]) -> np.ndarray | None:
     last = views[-1].T_last_view
     if last is not None and not np.allclose(last, np.eye(4), atol=RIGID_TOLERANCE):
         raise DataError(
-            f"the last view has the translation {last[:3, 3].tolist()} m and the rotation {last[:3, :3].tolist()}, "
-            "expected the identity: T_last_view maps to the coordinates of the last view"
+            f"T_last_view of the last view has the translation {last[:3, 3].tolist()} m and the rotation "
+            f"{last[:3, :3].tolist()}, expected the identity: it maps to the coordinates of the last view"
         )
     T_panorama_last = translation(-views[-1].position_m)
     motions = [

@@ -103,7 +103,7 @@ class Service:
         if self._num_uploads >= self.limits.max_uploads:
             raise Problem(
                 HTTPStatus.SERVICE_UNAVAILABLE,
-                f"the server is receiving {self._num_uploads} images, the maximum number: try again later",
+                f"the server already receives {self._num_uploads} images, the maximum number: try again later",
                 retry_after_s=1,
             )
         self._num_uploads += 1

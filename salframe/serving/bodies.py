@@ -60,7 +60,7 @@ class BodyLimits:
                 is_complete = True
                 raise Problem(
                     HTTPStatus.REQUEST_TIMEOUT,
-                    f"the body did not arrive within the time limit of {self._limits.body_s:g} s: reduce the images",
+                    f"the body did not arrive within the time limit of {self._limits.body_s:g} s: send smaller images",
                     headers={"Connection": "close"},
                 ) from None
             num_bytes += len(message.get("body", b""))

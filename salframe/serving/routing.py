@@ -61,7 +61,7 @@ def _node_of_frame(topology: TopologicalMap, frame: str) -> str:
             return node.id
     raise Problem(
         HTTPStatus.CONFLICT,
-        f"no route starts at this frame: the reference frame {shorten(repr(frame))} has no node in the map",
+        f"no route starts at this frame: the reference frame {shorten(repr(frame))} has no node in the topology",
     )
 
 

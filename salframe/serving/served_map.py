@@ -146,7 +146,8 @@ class MapHolder:
             except Exception as error:
                 self.failure, self._failed_stamp = describe_error(error), stamp
                 _log.warning(
-                    "the changed map cannot be opened; the server continues with the previous version: %s", self.failure
+                    "the changed map cannot be opened, and the server continues with the previous version: %s",
+                    self.failure,
                 )
             return self.current
 

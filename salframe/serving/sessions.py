@@ -159,7 +159,8 @@ class SessionStore:
             oldest_s = min(session.used_s for session in self._sessions.values())
             raise Problem(
                 HTTPStatus.SERVICE_UNAVAILABLE,
-                f"the server has {len(self._sessions)} sessions, the maximum number: end sessions that are not used",
+                f"the server has {len(self._sessions)} sessions, the maximum number: end unused sessions, or try "
+                "again later",
                 retry_after_s=max(1, int(oldest_s + self._limits.idle_s - time.monotonic()) + 1),
             )
         session = Session(secrets.token_urlsafe(16), served)

@@ -209,7 +209,9 @@ def _read_images(fields: UploadFields, image: Path | None, range_image: Path | N
         panorama = load_panorama("the panorama", rgb=image, range_image=range_image, encoding=encoding)
         return ServedQuery(panorama, rgb=panorama.rgb, notes=panorama.notes)
     if image is None:
-        raise DataError("received a camera or field of view without a photograph, expected the file field `image`")
+        raise DataError(
+            "received a camera or field of view without a photograph: send the photograph as the field `image`"
+        )
     camera = None if fields.camera is None else Camera(**fields.camera.model_dump())
     shot = open_photograph(image, range_image, camera=camera, fov_deg=fields.fov_deg, encoding=encoding)
     note = missing_depth_note(shot, encoding)

@@ -55,7 +55,7 @@ def build_topology(
             floor has free floor; two nodes have the same name.
     """
     if not floors:
-        raise DataError("a topological map needs floor masks, received none: the dataset has no floors")
+        raise DataError("a topology needs floor masks, but the dataset has none")
     settings = settings or TopologySettings()
     floors = sorted(floors, key=lambda floor: floor.z_m)
     references = list(frames)
@@ -71,8 +71,8 @@ def build_topology(
     duplicates = [name for name, count in Counter(node.id for node in nodes).items() if count > 1]
     if duplicates:
         raise DataError(
-            f"two nodes of the map would have the name {duplicates[0]!r}, "
-            "expected places with different names on different floors"
+            f"two nodes would have the name {duplicates[0]!r}, expected different names: rename the places that have "
+            "the same name on two floors"
         )
     if note := disconnected_note(floors, edges):
         notes.append(note)
@@ -114,8 +114,8 @@ class _FloorMap:
         self._names = self._grid.names
         if not self._names:
             raise DataError(
-                f"the storey at z = {floor.z_m:g} m has no free floor in any region, expected at least "
-                "one region with free floor"
+                f"the storey at z = {floor.z_m:g} m has no free floor in any region, expected free floor in at least "
+                "one"
             )
         self.nodes: list[MapNode] = []
         self._positions: list[np.ndarray] = []
@@ -166,7 +166,7 @@ class _FloorMap:
         reason = f"frame {frame.id} at ({x:.2f}, {y:.2f}) m is inside a wall or obstacle, or too near to one"
         distance_m = np.inf if pixel is None else float(np.linalg.norm(pixel - position)) * grid.floor.resolution_m
         if distance_m > max_distance_m:
-            self._notes.append(f"{reason}; it is left out: no clear floor of its region within {max_distance_m:g} m")
+            self._notes.append(f"{reason}; it is left out: no free floor of its region within {max_distance_m:g} m")
             return None
         self._notes.append(f"{reason}; its node is {distance_m:.2f} m from it")
         return pixel
@@ -178,7 +178,7 @@ class _FloorMap:
         for label, name in self._names.items():
             clearance_m = np.where(self._grid.label == label, clear, -1.0)
             if clearance_m.max() < 0:
-                self._notes.append(f"{name} has no scene node: the robot fits nowhere in it")
+                self._notes.append(f"{name} has no scene node: it has no space that is wide enough for the robot")
                 continue
             pixel = np.array(np.unravel_index(clearance_m.argmax(), clearance_m.shape)) + 0.5
             self._add(name, NodeKind.SCENE, pixel, (name,), tuple(frame.id for frame in frames if frame.place == name))
@@ -227,7 +227,7 @@ class _FloorMap:
         if paths:
             listed = ", ".join(f"{names[i]} to {names[j]}" for i, j, _ in paths)
             self._notes.append(
-                f"edges along a shortest path, because no straight line over clear floor joins their nodes: {listed}"
+                f"these edges follow a shortest path, because obstacles block the straight line: {listed}"
             )
         connections = np.vstack([pairs, np.array([(i, j) for i, j, _ in paths], int).reshape(-1, 2)])
         self._note_unreachable(components(len(positions), connections))
@@ -248,7 +248,7 @@ class _FloorMap:
                     if name in with_door
                     else "it has no door that the robot fits through"
                 )
-                self._notes.append(f"{name} is out of reach of the floor's other regions: {reason}")
+                self._notes.append(f"{name} cannot be reached from the other regions of the floor: {reason}")
         for node, c in zip(self.nodes, component, strict=True):
             if c != main and parts[main].issuperset(node.regions):
-                self._notes.append(f"node {node.id} is out of reach: no clear floor leads to it")
+                self._notes.append(f"node {node.id} cannot be reached: obstacles block every path to it")

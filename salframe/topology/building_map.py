@@ -107,12 +107,11 @@ def build_map(
     output = Path(output)
     if central_nodes and not topology:
         raise ConfigError(
-            "received --central-nodes and --no-topology: --no-topology leaves out the nodes, so remove one of the "
-            "options"
+            "received --central-nodes and --no-topology, expected at most one: a map without a topology has no nodes"
         )
     if floor_map is not None and not topology:
         raise ConfigError(
-            "received --floor-map and --no-topology: the file is read for the topology, so remove one of the options"
+            "received --floor-map and --no-topology, expected at most one: only a topology uses the floor map"
         )
     check_output(output)
     space = None if floor_map is None else read_map_server(Path(floor_map))
@@ -251,7 +250,7 @@ def ask_map(
         if start is None:
             raise NoRoute(
                 f"no route to {goal}: the query was localized at the reference frame {answer.places[0].frame}, "
-                "which has no node in the graph of routes"
+                "which has no node in the topology"
             )
         return replace(map_answer, route=find_route(topology, start, goal, planner))
     except (DataError, NoRoute, UnknownName) as error:

@@ -88,7 +88,9 @@ def derive_floors(
         RequirementMissing: scikit-image is not installed.
     """
     if space is None and not any(panorama.range_m is not None for _, panorama in load_samples(frames, NUM_SAMPLES)):
-        raise DataError("the data have no floor masks and no range images to derive floors from, expected one of them")
+        raise DataError(
+            "the data have neither floor masks nor range images to derive floors from, expected one of them"
+        )
     notes: list[str] = []
     levels = _find_storeys(frames, space, progress, notes)
     split = None if has_places(frames) else [split_regions(storey.space) for storey in levels]
@@ -115,7 +117,7 @@ def derive_floors(
         if region.any():
             floors.append(_masks(storey, region, regions))
         else:
-            notes.append(f"the storey at z = {storey.z_m:.1f} m has no floor: no free floor of a place was seen")
+            notes.append(f"the storey at z = {storey.z_m:.1f} m has no floor: its range images show no free floor")
     if not floors:
         raise DataError(f"no floor can be derived: {'; '.join(notes)}")
     regions_from = PartSource.PLACES if split is None else PartSource.FREE_SPACE
@@ -150,7 +152,7 @@ def extend_floors(
     """
     if sources.regions is PartSource.FREE_SPACE and not has_places(added):
         raise DataError(
-            "the places of the map are derived from its free space, and the new frames have no places: build the map "
+            "the new frames have no places, and the places of the map were derived from its free space: build the map "
             "again from all data"
         )
     extended = list(floors)
@@ -185,9 +187,8 @@ def _unite(floor: FloorMasks, other: FloorMasks) -> FloorMasks:
     shape = tuple(np.max([starts[k] + one.free.shape for k, one in enumerate((floor, other))], axis=0).tolist())
     if shape[0] * shape[1] > MAX_PIXELS:
         raise DataError(
-            f"the floors of the map and of the new frames at z = {floor.z_m:.1f} m span {shape[1] * size_m:.0f} x "
-            f"{shape[0] * size_m:.0f} m, expected at most {MAX_PIXELS} cells of {size_m:g} m: use poses in the world "
-            "frame of the map"
+            f"the map and the new frames together span {shape[1]} x {shape[0]} cells of {size_m:g} m at z = "
+            f"{floor.z_m:.1f} m, expected at most {MAX_PIXELS} cells: use poses in the world frame of the map"
         )
     walkable, low = np.zeros(shape, bool), np.zeros(shape, bool)
     for (row, column), one in zip(starts.tolist(), (floor, other), strict=True):
@@ -214,10 +215,15 @@ def _find_storeys(
     levels = []
     groups = storeys(np.array([frame.T_world_pano[2, 3] for frame in frames]))
     if space is not None and len(groups) > 1:
-        raise DataError(f"the frames are on {len(groups)} storeys, expected one: a map file shows one storey")
+        raise DataError(
+            f"the frames are on {len(groups)} storeys, expected one, because the occupancy map shows one storey"
+        )
     on_stairs = sorted(set(range(len(frames))) - set(np.concatenate(groups).tolist()))
     if on_stairs:
-        notes.append(f"{len(on_stairs)} frames are on no storey: {_listed([frames[k].id for k in on_stairs])}")
+        notes.append(
+            f"{len(on_stairs)} frames are between the storeys, and are ignored: "
+            f"{_listed([frames[k].id for k in on_stairs])}"
+        )
     count = _Count(len(frames) - len(on_stairs), progress)
     for numbers in groups:
         members = tuple(frames[number] for number in numbers)

@@ -90,9 +90,8 @@ class OccupancyGrid:
         columns, rows = (high_m - low_m + 1).tolist()
         if rows * columns > MAX_PIXELS:
             raise DataError(
-                f"the cameras at z = {z_m:.1f} m need a grid of {columns} x {rows} cells of "
-                f"{RESOLUTION_M:g} m, expected at most {MAX_PIXELS} cells: check that the poses are in "
-                "metres"
+                f"the cameras at z = {z_m:.1f} m span {columns} x {rows} cells of {RESOLUTION_M:g} m, expected at most "
+                f"{MAX_PIXELS} cells: check that the poses are in metres"
             )
         self.origin_m = float(low_m[0] * RESOLUTION_M), float((high_m[1] + 1) * RESOLUTION_M)
         self._z_m = z_m

@@ -54,9 +54,8 @@ class GeoAnchor:
             latitude = np.nan
         if not (abs(latitude) <= MAX_LATITUDE_DEG and abs(longitude) <= 180 and abs(bearing) <= 360):
             raise ConfigError(
-                f"the anchor is {text!r}, expected LATITUDE,LONGITUDE,BEARING with magnitudes of at most "
-                f"{MAX_LATITUDE_DEG:g}, 180 and 360 deg, such as 52.5163,13.3777,0: BEARING is the "
-                "compass bearing of the y axis"
+                f"the anchor is {text!r}, expected LATITUDE,LONGITUDE,BEARING in degrees, such as 52.5163,13.3777,0 "
+                f"(limits: +-{MAX_LATITUDE_DEG:g}, +-180, +-360); BEARING is the compass bearing of the y axis"
             )
         return cls(latitude, longitude, bearing)
 

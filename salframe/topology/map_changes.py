@@ -155,7 +155,7 @@ def remove_from_map(directory: str | Path, places: Iterable[str]) -> MapChange:
             if place not in names:
                 raise UnknownName(unknown("place", place, names))
         if {frame.place for frame in localization.frames} <= set(removed):
-            raise ConfigError(f"received all places of {directory} to remove, expected at least one to remain")
+            raise ConfigError(f"cannot remove all places of {directory}, expected at least one place to remain")
         remaining = without_places(floors, removed)
         localization.remove(removed, remaining)
         return remaining, sources
@@ -277,8 +277,8 @@ def _check_places(sources: Iterable[_Source], frames: Sequence[ReferenceFrame], 
     for other, other_frames in sources:
         if both := sorted(places & {frame.place for frame in other_frames}):
             raise DataError(
-                f"both maps, {other} and {folder}, contain {shorten(', '.join(both))}, expected places of "
-                "different names: remove these places from one of the two maps, or build one again with other names"
+                f"the maps {other} and {folder} both contain the places {shorten(', '.join(both))}, expected different "
+                "places: remove these places from one map, or rename them in its data and build it again"
             )
 
 

@@ -165,7 +165,7 @@ def find_route(topology: TopologicalMap, start: str, goal: str, planner: str | N
                 routes.append(prepared.route(*pair))
         if routes:
             return min(routes, key=lambda route: route.length_m)
-    raise NoRoute(f"no route from {start} to {goal}: no path of edges connects them in the map")
+    raise NoRoute(f"no route from {start} to {goal}: no edges of the map connect them")
 
 
 def with_position(topology: TopologicalMap, xyz_m: np.ndarray, node_id: str = HERE) -> TopologicalMap:
@@ -185,14 +185,17 @@ def with_position(topology: TopologicalMap, xyz_m: np.ndarray, node_id: str = HE
     """
     number = find_floor(topology.floors, xyz_m)
     if number is None:
-        raise DataError(f"the position ({xyz_m[0]:.2f}, {xyz_m[1]:.2f}, {xyz_m[2]:.2f}) m is not on a floor of the map")
+        raise DataError(
+            f"the position ({xyz_m[0]:.2f}, {xyz_m[1]:.2f}, {xyz_m[2]:.2f}) m is not on a floor of the map, expected a "
+            "position inside a floor mask"
+        )
     floor = topology.floors[number]
     grid = FloorGrid(floor, topology.parameters.robot_radius_m)
     close_doorways(grid, topology.parameters.min_doorway_m)
     pixel = nearest_pixel(grid.clear, grid.to_pixel(xyz_m[:2]))
     others = [node for node in topology.nodes if find_floor(topology.floors, node.xyz_m) == number]
     if pixel is None or not others:
-        raise DataError(f"the floor at z = {floor.z_m:g} m has no clear floor or no nodes, expected both for a route")
+        raise DataError(f"the floor at z = {floor.z_m:g} m has no free space or no nodes, and a route needs both")
     pixels = grid.to_pixel(np.array([node.xyz_m[:2] for node in others]))
     visible = has_line_of_sight(grid.clear, np.broadcast_to(pixel, pixels.shape), pixels)
     paths = [(int(node), np.array([pixel, pixels[node]])) for node in np.flatnonzero(visible)]
@@ -200,7 +203,9 @@ def with_position(topology: TopologicalMap, xyz_m: np.ndarray, node_id: str = HE
         component = np.array([0] + [1] * len(others))
         paths = [(j - 1, corners) for _, j, corners in joining_paths(grid, np.vstack([pixel, pixels]), component)]
     if not paths:
-        raise DataError(f"no node of the map can be reached from ({xyz_m[0]:.2f}, {xyz_m[1]:.2f}) m over clear floor")
+        raise DataError(
+            f"no node of the map can be reached from ({xyz_m[0]:.2f}, {xyz_m[1]:.2f}) m: obstacles block every path"
+        )
     region = grid.names.get(int(grid.label[cell(pixel)]))
     added = MapNode(node_id, NodeKind.SCENE, grid.world(pixel), () if region is None else (region,))
     edges = [make_edge(grid, node_id, others[node].id, corners) for node, corners in paths]

@@ -191,8 +191,8 @@ def test_missing_weights_are_told_and_how_to_get_them(data):
     (row,) = done.json["rows"]
     assert (done.code, row["method"], row["available"]) == (1, "loftr", False)
     assert re.fullmatch(
-        r"weights 'loftr': absent\.ckpt does not exist; set another path, or download the weights with: salframe "
-        r"weights fetch loftr",
+        r"weights 'loftr': absent\.ckpt does not exist; correct the path in the settings, or download the weights "
+        r"with: salframe weights fetch loftr",
         row["reason"],
     )
 
@@ -201,7 +201,7 @@ def test_another_method_in_the_place_of_one_that_cannot_run_is_named(data):
     done = run("compare", "--methods", "loftr", "--data", "./data", "--engine", "inline", "--json")
     assert [row["method"] for row in done.json["rows"]] == ["loftr-compact"]
     (note,) = done.json["notes"]
-    assert re.match(r"loftr-compact, not loftr: (weights 'loftr': .* is missing|loftr needs torch)", note)
+    assert re.match(r"loftr-compact is used instead of loftr: (weights 'loftr': .* is missing|loftr needs torch)", note)
 
 
 BROKEN_PLUGINS = {
@@ -250,7 +250,8 @@ def test_a_yaml_with_an_unknown_key(data):
         ("method: objects\nvary: {labels: [set]}\nverbose: true", r"sweep\.yaml: unknown key verbose \(known: .*vary"),
         (
             "method: objects\nvary: {lables: [set]}",
-            r"the mapping `vary` has the key lables, which no method has: unknown key 'lables', did you mean 'labels'",
+            r"`vary` has the key lables, which is not a setting of any method: unknown key 'lables', did you "
+            r"mean 'labels'",
         ),
         (
             "method: objects\nset: {detector.noize: none}\nvary: {labels: [set]}",

@@ -86,7 +86,7 @@ def test_an_image_of_a_folder_is_localized_by_its_path(fakes, tmp_path, monkeypa
 def test_build_does_not_write_into_another_folder(fakes, tmp_path):
     (tmp_path / "home").mkdir()
     (tmp_path / "home" / "letter.txt").write_text("dear")
-    assert "is neither empty nor a map" in run("build", "rooms", "-o", "home", "--method", "reader").err
+    assert "contains files that are not a map" in run("build", "rooms", "-o", "home", "--method", "reader").err
 
 
 @pytest.fixture

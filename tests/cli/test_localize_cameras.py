@@ -128,7 +128,10 @@ def test_an_unusual_camera_is_reported_once(photographs):
             ("--views", "0.jpg", "1.jpg", "--fov", "90", *parts(0)),
             "received 1 --range for 2 views, expected --range once for each view",
         ),
-        (("small.jpg", "--camera", "camera.json"), "small.jpg is 200 x 200, expected 400 x 400 like its camera: use"),
+        (
+            ("small.jpg", "--camera", "camera.json"),
+            "small.jpg is 200 x 200, expected 400 x 400, the size of its calibration: use",
+        ),
         (("0.jpg", "--camera", "labels.json"), "labels.json: width is missing"),
         (
             ("0.jpg", "--range", "0.depth.png", "--range-kind", "cube", "--fov", "90"),

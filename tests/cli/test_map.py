@@ -79,7 +79,7 @@ def test_a_map_is_added_to_merged_and_taken_from(built):
         "removed: room-3, upper-room-0, upper-room-1, upper-room-2, upper-room-3, upper-room-4",
         "new: 4 places, 4 frames",
     ]
-    assert "  room-4 is out of reach of the floor's other regions: it has no door" in done.out
+    assert "  room-4 cannot be reached from the other regions of the floor: it has no door" in done.out
 
 
 def test_route_prints_lengths_azimuths_and_turns(built):
@@ -137,7 +137,7 @@ def test_a_position_is_printed_without_a_route(rooms):
     assert run("map", "build", "rooms", "-o", "map", "--method", "reader").code == 0
     query = "map", "query", "map", "query-1-0", "--data", "rooms"
     for goal, reason in (
-        ("room-3", "no route from here to room-3: no path of edges connects them in the map"),
+        ("room-3", "no route from here to room-3: no edges of the map connect them"),
         ("rom-3", "no route to rom-3: unknown node or place 'rom-3', did you mean 'room-3'?"),
     ):
         done = run(*query, "--to", goal)
@@ -196,7 +196,7 @@ def test_build_and_map_build_are_one_command(built, tmp_path):
 
 def test_data_without_floors_give_a_map_without_topology(rooms):
     done = run("map", "build", "maskless", "-o", "map", "--method", "reader")
-    reason = "the data have no floor masks and no range images to derive floors from, expected one of them"
+    reason = "the data have neither floor masks nor range images to derive floors from, expected one of them"
     assert (done.code, done.err) == (0, f"warning: the map has no topology: {reason}\n")
     assert done.out.endswith(", no topology\n")
     assert run("localize", "map", "query-1-0", "--data", "doored").code == 0
@@ -212,7 +212,7 @@ def test_data_without_floors_give_a_map_without_topology(rooms):
 @pytest.mark.parametrize("options", [(), ("--central-nodes",), ("--no-topology",)])
 def test_two_floors_of_one_height_are_refused(rooms, tmp_path, options):
     done = run("map", "build", "storeys", "-o", "map", "--method", "reader", "--set", "data.height_m=0", *options)
-    error = "error: two floors with overlapping or adjacent masks are at z = 0 m, expected a different z_m for each\n"
+    error = "error: two floors whose masks overlap or touch have z_m = 0, expected a different z_m for each floor\n"
     assert (done.code, done.err) == (2, error)
     assert not (tmp_path / "map").exists()
 
@@ -223,7 +223,7 @@ def test_a_dataset_without_frames_has_one_scene_node_a_region_and_no_localizer(r
     assert run("map", "route", "map", "room-0", "room-4", "--json").json["nodes"][0] == "room-0"
     done = run("map", "query", "map", "query-1-0", "--data", "doored")
     message = (
-        "error: map has no localizer, because its data have no reference frames: build the map from data with "
+        "error: map cannot localize, because its data had no reference frames: build the map from data with "
         "reference frames\n"
     )
     assert (done.code, done.err) == (2, message)
@@ -231,12 +231,12 @@ def test_a_dataset_without_frames_has_one_scene_node_a_region_and_no_localizer(r
 
 def test_rooms_without_doors_are_built_and_said_to_be_apart(rooms):
     done = run("map", "build", "rooms", "-o", "map", "--method", "reader")
-    assert "room-1 is out of reach of the floor's other regions: it has no door that the robot fits through" in done.out
-    done = run("map", "route", "map", "room-0", "room-1")
-    assert (done.code, done.err) == (
-        2,
-        "error: no route from room-0 to room-1: no path of edges connects them in the map\n",
+    assert (
+        "room-1 cannot be reached from the other regions of the floor: it has no door that the robot fits through"
+        in done.out
     )
+    done = run("map", "route", "map", "room-0", "room-1")
+    assert (done.code, done.err) == (2, "error: no route from room-0 to room-1: no edges of the map connect them\n")
 
 
 def test_floors_above_each_other_are_said_to_be_apart(rooms):
@@ -253,7 +253,7 @@ def test_floors_above_each_other_are_said_to_be_apart(rooms):
     [
         (
             ["build", "maskless", "-o", "new", "--method", "reader", "--central-nodes"],
-            "the data have no floor masks and no range images to derive floors from",
+            "the data have neither floor masks nor range images to derive floors from",
         ),
         (
             ["build", "doored", "-o", "new", "--method", "reader", "--central-nodes", "--no-topology"],
@@ -270,7 +270,7 @@ def test_floors_above_each_other_are_said_to_be_apart(rooms):
         ),
         (
             ["build", "doored", "-o", ".", "--method", "reader"],
-            ". is neither empty nor a map, expected a new or empty folder",
+            ". contains files that are not a map, expected a new or empty folder",
         ),
         (["build", "doored", "-o", "new", "--method", "raeder"], "unknown method 'raeder', did you mean 'reader'?"),
         (["route", "map", "room-0", "rom-1"], "unknown node or place 'rom-1', did you mean 'room-1'?"),
@@ -290,7 +290,7 @@ def test_floors_above_each_other_are_said_to_be_apart(rooms):
         (["remove", "new", "room-1"], "new contains no map: build one with salframe build DATA -o new"),
         (
             ["merge", "map", "map"],
-            "both maps, map and map, contain room-0, room-1, room-2, room-3, room-4, expected places of",
+            "the maps map and map both contain the places room-0, room-1, room-2, room-3, room-4, expected different",
         ),
         (["merge", "map", "new"], "new contains no map: build one with salframe build DATA -o new"),
         (

@@ -109,8 +109,8 @@ def test_auto_is_decided_by_what_an_image_provides(pictures):
     done = run("show-objects", folder / "frames/kitchen-map.rgb.png", "hall.jpg", "--json")
     assert done.code == 1
     assert [view["detector"] for view in done.json["images"]] == ["annotations"]
-    assert done.err.startswith("auto selected the detector annotations\nerror: no detector that 'auto' may select")
-    assert "no detector that 'auto' may select can run on hall.jpg: annotations: needs annotations" in done.err
+    assert done.err.startswith("auto selected the detector annotations\nerror: 'auto' cannot select a detector")
+    assert "'auto' cannot select a detector for hall.jpg: annotations: needs annotations" in done.err
     assert "unknown key" in run("show-objects", folder / "frames/kitchen-map.rgb.png", "--set", "detector.nois=1").err
 
 
@@ -184,7 +184,7 @@ def test_depth_of_a_photograph_is_read_as_declared(pictures):
     declared = run(*shown, "--range-kind", "ray", "--range-missing", "9999", *DETECTOR)
     assert "fills" not in declared.err
     error = run(*shown, "--range-kind", "cube", *DETECTOR).err
-    assert "range_kind is 'cube' for a photograph, expected 'z' (along the optical axis) or 'ray'" in error
+    assert "range_kind is 'cube' for a photograph, expected 'z' (depth along the optical axis) or 'ray'" in error
 
 
 def test_a_photograph_of_a_calibrated_camera(pictures):
@@ -198,4 +198,4 @@ def test_a_photograph_of_a_calibrated_camera(pictures):
     (pictures / "camera.json").write_text(json.dumps({**content, "width": 642}))
     larger = run("show-objects", "desk.png", "--camera", "camera.json", *DETECTOR)
     assert larger.code == 1
-    assert "desk.png is 640 x 480, expected 642 x 480 like its camera" in larger.err
+    assert "desk.png is 640 x 480, expected 642 x 480, the size of its calibration" in larger.err

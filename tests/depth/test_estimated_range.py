@@ -149,7 +149,4 @@ def test_without_a_range_model_what_could_estimate_it_is_named(rooms, options):
     (row,) = run(*arguments, "--engine", "inline", "--json", *options).json["rows"]
     assert row["input"] == ["rgb", "estimated range"]
     (row,) = run(*arguments, "--engine", "inline", "--json", "--set", "range.kind=onnx-depth").json["rows"]
-    assert (
-        row["reason"]
-        == "the range model 'onnx-depth' has no network, expected the path of an ONNX file in the setting `model`"
-    )
+    assert row["reason"] == "the range model 'onnx-depth' has no network: set `model` to the path of an ONNX file"

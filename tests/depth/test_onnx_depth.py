@@ -171,12 +171,12 @@ def test_another_content_of_the_file_is_another_model(network):
         ({"metric": True, "size_px": (64, 64)}, r"takes image float32 \(1, 3, 128, 128\), .*\(\*, 3, 64, 64\)"),
         (
             {"metric": True, "gives": "points"},
-            r"returned \(1, 1, 128, 128\) as its first output, expected \(1, 3, height, width\)",
+            r"returned a first output of shape \(1, 1, 128, 128\), expected \(1, 3, height, width\)",
         ),
         ({"metric": True, "input": "equirectangular"}, "takes images of 128 x 128, expected width = 2 x height"),
         (
             {"metric": True, "input": "equirectangular", "gives": "z-depth"},
-            "the range model 'onnx-depth' has gives=z-depth and input=equirectangular",
+            "the range model 'onnx-depth' received gives=z-depth with input=equirectangular",
         ),
     ],
 )
@@ -188,7 +188,7 @@ def test_settings_that_do_not_fit_are_told_in_one_line(network, settings, messag
 
 def test_a_model_that_is_not_there_is_told(tmp_path):
     with pytest.raises(
-        WeightsError, match="the range model 'onnx-depth' has no network, expected the path of an ONNX file"
+        WeightsError, match="the range model 'onnx-depth' has no network: set `model` to the path of an ONNX file"
     ):
         OnnxDepth(OnnxDepth.Config(metric=True))
     with pytest.raises(WeightsError, match=r"nothing\.onnx does not exist, expected the path"):

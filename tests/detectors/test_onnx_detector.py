@@ -224,7 +224,7 @@ def test_without_range_a_graph_is_localized_in_a_map_with_range(network):
 
 
 def test_without_colour_it_says_so(detector):
-    with pytest.raises(InputMissing, match="scene has no colour"):
+    with pytest.raises(InputMissing, match="scene has no colour image"):
         detector.detect(replace(scene()[0], rgb=None))
 
 

@@ -110,7 +110,7 @@ def test_more_workers_than_processors_of_a_cluster_are_refused():
 
 def test_no_cluster_at_an_address_is_one_line():
     ray.shutdown()
-    with pytest.raises(RequirementMissing, match=r"^no Ray cluster at auto: "):
+    with pytest.raises(RequirementMissing, match=r"^no Ray cluster answers at auto: "):
         list(Ray(Ray.Config(address="auto")).map(answer, ["a"]))
 
 
@@ -118,7 +118,7 @@ def test_a_cluster_whose_token_is_not_at_hand_is_one_line(tmp_path):
     code = f"from salframe_ray import Ray; list(Ray(Ray.Config(address={ADDRESS!r})).map(abs, [1]))"
     environment = os.environ | {"HOME": str(tmp_path), "RAY_AUTH_MODE": "token"}
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=120)
-    assert re.search(rf"RequirementMissing: no Ray cluster at {ADDRESS}: .*token", done.stderr.splitlines()[-1])
+    assert re.search(rf"RequirementMissing: no Ray cluster answers at {ADDRESS}: .*token", done.stderr.splitlines()[-1])
 
 
 def test_two_nodes_answer_as_one_process(rooms, monkeypatch):

@@ -44,7 +44,9 @@ def test_another_spelling_of_a_place_is_named(name):
 
 def test_a_place_that_is_not_mapped_is_no_other_spelling():
     (note,) = notes(q0_0="garage", q0_1="garage", q1_0="room-9")
-    assert note == "the true place of 3 queries is not in the map, expected answer out-of-map: 'garage', 'room-9'"
+    assert (
+        note == "the true place of 3 queries is not in the map, so the correct answer is out-of-map: 'garage', 'room-9'"
+    )
 
 
 def test_at_most_three_names_are_listed():
@@ -71,6 +73,9 @@ def test_a_comparison_without_queries_in_the_map_is_measured(plugins, tmp_path):
     assert done.code == 0
     (row,) = done.json["rows"]
     assert (row["accuracy"], row["absent_queries"], row["macro_recall"]) == (0.0, 10, None)
-    assert "the true place of 10 queries is not in the map, expected answer out-of-map: 'garage'" in done.json["notes"]
+    assert (
+        "the true place of 10 queries is not in the map, so the correct answer is out-of-map: 'garage'"
+        in done.json["notes"]
+    )
     for command in (("evaluate", done.json["run"]), ("report", done.json["run"])):
         assert run(*command).code == 0

@@ -101,10 +101,10 @@ def test_another_dtype_or_number_of_inputs_is_refused(tmp_path):
     [
         (
             [("Sub", ["x", "x"], ["zero"]), ("Div", ["zero", "zero"], ["y"])],
-            "returned only NaN or infinite values as y",
+            "returned only NaN or infinity as the output y",
         ),
-        ([("Concat", ["x", "x"], ["y"], {"axis": 0})], r"returned y of shape \(4, 3, 4, 4\) for a batch of 2"),
-        ([("ReduceMax", ["x"], ["y"], {"axes": [0]})], r"returned y of shape \(1, 3, 4, 4\) for a batch of 2"),
+        ([("Concat", ["x", "x"], ["y"], {"axis": 0})], r"returned the output y of shape \(4, 3, 4, 4\) for 2 images"),
+        ([("ReduceMax", ["x"], ["y"], {"axes": [0]})], r"returned the output y of shape \(1, 3, 4, 4\) for 2 images"),
         ([("Tile", ["x", "x"], ["y"])], r"failed on inputs of shape \(2, 3, 4, 4\)|is not an ONNX network"),
     ],
 )

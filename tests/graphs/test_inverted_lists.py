@@ -66,7 +66,7 @@ def test_an_index_that_is_not_whole_is_refused(graphs, tmp_path):
     manifest = tmp_path / "index" / "index.json"
     content = json.loads(manifest.read_text())
     manifest.write_text(json.dumps({**content, "scenes": 7}))
-    with pytest.raises(DataError, match="lists whose lengths differ from those in"):
+    with pytest.raises(DataError, match="is damaged, its lists have other lengths than"):
         InvertedLists().open(tmp_path / "index")
     manifest.write_text(json.dumps({**content, "format": 0}))
     with pytest.raises(DataError, match="format 0, expected 1"):

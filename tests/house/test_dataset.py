@@ -262,7 +262,7 @@ def test_storeys_are_buildings_of_successive_seeds(tmp_path: Path, monkeypatch: 
 
 
 def test_signs_on_several_storeys_are_refused() -> None:
-    with pytest.raises(ValueError, match="signs is true and storeys is 2, expected storeys=1 or signs=false"):
+    with pytest.raises(ValueError, match="received signs=true with storeys=2, expected storeys=1 or signs=false"):
         House.Config(rooms=4, signs=True, storeys=2)
 
 

@@ -74,7 +74,7 @@ def test_topics_are_chosen(tmp_path):
 def test_stamps_of_zero_are_named(tmp_path):
     with BagWriter(tmp_path / "a") as writer:
         writer.image("/left", -START_S, "left", PIXELS, "rgb8", delay_s=START_S)
-    with pytest.raises(DataError, match=r"the topic /left of .* has messages without a header stamp"):
+    with pytest.raises(DataError, match=r"the topic /left of .* has a message without a header stamp"):
         Bag(tmp_path / "a", "humble").stamps(["/left"])
 
 

@@ -105,7 +105,9 @@ def test_frames_that_are_not_connected_are_named(tmp_path):
 
 def test_a_bag_without_poses_is_named(tmp_path):
     bag = write(tmp_path / "bag", has_odometry=False, has_tf=False)
-    with pytest.raises(DataError, match=r"has no moving poses, expected a topic of the type nav_msgs/msg/Odometry"):
+    with pytest.raises(
+        DataError, match=r"has no poses of the camera over time, expected a topic of the type nav_msgs/msg/Odometry"
+    ):
         source(bag)
 
 

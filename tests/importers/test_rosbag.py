@@ -212,7 +212,9 @@ def test_distortion_is_undone(tmp_path):
 def test_depth_without_a_picture_in_time_is_left_out(tmp_path):
     write_pinhole(tmp_path / "a")
     assert len(read(tmp_path / "a").records) == 3
-    with pytest.raises(DataError, match=r"3 of 3 pictures of /camera/image_raw have no message of /camera/depth/image"):
+    with pytest.raises(
+        DataError, match="3 of 3 pictures of /camera/image_raw are left out: no message of /camera/depth"
+    ):
         read(tmp_path / "a", "tolerance_s=0.001")
     assert len(read(tmp_path / "a", "tolerance_s=0.001", "depth=none").records) == 3
 
@@ -224,7 +226,7 @@ def test_pictures_without_a_pose_are_counted(tmp_path):
             writer.image("/pano", t_s, "camera_optical", np.zeros((128, 256, 3), np.uint8), "rgb8")
     recording = read(tmp_path / "a")
     assert len(recording.records) == 2
-    assert recording.notes == ("1 of 3 pictures have no pose at their time and are left out",)
+    assert recording.notes == ("1 of 3 pictures are left out: no pose at their time",)
 
 
 def write_drive(path: Path) -> Path:
@@ -243,7 +245,7 @@ def write_drive(path: Path) -> Path:
 def test_sequences_of_views(tmp_path):
     recording = read(write_drive(tmp_path / "a"), "num_views=3", "sequence_period=8", "view_distance_m=0.4")
     (note,) = recording.notes
-    assert note == "the poses are those of tf, in the frame map. To use the poses of /odom, pass --set poses=TOPIC"
+    assert note == "the poses are from tf, in the frame map; to use those of /odom, pass --set poses=TOPIC"
     views = [record for record in recording.records if record.sequence]
     # A view every 0.5 m; the sixth to the eighth of every eight are a sequence.
     assert [record.t_s - START_S for record in views] == pytest.approx([2.5, 3.0, 3.5, 6.5, 7.0, 7.5])
@@ -309,7 +311,7 @@ def test_inverted_extrinsics_are_named(tmp_path):
     assert note.startswith("/camera/image_raw: the image is rolled: its x axis has an elevation of ")
     assert note.endswith("the frame camera_optical in /tf_static, and whether they are inverted")
     with pytest.raises(
-        DataError, match=r"camera_optical of .* is not upright by its poses: .* whether they are inverted"
+        DataError, match=r"frame camera_optical\) are not upright according to their poses: .* are inverted"
     ):
         read(write_equirectangular(tmp_path / "b", xyzw=inverse))
 
@@ -328,9 +330,9 @@ def test_the_quaternion_of_an_optical_frame_in_the_order_w_x_y_z_is_harmless(tmp
 def test_clocks_that_differ_by_half_a_second_are_named(tmp_path):
     (note,) = read(write_pinhole(tmp_path / "a", clock_s=0.5), "depth=none").notes
     assert note.startswith(
-        "the pictures were recorded 0.00 s after their stamps, and the poses of /odom, in the frame odom"
+        "the pictures were recorded 0.00 s after their stamps, but the poses of /odom, in the frame odom"
     )
-    assert note.endswith("the poses wrong by 0.50 s")
+    assert note.endswith("the stamps may be from different clocks")
 
 
 @pytest.mark.parametrize(
@@ -339,10 +341,10 @@ def test_clocks_that_differ_by_half_a_second_are_named(tmp_path):
         (["depth_kind=cube"], "depth_kind is cube for pinhole images, expected z or ray"),
         (["projection=equirectangular"], "images of 640 x 480 without intrinsics, expected width = 2 x height"),
         (["depth=/camera/image_raw"], "the topic /camera/image_raw has pictures, expected depth"),
-        (["image=/camera/depth/image"], "the topic /camera/depth/image has depth, expected pictures"),
+        (["image=/camera/depth/image"], "the topic /camera/depth/image has depth images, expected pictures"),
         (["camera_info=/camera/image_raw"], "has the type sensor_msgs/msg/Image, expected sensor_msgs/msg/CameraInfo"),
-        (["num_views=20"], "num_views is 20 and sequence_period is 20, expected num_views < sequence_period"),
-        (["num_views=3", "group_by=motion"], "num_views is 3 with group_by=motion, expected group_by=time"),
+        (["num_views=20"], "num_views is 20, expected less than sequence_period, which is 20"),
+        (["num_views=3", "group_by=motion"], "num_views is 3 with group_by=motion: set group_by=time"),
         (["num_views=3"], "too few views for a sequence, expected 20 views that are 0.5 m or 45 deg apart"),
         (["world=map"], "has no frame map in /tf and /tf_static, expected a frame of the bag: base_link"),
         (["poses=/odom", "world=odom"], "received world=odom with poses=/odom"),

@@ -68,7 +68,7 @@ def test_images_are_grouped_by_time_and_by_motion(import_home, tmp_path, written
         assert [record.id for record in recording.records] == [f"station-00{number}" for number in (1, 2, 3, 4)]
         for record, position in zip(recording.records, STANDS, strict=True):
             assert record.T_world_pano[:3, 3] == pytest.approx(position, abs=0.04)
-    with pytest.raises(salframe.DataError, match="has no key station"):
+    with pytest.raises(salframe.DataError, match="has no key `station`"):
         find_importer("perspective", ["group_by=station"]).read(source)
 
 
@@ -153,7 +153,7 @@ def test_the_nearest_time_is_taken(tmp_path, written):
     """Two images, 3 ms after a pose each; the pose 7 ms later is nearer to neither."""
     source = written["tum"]
     recording = find_importer("tum", ["camera=default", "max_time_s=0.0031", "height=64"])
-    with pytest.raises(salframe.DataError, match=r"within 0.0031 s \(the nearest is 0.007 s away\)"):
+    with pytest.raises(salframe.DataError, match=r"within 0.0031 s of its time \(the nearest is 0.007 s away\)"):
         recording.read(source)  # depth is 7 ms earlier than colour
     assert len(find_importer("tum", ["camera=default", "max_time_s=0.0071"]).read(source).records) == 4
 

@@ -27,7 +27,7 @@ import salframe
         ("perspective", ["depth_kind=ray"], "the depth images of one place contradict each other: check"),
         ("perspective", ["position_unit_m=0.01"], "the positions are 100 times too small for the ranges"),
         ("cubemap", ["depth_unit_m=0.004"], "4 times too large"),
-        ("cubemap", ["depth_kind=ray"], "hold z-depth of cube faces"),
+        ("cubemap", ["depth_kind=ray"], "contain z-depth of cube faces"),
         ("cubemap", ["pose_convention=compass"], 'likely the convention "compass"'),
         ("tum", ["depth_unit_m=0.001"], "5 times too large, likely fifths of a millimetre read as millimetres"),
     ],
@@ -41,22 +41,22 @@ def test_a_wrong_unit_or_kind_is_named(import_home, tmp_path, format, settings, 
 
 @pytest.mark.parametrize("convention", ["ros", "opencv", "opengl", "unity", "ned", "opencv-world-to-camera"])
 def test_the_right_axes_of_posed_images_are_named(import_home, convention):
-    expected = "from upright by their poses .*: likely --set pose_convention=opengl-z-up$"
+    expected = "from upright .*: try --set pose_convention=opengl-z-up$"
     with pytest.raises(salframe.DataError, match=expected):
         import_home("perspective", f"pose_convention={convention}")
 
 
 @pytest.mark.parametrize("convention", ["ros", "opengl", "opencv-world-to-camera"])
 def test_the_right_axes_of_a_trajectory_are_named(import_home, convention):
-    with pytest.raises(salframe.DataError, match=r"likely --set pose_convention=opencv(?!-)"):
+    with pytest.raises(salframe.DataError, match=r"try --set pose_convention=opencv(?!-)"):
         import_home("tum", f"pose_convention={convention}")
 
 
 def test_the_right_order_of_quaternions_is_named(import_home, tmp_path):
-    with pytest.raises(salframe.DataError, match="likely --set quaternion=xyzw"):
+    with pytest.raises(salframe.DataError, match="try --set quaternion=xyzw"):
         import_home("tum", "quaternion=wxyz")
     source = write_tum(tmp_path / "home", stands(), order="wxyz")
-    with pytest.raises(salframe.DataError, match="likely --set quaternion=wxyz"):
+    with pytest.raises(salframe.DataError, match="try --set quaternion=wxyz"):
         import_home("tum", source=source)
 
 
@@ -71,7 +71,7 @@ def test_a_time_offset_of_half_a_second_is_noticed(import_home, tmp_path, both_w
 
 def test_clocks_that_have_nothing_in_common_are_named(import_home):
     with pytest.raises(
-        salframe.DataError, match=r"within 0.02 s \(the nearest is 70.\d s away\), expected times of the same"
+        salframe.DataError, match=r"within 0.02 s of its time \(the nearest is 70.\d s away\): correct pose_offset_s"
     ):
         import_home("tum", "pose_offset_s=100")
 

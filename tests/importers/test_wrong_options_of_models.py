@@ -57,7 +57,7 @@ def test_the_poses_are_those_of_the_home(import_from, home, format, settings):
             ["camera_height=15"],
             "the camera height of 15 m above the floor, expected 0.45 to 2.8 m: check camera_height",
         ),
-        ("colmap", ["scale=2.5"], "the cameras are 3.75 m above the floor by the points of the model, expected"),
+        ("colmap", ["scale=2.5"], "the cameras are 3.75 m above the floor in the points of the model, expected"),
         ("rosbag", ["depth_unit_m=0.0002"], "5 times too small, likely millimetres read as fifths of a millimetre"),
         ("rosbag", ["depth_kind=cube"], "poses and ranges of 4 reference frames contradict each other"),
     ],
@@ -77,14 +77,16 @@ def test_a_bag_with_depth_in_another_unit_is_named(import_from, tmp_path):
 
 
 def test_the_axes_of_a_camera_frame_are_named(import_from, home):
-    with pytest.raises(salframe.DataError, match=r"is not upright by its poses.*: likely --set camera_axes=optical$"):
+    with pytest.raises(
+        salframe.DataError, match=r"are not upright according to their poses.*: try --set camera_axes=optical$"
+    ):
         import_from("rosbag", home["rosbag"], "camera_axes=body")
 
 
 @pytest.mark.parametrize("wrong", [{"order": "wxyz"}, {"inverted": True}], ids=["order", "inverted"])
 def test_the_transforms_of_a_bag_that_is_not_upright_are_named(import_from, tmp_path, wrong):
     source = write_bag(tmp_path / "bag", stands(), **wrong)
-    expected = r"check the transforms of this frame .*, whether they are inverted, and the order of quaternions"
+    expected = r"check whether the transforms of this frame .* are inverted, and that quaternions"
     with pytest.raises(salframe.DataError, match=expected):
         import_from("rosbag", source)
 
@@ -112,7 +114,7 @@ def test_quaternions_of_a_table_in_another_order_are_noticed(import_from, tmp_pa
         rows.append([f"{stand.name}.jpg", *stand.position, *np.roll(quaternion, 1)])
     write_poses(root, rows, ("picture", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"))
     notes = salframe.import_data("pictures", root, tmp_path / "out").notes
-    assert any("are not upright by their poses" in note for note in notes)
+    assert any("are not upright according to their poses" in note for note in notes)
 
 
 @pytest.mark.parametrize(

@@ -234,7 +234,7 @@ def test_the_conformal_test_accepts_at_most_its_share_of_out_of_map_queries():
 def test_the_conformal_test_needs_enough_frames():
     made = MapCalibration(head=HEAD, present_frames=0, absent_in_map=tuple(np.linspace(0, 0.9, 19).tolist()))
     with pytest.raises(
-        DataError, match=r"max_false_accept is 0.05, which needs at least 20 reference frames .* the map has 19"
+        DataError, match=r"max_false_accept is 0.05, which needs at least 20 calibration frames, but the map has 19"
     ):
         made.max_out_of_map_probability(0.05)
     assert made.max_out_of_map_probability(0.06) <= 0.5
@@ -291,7 +291,7 @@ def test_a_setting_and_a_method_without_probabilities_leave_a_map_uncalibrated()
         Spy(), [{"value": np.array([1.0])}], [ReferenceFrame("a", "a", np.eye(4))], calibrate=True
     )
     assert plain.calibration is None
-    with pytest.raises(DataError, match="spy has no posterior"):
+    with pytest.raises(DataError, match="the answers of spy have no probabilities to calibrate"):
         plain.calibrate()
 
 
@@ -322,9 +322,9 @@ def test_build_calibrates_and_the_map_shows_it(fakes):
     assert strict.localizer.posterior.max_false_accept == 0.2
     refused = run("localize", "map", "query-2-0", "--data", "rooms", "--max-false-accept", "0.05")
     assert (refused.code, len(refused.err.splitlines())) == (2, 1)
-    assert "needs at least 20 reference frames" in refused.err
+    assert "needs at least 20 calibration frames" in refused.err
     assert run("build", "rooms", "--method", "reader", "-o", "bare").code == 0
-    assert "reader has no posterior" in run("map", "calibrate", "bare").err
+    assert "the answers of reader have no probabilities to calibrate" in run("map", "calibrate", "bare").err
 
 
 def test_a_frame_that_the_localizer_fails_on_is_left_out(fakes):

@@ -39,5 +39,5 @@ def test_queries_whose_place_nothing_names_are_left_out():
     known = (Evidence(("a", "b"), {"near": np.array([1.0, 0.0])}), "a")
     unknown = (Evidence(("a", "b"), {"near": np.array([0.0, 1.0])}), "c")
     assert fit_weights([known, unknown]) == fit_weights([known])
-    with pytest.raises(DataError, match="ranks the true place of its query"):
+    with pytest.raises(DataError, match="contains the true place of its query"):
         fit_weights([unknown])

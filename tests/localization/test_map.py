@@ -120,7 +120,7 @@ def test_a_folder_of_something_else_is_not_overwritten(saved, tmp_path):
     build_map("rooms", saved, "reader")
     assert open_map(saved).localizer.config.offset == 0
     (tmp_path / "file").write_text("years")
-    with pytest.raises(ConfigError, match="file is neither empty nor a map"):
+    with pytest.raises(ConfigError, match="file contains files that are not a map"):
         build_map("nowhere", tmp_path / "file", "reader")  # said before anything is opened
 
 
@@ -131,7 +131,7 @@ def test_a_folder_of_something_else_is_not_overwritten(saved, tmp_path):
         ({"localizer": {"kind": "raeder"}}, UnknownName, "unknown localizer 'raeder', did you mean 'reader'"),
         ({"localizer": {"kind": "reader", "ofset": 1}}, ConfigError, "unknown key .*ofset"),
         ({"localizer": None}, DataError, r"method\.json: localizer: received None, expected a dictionary"),
-        ({"localizer": {}}, DataError, r"method\.json names no localizer: build the map again"),
+        ({"localizer": {}}, DataError, r"method\.json does not name the method of the map: build the map again"),
         ({"described_by": "0"}, DataError, "was built with other settings, weights or files .*: build the map again"),
     ],
 )

@@ -138,7 +138,7 @@ def test_another_folder_is_not_written_to(tmp_path):
     (tmp_path / "work" / "thesis.tex").write_text("years")
     (tmp_path / "file").write_text("years")
     for name in ("work", "file"):
-        with pytest.raises(ConfigError, match=f"{name} is neither empty nor a map"):
+        with pytest.raises(ConfigError, match=f"{name} contains files that are not a map"):
             write(tmp_path / name, "one")
     assert [path.name for path in (tmp_path / "work").iterdir()] == ["thesis.tex"]
 

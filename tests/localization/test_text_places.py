@@ -109,7 +109,7 @@ def test_the_text_and_the_json(home):
     lines = str(answer).splitlines()
     assert lines[0].endswith("office")
     assert lines[3].startswith("question: ")
-    assert lines[-1] == "note: colours are not known, because the map does not store them: red"
+    assert lines[-1] == "note: ignored colours, because the map does not store colours: red"
     content = answer.to_json()
     assert [place["place"] for place in content["places"]] == [place.place for place in answer.places]
     assert content["relations"] == [{"first": 1, "direction": "left of", "second": 2}]
@@ -123,7 +123,7 @@ def test_a_method_without_objects_is_refused(fakes):
     map = LocalizationMap.from_descriptions(
         Reader(), [{"room": np.array([0.0])}], [ReferenceFrame("a", "a", pose_2d(0, 0, 0))]
     )
-    with pytest.raises(InputMissing, match="reader stores no objects"):
+    with pytest.raises(InputMissing, match="built with reader, which stores no objects"):
         ask(map, "sofa")
 
 

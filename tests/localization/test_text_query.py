@@ -19,7 +19,7 @@ def test_objects_numbers_orders_and_colours_are_read():
     query = read_text("red sofa, two plants left of the bed", LABELS)
     assert query.mentions == (Mention("sofa", "sofa"), Mention("plants", "plant", 2), Mention("bed", "bed"))
     assert query.relations == (Relation(1, Direction.LEFT, 2),)
-    assert query.notes == ("colours are not known, because the map does not store them: red",)
+    assert query.notes == ("ignored colours, because the map does not store colours: red",)
 
 
 @pytest.mark.parametrize(

@@ -109,7 +109,7 @@ def test_bad_input_is_one_clear_line(drawn):
     (folder / "cat.png").write_bytes(whole)
     house = drawn / "house" / "drawn.house"
     house.write_text("R  0 0  0 0  b  0 0 0  0 0 0  1 9 2.5  2.5\nR  1 0  0 0  b  0 0 0  1 0 0  2 0.5 2.5  2.5")
-    with pytest.raises(DataError, match=r"does not match the regions of the \.house file: 0 of 3 patches"):
+    with pytest.raises(DataError, match=r"does not match the \.house file: 0 of 3 patches"):
         read_floor(drawn, "drawn", 0.05)
     house.write_text("R  0 0  0 0  b")
     with pytest.raises(DataError, match=r"drawn\.house is not a \.house file: the line 'R 0' has 6 words"):

@@ -130,7 +130,10 @@ def test_episodes_start_at_viewpoints(world):
     [
         ({"start": "fake/d", "goal": "fake/a"}, "fake: unknown node 'fake/d'"),
         ({"start": "fake/hidden", "goal": "fake/a"}, "fake: unknown node 'fake/hidden'"),
-        ({"start": [0.0, 0.0], "goal": "fake/a"}, r"fake: received the start \(0.00, 0.00\) m, expected a viewpoint"),
+        (
+            {"start": [0.0, 0.0], "goal": "fake/a"},
+            r"fake: received the start \(0.00, 0.00\) m, expected the id of a viewpoint",
+        ),
     ],
 )
 def test_an_unknown_viewpoint_is_one_line(world, tmp_path, entry, line):

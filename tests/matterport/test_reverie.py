@@ -115,7 +115,7 @@ def test_no_object_named_is_a_wrong_one_and_a_missing_key_is_told(root, caplog):
     assert score(root, unnamed) == [row]
     assert (row["SR"], row["RGS"], row["RGSPL"]) == (66.67, 0, 0)
     (message,) = caplog.messages
-    assert "answers.json: 3 of 3 answers have no key predObjId" in message
+    assert "answers.json: 3 of 3 answers have neither predObjId" in message
 
 
 def test_an_answer_without_an_object_among_others_is_a_warning(root, caplog):
@@ -133,7 +133,7 @@ def test_a_target_that_the_end_of_the_path_does_not_show_is_a_warning(root, capl
     score(root, official(ANSWERS))
     (message,) = caplog.messages
     assert re.search(
-        r"the target object of \d of 3 instructions is not in the box file of the last viewpoint .* first is 1_8_0",
+        r"for \d of 3 instructions, the target object is not in the box file of the last viewpoint .* such as 1_8_0",
         message,
     )
 
@@ -190,7 +190,7 @@ def test_ways_are_shortest_in_3d(root):
             r"answers.json has no answer to 1 of the 3 instructions of val_seen, expected an answer to each; "
             r"missing: 1_8_1$",
         ),
-        (dict.fromkeys(ANSWERS), r"answers none of the instructions of .*, expected answers to 3 of val_seen"),
+        (dict.fromkeys(ANSWERS), r"has no answer to the instructions of .*, expected answers to 3 of val_seen"),
         ({"1_8_0": ("abz", 8)}, "1_8_0: the viewpoint 'z' is not in building fake"),
         ({"1_8_0": ("afd", 8)}, "1_8_0: the viewpoint 'f' is not in building fake"),
         ({"1_8_0": ("bc", 8)}, "1_8_0: the trajectory begins at b, expected the start a"),
@@ -310,7 +310,8 @@ def test_data_without_a_folder_has_no_published_episodes():
     data = "matterport-annotations"
     result = run("navigate", "--data", data, "--methods", "objects", "--episodes", "reverie:val_seen")
     reason = (
-        f"the episodes reverie:val_seen are in the folder of the dataset {data}: pass this folder as --data-dir DIR"
+        f"the episodes reverie:val_seen are in the folder of the dataset {data}, received no folder: pass this folder "
+        "as --data-dir DIR"
     )
     line = f"error: {reason}\n"
     assert (result.code, result.err) == (2, line)

@@ -114,7 +114,7 @@ def test_an_agent_that_is_not_at_the_stairs_steps_aside(site):
 
 
 def test_the_floor_of_a_start_is_stated(site):
-    with pytest.raises(DataError, match="floor has 2 floors, expected the number of a floor from 1 to 2"):
+    with pytest.raises(DataError, match="floor has 2 floors, and the start names none: set `floor` from 1 to 2"):
         place_episodes([EpisodeRequest(start=(3.0, 2.0), goal="up-b")], {"floor": site}, 0)
     with pytest.raises(DataError, match="floor has no floor 3, expected a number from 1 to 2"):
         site.world.stand(3.0, 2.0, 0.0, 3)

@@ -63,7 +63,10 @@ def test_a_file_gives_starts_and_goals(sites):
 @pytest.mark.parametrize(
     ("entry", "line"),
     [
-        ({"start": [4.1, 0.5], "goal": "b"}, r"episode 1: floor: \(4.10, 0.50\) m is in a wall or obstacle"),
+        (
+            {"start": [4.1, 0.5], "goal": "b"},
+            r"episode 1: floor: the position \(4.10, 0.50\) m is in a wall or obstacle",
+        ),
         ({"start": "a-wets", "goal": "b"}, "episode 1: floor: unknown node 'a-wets', did you mean 'a-west'"),
         ({"start": "b", "goal": "c"}, "episode 1: floor: unknown node 'c'"),
         ({"start": "b", "goal": "a-west", "world": "attic"}, "episode 1: unknown world 'attic', expected one of floor"),
@@ -110,7 +113,7 @@ def test_a_file_without_episodes_is_one_line(sites):
 
 
 def test_several_worlds_must_be_told_apart(sites):
-    with pytest.raises(DataError, match="episode 0: the episode names no world, expected one of floor, attic"):
+    with pytest.raises(DataError, match=r"episode 0: the episode has no `world` .*, expected one of floor, attic"):
         place_episodes(
             read_episode_requests(write([{"start": "b", "goal": "a-west"}])), {**sites, "attic": sites["floor"]}, 0
         )
@@ -118,7 +121,7 @@ def test_several_worlds_must_be_told_apart(sites):
 
 def test_a_floor_without_free_regions_allows_no_episode():
     blocked = FloorWorld("floor", Apartment(), [masks()], references(), [masks((-1.0, -1.0, 9.0, 9.0))])
-    with pytest.raises(DataError, match="floor has no free floor in any region"):
+    with pytest.raises(DataError, match="floor has no free floor in any room"):
         blocked.draw_start(np.random.default_rng(0))
     with pytest.raises(DataError, match="floor allows no episode"):
         draw_episodes({"floor": Site(blocked, Guide(blocked.chart, Dijkstra.Config()))}, 5, 3)

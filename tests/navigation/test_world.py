@@ -87,7 +87,11 @@ def test_the_map_has_every_frame(world):
 
 
 def test_a_data_set_that_cannot_render_says_so():
-    with pytest.raises(InputMissing, match="still cannot render panoramas at new poses, which navigation needs"):
+    with pytest.raises(
+        InputMissing, match="navigation needs panoramas at new poses, which the dataset still cannot render"
+    ):
         open_worlds(Still())
-    with pytest.raises(DataError, match="unmasked has no floor masks, which navigation needs"):
+    with pytest.raises(
+        DataError, match="navigation needs floor masks to detect collisions, the dataset unmasked has none"
+    ):
         open_worlds(Unmasked())

@@ -120,19 +120,19 @@ def test_a_fold_of_the_distortion_is_not_seen_twice():
     lost = np.hypot(x - 319.5, y - 239.5) / 525 > fold * (1 - 0.35 * fold**2)
     assert camera.lost_share == pytest.approx(lost.mean(), abs=0.01)
     assert np.isnan(camera.rays()[lost]).all()
-    assert "of the image is left out, because the distortion is not invertible there" in camera.notes[0]
+    assert "of the pixels are ignored, because the distortion is not invertible there" in camera.notes[0]
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"fx": 4.2, "fy": 4.2}, r"field of view of 178.5 deg, expected 5 to 170 deg: give fx and fy in pixels"),
-        ({"fx": 42000, "fy": 42000}, r"field of view of 0.8\d+ deg, expected 5 to 170"),
-        ({"fx": 420, "fy": 150}, "fx 420 and fy 150, expected a ratio from 0.5 to 2"),
+        ({"fx": 4.2, "fy": 4.2}, r"field of view of 178.5 deg .*, expected 5 to 170 deg: give fx and fy in pixels"),
+        ({"fx": 42000, "fy": 42000}, r"field of view of 0.8\d+ deg .*, expected 5 to 170"),
+        ({"fx": 420, "fy": 150}, "fx 420 and fy 150, expected a ratio fx / fy from 0.5 to 2"),
         ({"fx": -420}, "expected finite numbers, and positive sizes"),
         ({"cx": float("nan")}, "cx nan, .*expected finite numbers"),
         ({"width": "640"}, "width '640', .*expected finite numbers"),
-        ({"cx": 960, "cy": 540}, "principal point cx 960, cy 540 outside its image of 640 x 480"),
+        ({"cx": 960, "cy": 540}, "principal point cx 960, cy 540, expected a point in its image of 640 x 480"),
         ({"distortion_model": "ftheta"}, "distortion_model is 'ftheta', expected one of none, plumb_bob, .*undistort"),
         ({"distortion_model": ""}, "distortion_model is '', expected one of"),
         (

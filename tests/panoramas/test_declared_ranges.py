@@ -124,12 +124,12 @@ def test_a_floor_without_height_lies_below_the_cameras(tmp_path, cameras_m, floo
         (
             [None],
             (1.5, 1.5, 4.5),
-            "the floor has no z_m and the cameras span more than one storey \\(z = 1.50 to 4.50 m\\)",
+            "the floor has no z_m, expected .* span more than one storey \\(z = 1.50 to 4.50 m\\)",
         ),
         (
             [3.0, 3.0],
             (1.5, 1.5, 4.5),
-            "two floors with overlapping or adjacent masks are at z = 3 m, expected a different z_m for each",
+            "two floors whose masks overlap or touch have z_m = 3, expected a different z_m for each floor",
         ),
     ],
 )

@@ -86,7 +86,9 @@ def test_labels_of_no_name_are_not_mixed_with_names():
 
 
 def test_masks_of_another_frame_are_refused():
-    with pytest.raises(DataError, match="cover most of hall with other regions: use masks in the world frame"):
+    with pytest.raises(
+        DataError, match="cover most of the place hall with other regions: use masks in the world frame"
+    ):
         join_floors([HALL], [floor("kkkkk kkkkk", k="kitchen")])
     assert join_floors([HALL], [floor("kkk", k="kitchen")])  # half of it and no more
 
@@ -143,11 +145,11 @@ def test_masks_that_were_read_from_images_are_accepted():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"resolution_m": np.inf}, "a resolution of inf m per pixel, expected a finite number above 0"),
-        ({"resolution_m": np.nan}, "a resolution of nan m per pixel"),
-        ({"origin_m": (0.0, np.nan)}, r"the origin \(0.0, nan\) m"),
-        ({"origin_m": (0.0, 1.0, 2.0)}, "three finite numbers"),
-        ({"z_m": np.inf}, "the height inf m"),
+        ({"resolution_m": np.inf}, "have resolution_m = inf, expected a finite number above 0"),
+        ({"resolution_m": np.nan}, "have resolution_m = nan"),
+        ({"origin_m": (0.0, np.nan)}, r"has origin_m = \(0.0, nan\)"),
+        ({"origin_m": (0.0, 1.0, 2.0)}, "expected finite numbers"),
+        ({"z_m": np.inf}, "z_m = inf"),
         ({"regions": {"hall": 1}}, "FloorMasks.regions has the id 'hall', expected a whole number"),
         ({"free": np.ones((3, 5))}, "FloorMasks.free has dtype float64, expected bool"),
     ],

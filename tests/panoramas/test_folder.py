@@ -174,7 +174,7 @@ def test_optional_parts_are_optional(tmp_path: Path, images: dict[str, np.ndarra
     panorama = data.folds()[0].references[0].load()
     assert panorama.range_m is None
     assert panorama.annotations is None
-    with pytest.raises(DataError, match="has no truth of the query 'x'"):
+    with pytest.raises(DataError, match="has no true place of the query 'x'"):
         data.truth("x")
 
 
@@ -221,7 +221,7 @@ def test_valid_mask_marks_a_partial_field_of_view(folder: Path) -> None:
         (lambda m: m["frames"][0].update(depth="a.png"), r"unknown key .*frames.0.depth"),
         (lambda m: m["frames"][0].update(pose=[2.0] * 16), r"not a rigid motion"),
         (lambda m: m["frames"][0].update(pose=[1.0, 2.0]), r"frames.0.pose"),
-        (lambda m: m.pop("objects"), r"expected the table with the labels"),
+        (lambda m: m.pop("objects"), r"expected a table with the labels"),
         (lambda m: [m["frames"][2].pop(part) for part in ("rgb", "range", "instances")], r"the frame q names no image"),
     ],
 )
@@ -293,7 +293,9 @@ def test_a_folder_without_truth_is_a_dataset(folder: Path) -> None:
     assert not (folder / "truth.json").exists()
     done = run("data", "info", str(folder), "--json").json
     assert (done["queries"], done["queried_places"], done["queries_without_truth"]) == (1, 0, 1)
-    with pytest.raises(DataError, match=r"manifest\.json has no truth of the query 'q', which an evaluation needs"):
+    with pytest.raises(
+        DataError, match=r"manifest\.json has no true place of the query 'q', which an evaluation needs"
+    ):
         dataset(folder).truth("q")
 
 

@@ -51,7 +51,8 @@ def test_frames_that_link_to_the_same_file_are_told_apart_by_their_path(folder):
     assert found(other) == ("bedroom-query", "range")
     (link := folder / "link.png").symlink_to(image)
     with pytest.raises(
-        DataError, match=r"link\.png is an image of 2 frames of .*manifest\.json \(.*\), expected an image of one frame"
+        DataError,
+        match=r"link\.png is the image of 2 frames of .*manifest\.json \(.*\), expected the image of one frame",
     ):
         find_frame_image(link)
 

@@ -26,7 +26,7 @@ def test_motions_map_to_the_last_view(tmp_path):
         ("t_s,x_m,y_m,yaw_deg\n0,0,0,0\n1,0,0,0\n", "has no column z_m, expected the columns t_s,x_m,y_m,z_m,yaw_deg"),
         (HEADER + "0,0,0,0,0\n", "has 1 rows for 2 views, expected one row for each view"),
         (HEADER + "0,0,0,0,0\n1,0,0,0,0\n2,0,0,0,0\n", "has 3 rows for 2 views"),
-        (HEADER + "1,0,0,0,0\n0.5,0,0,0,0\n", r"t_s is 0\.5 in row 2 after 1, expected increasing times"),
+        (HEADER + "1,0,0,0,0\n0.5,0,0,0,0\n", r"t_s goes from 1 to 0\.5 in row 2, expected increasing times"),
         (HEADER + "0,0,0,0,0\n1,0,nan,0,0\n", "y_m is 'nan' in row 2, expected a finite number"),
         (HEADER + "0,0,0,0,0\n1,0,0,0\n", "yaw_deg is '' in row 2, expected a finite number"),
         (HEADER + "0,0,0,0,0\n1,0,0,0,left\n", "yaw_deg is 'left' in row 2"),

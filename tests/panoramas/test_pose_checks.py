@@ -141,7 +141,7 @@ def test_poses_with_y_up_are_refused_with_the_convention():
 def test_cameras_that_hang_upside_down_are_levelled_by_their_poses():
     frames = reference_frames(height_m=1.7, tilt=np.diag([1.0, -1.0, -1.0]))
     (note,) = pose_notes(frames)
-    assert note.startswith(f"{len(frames)} of {len(frames)} reference frames hang upside down by their poses")
+    assert note.startswith(f"{len(frames)} of {len(frames)} reference frames hang upside down according to their poses")
 
 
 def test_poses_in_a_world_with_z_down_are_refused():

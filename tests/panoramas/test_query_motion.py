@@ -113,8 +113,8 @@ def test_descriptions_are_shared_between_numbers_of_views_and_odometries():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"query_views": 3}, "query_views is 3 for queries that are whole panoramas, expected .* narrower"),
-        ({"query_views": 3, "query_motion": "driven"}, "folder has no other views near the query"),
+        ({"query_views": 3}, "query_views is 3, but the queries are whole panoramas, expected .* narrower"),
+        ({"query_views": 3, "query_motion": "driven"}, "query_motion=driven needs other views near the query"),
     ],
 )
 def test_views_that_cannot_be_taken_are_refused(tmp_path, settings, message):

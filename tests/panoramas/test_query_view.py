@@ -106,12 +106,12 @@ def test_without_settings_a_query_is_what_was_taken() -> None:
 
 
 def test_errors_take_annotations() -> None:
-    with pytest.raises(InputMissing, match="p has no annotations, which the setting query_noise requires"):
+    with pytest.raises(InputMissing, match="p has no annotations, which the setting query_noise needs"):
         as_query(Panorama("p", whole().rgb), config(query_noise={"missed": 0.5}))
 
 
 def test_image_changes_take_colour() -> None:
-    with pytest.raises(InputMissing, match="p has no colour, which the setting query_image requires"):
+    with pytest.raises(InputMissing, match="p has no colour image, which the setting query_image needs"):
         as_query(Panorama("p", range_m=whole().range_m), config(query_image={"exposure_ev": -2}))
 
 

@@ -71,10 +71,10 @@ def test_an_estimate_is_kept_for_all_that_use_the_same_model(tmp_path):
         (np.ones((8, 16)), r"even returned float64 \(8, 16\), expected float32 \(8, 16\)"),
         (np.ones((8, 8), np.float32), r"even returned float32 \(8, 8\), expected float32 \(8, 16\)"),
         (None, r"even returned NoneType \(\), expected float32 \(8, 16\)"),
-        (np.zeros((8, 16), np.float32), "even returned a range that is 0, negative or infinite, expected positive"),
+        (np.zeros((8, 16), np.float32), "even returned a range that is zero, negative or infinite, expected positive"),
         (
             np.full((8, 16), np.inf, np.float32),
-            "even returned a range that is 0, negative or infinite, expected positive",
+            "even returned a range that is zero, negative or infinite, expected positive",
         ),
     ],
 )
@@ -87,7 +87,7 @@ def test_an_answer_that_is_no_range_is_refused(answer, message, monkeypatch):
 def test_a_model_without_what_it_needs_is_told():
     with pytest.raises(InputMissing, match="the range model 'even' needs rgb, which a does not have"):
         estimate_range(Even(), Panorama("a"))
-    with pytest.raises(DataError, match=r"a has range_by 'even', .*, but no range image: pass range_m"):
+    with pytest.raises(DataError, match=r"a has range_by = 'even' .* but no range image: pass range_m"):
         Panorama("a", rgb=RGB, range_by="even")
 
 

@@ -100,8 +100,7 @@ def test_wrong_heights_of_two_storeys_are_refused(heights_m):
 
 def test_two_floors_of_one_height_are_refused():
     with pytest.raises(
-        DataError,
-        match="two floors with overlapping or adjacent masks are at z = 0 m, expected a different z_m for each",
+        DataError, match="two floors whose masks overlap or touch have z_m = 0, expected a different z_m for each floor"
     ):
         check_regions(frames(), [masks(), masks("upper-")])
 

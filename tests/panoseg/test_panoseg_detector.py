@@ -172,9 +172,9 @@ def test_networks_that_do_not_fit_are_one_line(tmp_path):
     whole = PANOSEG.paths()[0].read_bytes()
     with pytest.raises(WeightsError, match=r"panoseg.onnx is not an ONNX network"):
         PanoSegDetector(own(tmp_path, network=whole[: len(whole) // 2]))
-    with pytest.raises(WeightsError, match=r"panoseg.json has no list of labels, expected the card"):
+    with pytest.raises(WeightsError, match=r"panoseg.json has no list of labels, expected the model card"):
         PanoSegDetector(own(tmp_path, card={"classes": 3}))
-    with pytest.raises(WeightsError, match=r"nowhere does not exist; set another path"):
+    with pytest.raises(WeightsError, match=r"nowhere does not exist; correct the path"):
         PanoSegDetector(PanoSegDetector.Config(model=tmp_path / "nowhere"))
 
 

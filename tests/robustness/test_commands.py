@@ -41,10 +41,10 @@ WORDS = {
     ),
     "pipe": (("ablate", "pipe.yaml", "--data", "./data"), "pipe.yaml: the path is a pipe.*expected a regular file"),
     "device": (("ablate", "/dev/zero", "--data", "./data"), "expected a regular file"),
-    "base of itself": (("ablate", "self.yaml"), "self.yaml is its own base"),
+    "base of itself": (("ablate", "self.yaml"), "self.yaml inherits from itself"),
     "base is a list": (("ablate", "list.yaml"), r"base is \['a'\], expected the name of a file"),
     "binary": (("ablate", "binary.yaml"), "tag .*binary, expected values without tags"),
-    "alias of itself": (("ablate", "alias.yaml"), r"\*a is inside &a"),
+    "alias of itself": (("ablate", "alias.yaml"), r"\*a refers to a value that contains it"),
 }
 
 
@@ -85,7 +85,7 @@ def test_a_table_of_objects_that_says_nothing_is_refused(tmp_path, monkeypatch):
             "instance_id": ["1"],
             "label": ["bed"],
         },
-        r"instance_id, expected unique ids": {"instance_id": [1, 1], "label": ["bed", "lamp"]},
+        r"instance_id, expected a different value in each row": {"instance_id": [1, 1], "label": ["bed", "lamp"]},
     }
     for message, columns in cases.items():
         write_objects(Path("objects.parquet"), columns)

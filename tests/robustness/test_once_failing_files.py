@@ -106,12 +106,12 @@ FAULTS: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
     "ragged poses": (
         array_file("map/parts-*/frames/pose.npy", lambda poses: poses.ravel()[:-1]),
         LOCALIZE,
-        r"pose\.npy has values of shape \(14,\), expected \(\d+,\) according to .*columns\.json",
+        r"pose\.npy has an array of shape \(14,\), expected \(\d+,\), the number of values in .*columns\.json",
     ),
     "poses of text": (
         array_file("map/parts-*/frames/pose.npy", lambda poses: poses.astype("U9")),
         LOCALIZE,
-        r"pose\.npy contains <U9, expected",
+        r"pose\.npy contains values of dtype <U9, expected",
     ),
     "poses of different shapes": (
         lambda root: (
@@ -119,7 +119,7 @@ FAULTS: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
             reseal(root / "map"),
         ),
         LOCALIZE,
-        r"shapes\.npy|arrays of pose have the shape \(5, None\)",
+        r"shapes\.npy|column pose has arrays of shape \(5, None\)",
     ),
     "null names": (
         lambda root: (
@@ -150,7 +150,7 @@ FAULTS: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
     "edges of bool": (
         array_file("ways/parts-*/edges/length_m.npy", lambda lengths: lengths > 0),
         ROUTE,
-        r"length_m\.npy contains bool, expected",
+        r"length_m\.npy contains values of dtype bool, expected",
     ),
     "outcome": (text_file("runs/sound-*/methods/objects/outcome.json", "[1]"), EVALUATE, r"outcome\.json"),
     "row": (
@@ -215,7 +215,7 @@ FAULTS: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
     "complex outlines": (
         array_file("building/parts-*/scenes/outline_mm.npy", lambda outlines: outlines.astype(np.complex64)),
         ("map", "query", "building", "kitchen-query", "--data", "./data"),
-        r"building/parts-\w+ has arrays that saliency-places cannot use, expected the arrays that this method wrote",
+        r"building/parts-\w+ is damaged: saliency-places cannot use its arrays",
     ),
     "base is a mapping": (text_file("study.yaml", "base: {a: 1}\n"), ("ablate", "study.yaml"), "base is .*name of a"),
     "set": (

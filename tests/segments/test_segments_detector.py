@@ -177,7 +177,7 @@ def test_conformance(network):
 
 
 def test_colour_is_needed(detector):
-    with pytest.raises(InputMissing, match="scene has no colour, which the detector 'segments' needs"):
+    with pytest.raises(InputMissing, match="scene has no colour image, which the detector 'segments' needs"):
         detector.detect(Panorama("scene", range_m=np.ones((8, 16), np.float32)))
 
 

@@ -57,7 +57,7 @@ def test_without_range_the_bearing_is_known(detector):
 
 def test_a_plain_wall_has_no_text_and_colour_is_needed(detector):
     assert len(detector.detect(with_signs({}))) == 0
-    with pytest.raises(InputMissing, match="signs has no colour, which the detector 'text' needs"):
+    with pytest.raises(InputMissing, match="signs has no colour image, which the detector 'text' needs"):
         detector.detect(replace(with_signs({}), rgb=None))
 
 
@@ -65,7 +65,7 @@ def test_min_length_and_min_score_leave_strings_out():
     settings = {"min_length": 5, "views": 5}
     longer = TextDetector(configure("detector", "text", settings)).detect(with_signs(SIGNS))
     assert longer.texts == ("Office 7",)
-    with pytest.raises(ConfigError, match=r"views \* fov_deg is 4 \* 80 = 320 deg, expected at least 360"):
+    with pytest.raises(ConfigError, match=r"views=4 of fov_deg=80 cover 320 deg, expected at least 360"):
         configure("detector", "text", {"views": 4})
     assert len(TextDetector(configure("detector", "text", {"min_score": 1.0})).detect(with_signs({20.0: "3.14"}))) == 0
 

@@ -90,7 +90,7 @@ def test_a_scene_point_in_a_wall_moves_to_clear_floor_of_its_room_or_is_left_out
     notes = "\n".join(topology.notes)
     assert "frame near at (-3.12, 0.00) m is inside a wall or obstacle, or too near to one; its node is 0.2" in notes
     left_out = "frame inside at (1.00, 0.00) m is inside a wall or obstacle, or too near to one; it is left out"
-    assert f"{left_out}: no clear floor of its region within 0.5 m" in notes
+    assert f"{left_out}: no free floor of its region within 0.5 m" in notes
 
 
 def test_frames_that_belong_nowhere_are_told():
@@ -107,7 +107,10 @@ def test_a_narrow_doorway_is_dropped_and_what_lies_behind_is_told():
     assert (
         dropped == "a doorway of 0.45 m between west and east at (0.00, 0.00) m is dropped: it is narrower than 0.5 m"
     )
-    assert reach == "east is out of reach of the floor's other regions: it has no door that the robot fits through"
+    assert (
+        reach
+        == "east cannot be reached from the other regions of the floor: it has no door that the robot fits through"
+    )
 
 
 def test_a_doorway_that_the_robot_does_not_fit_through_is_told():
@@ -131,7 +134,7 @@ def test_a_way_round_a_corner_is_added_where_sight_does_not_reach_and_reported()
     assert bent.length_m == pytest.approx(np.linalg.norm(np.diff(bent.path_m, axis=0), axis=1).sum())
     assert abs(np.degrees(edge(topology, "a", "west/east").azimuth_rad)) < 2
     assert topology.notes == (
-        "edges along a shortest path, because no straight line over clear floor joins their nodes: a to west/east",
+        "these edges follow a shortest path, because obstacles block the straight line: a to west/east",
     )
 
 
@@ -169,12 +172,12 @@ def test_two_buildings_at_one_height_are_one_map_of_two_parts():
 @pytest.mark.parametrize(
     ("floors", "message"),
     [
-        ([], "a topological map needs floor masks, received none"),
+        ([], "a topology needs floor masks, but the dataset has none"),
         (
             [two_rooms(), two_rooms(0.6)],
-            "two floors with overlapping or adjacent masks are at z = 0 m, expected a different z_m for each",
+            "two floors whose masks overlap or touch have z_m = 0, expected a different z_m for each floor",
         ),
-        ([two_rooms(), two_rooms(z_m=3.0)], "two nodes of the map would have the name 'west'"),
+        ([two_rooms(), two_rooms(z_m=3.0)], "two nodes would have the name 'west'"),
         ([replace(two_rooms(), region=np.zeros_like(two_rooms().region))], "has no free floor in any region"),
     ],
 )
@@ -201,8 +204,8 @@ def test_every_room_of_a_building_is_reachable(style, rooms, seed):
     for node in topology.nodes:
         for name in node.frames:
             assert np.hypot(*(at[name] - node.xyz_m[:2])) <= (0.3 if node.kind == "transition" else 1e-9)
-    pockets = [f"node {name} is out of reach: no clear floor leads to it" for name in sorted(set(graph) - main)]
-    assert sorted(note for note in topology.notes if "edges along a shortest path" not in note) == pockets
+    pockets = [f"node {name} cannot be reached: obstacles block every path to it" for name in sorted(set(graph) - main)]
+    assert sorted(note for note in topology.notes if "these edges follow a shortest path" not in note) == pockets
     grid = FloorGrid(building.floor_masks(), 0.18)
     clear = ndimage.label(grid.clear)[0]
     parts = {node.id: clear[cell(grid.to_pixel(np.array(node.xyz_m[:2])))] for node in topology.nodes}

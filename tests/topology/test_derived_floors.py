@@ -127,7 +127,7 @@ def test_frames_without_range_are_noted_and_data_without_range_are_refused():
     blind = ReferenceFrame("blind", "west", pose, load=lambda: Panorama("blind", rgb=np.zeros((8, 16, 3), np.uint8)))
     plan = derive_floors([*two_rooms(), blind])
     assert plan.notes == ("1 of 5 frames at z = 0.0 m add no free space, because they have no range: blind",)
-    with pytest.raises(DataError, match="no floor masks and no range images"):
+    with pytest.raises(DataError, match="neither floor masks nor range images"):
         derive_floors([blind])
 
 
@@ -228,8 +228,8 @@ def test_places_without_range_are_added_without_nodes_and_a_line_says_so(tmp_pat
     assert add_to_map(tmp_path / "map", blind, tell=lines.append).places == 2
     (line,) = [line for line in lines if "nodes" in line]
     assert line == (
-        "warning: places without floor masks get no nodes: the data have no floor masks and no range images to derive "
-        "floors from, expected one of them"
+        "warning: places without floor masks get no nodes: the data have neither floor masks nor range images to "
+        "derive floors from, expected one of them"
     )
     topology = open_topology(tmp_path / "map")
     assert {node.regions for node in topology.nodes} == {("west",)}
@@ -240,7 +240,7 @@ def test_derived_places_are_not_extended_by_frames_without_places():
     plan = derive_floors(frames)
     assert plan.sources.regions is PartSource.FREE_SPACE
     new = [replace(frame, id=f"new-{frame.id}", place=f"new-{frame.id}") for frame in two_rooms()]
-    with pytest.raises(DataError, match="have no places: build the map again from all data"):
+    with pytest.raises(DataError, match="derived from its free space: build the map again from all data"):
         extend_floors(plan.floors, plan.frames, new, plan.sources)
 
 

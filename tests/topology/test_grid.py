@@ -160,5 +160,5 @@ def test_masks_of_different_sizes_are_refused():
         FloorMasks(free, np.zeros((4, 7), np.int32), free, 0.05, (0, 0), {})
     with pytest.raises(DataError, match="the obstacle mask of a floor is 6 x 5 pixels, expected 6 x 4"):
         FloorMasks(free, np.zeros((4, 6), np.int32), np.zeros((5, 6), bool), 0.05, (0, 0), {})
-    with pytest.raises(DataError, match="resolution of 0 m per pixel, expected a finite number above 0"):
+    with pytest.raises(DataError, match="resolution_m = 0, expected a finite number above 0"):
         FloorMasks(free, np.zeros((4, 6), np.int32), free, 0, (0, 0), {})

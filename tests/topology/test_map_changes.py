@@ -178,7 +178,7 @@ def test_a_place_that_is_removed_is_off_the_way(rooms):
     assert (change.removed, change.places) == (("room-2",), 4)
     assert "room-2" not in places(map)
     assert not any("room-2" in node.regions for node in open_topology(map).nodes)
-    assert "room-3 is out of reach of the floor's other regions" in "".join(change.notes)
+    assert "room-3 cannot be reached from the other regions of the floor" in "".join(change.notes)
     add_to_map(map, "doored", overrides=("data.rooms=5",))
     assert content(map) == content(build("whole"))
 
@@ -242,7 +242,7 @@ def test_what_does_not_fit_is_one_line_and_changes_nothing(rooms):
         (
             lambda: add_to_map("bare", "doored"),
             DataError,
-            "bare has no localizer, because its data have no reference frames",
+            "bare cannot localize, because its data had no reference frames",
         ),
         (lambda: add_to_map("map", "frameless"), DataError, "received no reference frame, expected at least one"),
         (lambda: add_to_map("map", "doored", overrides=("offset=1",)), ConfigError, r"expected data\.KEY"),
@@ -259,20 +259,24 @@ def test_what_does_not_fit_is_one_line_and_changes_nothing(rooms):
         (
             lambda: add_to_map("map", "upstairs", overrides=(at_zero,)),
             DataError,
-            "the floor at z = 0 m cover most of room-0 with other regions: use masks in the world frame",
+            "the floor at z = 0 m cover most of the place room-0 with other regions: use masks in the world frame",
         ),
         (lambda: remove_from_map("map", ["rom-1"]), UnknownName, "unknown place 'rom-1', did you mean 'room-1'"),
         (
             lambda: remove_from_map("map", [f"room-{room}" for room in range(5)]),
             ConfigError,
-            "received all places of map to remove, expected at least one to remain",
+            "cannot remove all places of map, expected at least one place to remain",
         ),
         (
             lambda: merge_maps("map", ["same"]),
             DataError,
-            "both maps, map and same, contain room-0, room-1, .*, expected places of different names: remove these",
+            "the maps map and same both contain the places room-0, room-1, .*, expected different places: remove these",
         ),
-        (lambda: merge_maps("map", ["above", "above"]), DataError, "both maps, above and above, contain upper-room-0"),
+        (
+            lambda: merge_maps("map", ["above", "above"]),
+            DataError,
+            "the maps above and above both contain the places upper-room-0",
+        ),
         (
             lambda: merge_maps("map", ["sharp-1"]),
             DataError,
@@ -299,10 +303,7 @@ def test_a_map_that_holds_something_else_is_one_line(rooms):
         shutil.copytree(old, parts.folder, dirs_exist_ok=True)
         shutil.rmtree(parts.folder / "scenes")
         parts.write_table("scenes", [{"hall": np.array(number)} for number in range(5)])
-    with pytest.raises(
-        DataError,
-        match="has arrays that reader cannot use, expected the arrays that this method wrote: build the map again",
-    ):
+    with pytest.raises(DataError, match="is damaged: reader cannot use its arrays: build the map again"):
         remove_from_map(map, ["room-1"])
 
 

@@ -99,7 +99,7 @@ def test_a_place_whose_scene_nodes_are_shut_in_is_reached_at_its_door():
     ):
         floor = block(floor, low, high)
     topology = build_topology([floor], [frame("a", -2.0, 0.0), frame("shut", 1.5, 0.0, "east")])
-    assert "node shut is out of reach: no clear floor leads to it" in topology.notes
+    assert "node shut cannot be reached: obstacles block every path to it" in topology.notes
     assert find_route(topology, "a", "east").nodes == ("a", "west/east")
     with pytest.raises(NoRoute, match="no route from a to shut"):
         find_route(topology, "a", "shut")
@@ -107,7 +107,7 @@ def test_a_place_whose_scene_nodes_are_shut_in_is_reached_at_its_door():
 
 def test_no_route_between_parts_that_nothing_joins():
     closed = build_topology([two_rooms(door_m=0.45)], [frame("a", -2.0, 0.0), frame("b", 1.5, 0.0, "east")])
-    with pytest.raises(NoRoute, match="no route from a to east: no path of edges connects them in the map"):
+    with pytest.raises(NoRoute, match="no route from a to east: no edges of the map connect them"):
         find_route(closed, "a", "east")
     assert [e.end for e in with_position(closed, np.array([-1.5, 0.0, 1.5])).edges] == ["a"]
 

@@ -49,7 +49,7 @@ def test_a_walk_up_the_stairs_connects_the_storeys_of_a_map():
     frames = walk_up()
     plan = derive_floors(frames)
     assert [floor.z_m for floor in plan.floors] == pytest.approx([0.0, 3.0], abs=0.02)
-    assert plan.notes == ("4 frames are on no storey: stairs-0, stairs-1, stairs-2, ...",)
+    assert plan.notes == ("4 frames are between the storeys, and are ignored: stairs-0, stairs-1, stairs-2, ...",)
     apart = build_topology(plan.floors, by_place(frames))
     topology = connect_by_walks(apart, frames)
     (connection,) = topology.connections

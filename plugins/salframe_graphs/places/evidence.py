@@ -188,8 +188,8 @@ def _merged(description: Description, arrays: Description, name: str) -> Descrip
     """Return a description extended by `arrays`. Raises InvalidAnswer if it already has an array of the same name."""
     if taken := arrays.keys() & description.keys():
         raise InvalidAnswer(
-            f"the evidence {name!r} returned the array {min(taken)!r}, which the description already has: "
-            "choose another name"
+            f"the evidence {name!r} returned the array {min(taken)!r}, but another component already returned an "
+            "array of this name: choose another name"
         )
     return {**description, **arrays}
 

@@ -195,8 +195,8 @@ class LabelEvidence(EvidenceModel):
 def _with_objects(evidence: EvidenceModel, hypotheses: PlaceHypotheses) -> ObjectHypotheses:
     if not isinstance(hypotheses, ObjectHypotheses):
         raise ConfigError(
-            f"the evidence {evidence.name!r} received hypotheses without objects, expected hypotheses of the localizer "
-            "saliency-places: remove this evidence from other localizers"
+            f"the evidence {evidence.name!r} needs objects, and works only with the localizer saliency-places: remove "
+            "it from the setting `evidence` of this localizer"
         )
     return hypotheses
 

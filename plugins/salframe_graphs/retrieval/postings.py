@@ -114,7 +114,7 @@ def read_postings(folder: Path) -> Postings:
     position_shape = (start[-1], 2) if position is None else position.shape
     shapes = (len(start), scene.shape, code.shape, weight.shape, position_shape)
     if shapes != (len(index.labels) + 1, (start[-1],), (start[-1], 3), (index.scenes,), (start[-1], 2)):
-        raise DataError(f"{folder} has lists whose lengths differ from those in {_INDEX}: build the map again")
+        raise DataError(f"{folder} is damaged, its lists have other lengths than {_INDEX} states: build the map again")
     return Postings({name: i for i, name in enumerate(index.labels)}, start, scene, code, rarity, weight, position)
 
 

@@ -83,4 +83,6 @@ def check_needs(method: Component, dataset: Dataset) -> None:
                 f"the {role} {inner.kind!r} of the method needs {words}, which the dataset "
                 f"{dataset.name} does not have: {advice}"
             )
-    raise InputMissing(f"the method needs {words}, which the dataset {dataset.name} does not have")
+    raise InputMissing(
+        f"the method needs {words}, which the dataset {dataset.name} does not have: use another method or dataset"
+    )

@@ -135,7 +135,8 @@ def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = (
         if requested.setdefault(variant.label, variant) != variant:
             both = f"{requested[variant.label].method} and {variant.method}"
             raise ConfigError(
-                f"received the methods {both}, which have the same label {variant.label}: rename one of the two"
+                f"the methods {both} have the same label {variant.label!r}, expected different labels: rename one of "
+                "the two"
             )
     contents = {variant.name: settings(role, variant.method) for variant in requested.values()}
     pairs = map(parse_override, request.settings)
@@ -213,12 +214,12 @@ def stand_in(
     other = otherwise(role, method) if missing else None
     if other is None:
         return None, config, None
-    note = f"{other}, not {name}: {missing}"
+    note = f"{other} is used instead of {name}: {missing}"
     content = settings(role, other)
     plain = decide(role, other, content, (), choice)
     if missing_requirement(plain):
         return None, config, None
-    unchanged_note = f"{note}; it runs with its default settings, since it does not accept the requested ones"
+    unchanged_note = f"{note}; {other} runs with its default settings, because it does not have the requested ones"
     try:
         instead = decide(role, other, content, overrides, choice)
     except (ConfigError, InputMissing) as error:

@@ -174,7 +174,9 @@ class Run:
         content = read_yaml(path)
         if isinstance(content, Mapping) and content.get("format") != RUN_FORMAT:
             version = content.get("format", 1)
-            raise ConfigError(f"{directory} has run format {version}, expected {RUN_FORMAT}: run the command again")
+            raise ConfigError(
+                f"{directory} has run format {version}, expected {RUN_FORMAT}: measure the run again with this version"
+            )
         validate(_Request, content, f"{path}:")
         return cls(directory, content)
 
@@ -283,8 +285,8 @@ class Run:
         try:
             source = read_model(path, _Identity).source if path.exists() else None
         except DataError as error:
-            return f"{label}: cannot read whether its answers were copied from another run: {error}"
-        return f"{label}: answers of {source}, with their times, are reused" if source else None
+            return f"{label}: unknown whether its answers were copied from another run: {error}"
+        return f"{label}: the answers and times of the run {source} are reused" if source else None
 
     def set_notes(self, notes: Sequence[str]) -> None:
         """Write the notes on the current request, which replace earlier notes."""

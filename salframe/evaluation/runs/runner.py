@@ -95,8 +95,8 @@ def _resume(
     run.set_notes([*resolved.notes, *data_notes(dataset)])
     if request.limits and not engine.isolates:
         raise ConfigError(
-            f"the engine {engine.name!r} has no worker processes, which --timeout and --memory "
-            "need: choose another --engine"
+            f"--timeout and --memory need worker processes, which the engine {engine.name!r} does not have: choose "
+            "another --engine"
         )
     with _watch(task, run, task.total(survey), progress):
         work = _Work(task, run, survey, engine, request.limits)

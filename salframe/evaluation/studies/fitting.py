@@ -85,8 +85,8 @@ class TuningData:
         localizer: Localizer = type(self.localizer)(validate(type(self.localizer).Config, config, ""))
         if localizer.describe_identity() != self.localizer.describe_identity():
             raise ConfigError(
-                f"the settings {dict(changes)} change the descriptions of panoramas, expected settings "
-                "that affect only matching: fit the method separately for each value of the other settings"
+                f"--try received {dict(changes)}, which changes how panoramas are described, expected settings of the "
+                "matching: fit the method once for each value, with --set"
             )
         for fold in self.dataset.folds():
             places = [self.dataset.truth(query.id).place for query in fold.queries]
@@ -155,7 +155,7 @@ def fit_method(
         raise ConfigError("received no tuning data, expected at least one dataset")
     if posterior_only and tries:
         raise ConfigError(
-            "received both settings to try (--try) and posterior_only, which keeps all settings: leave out one of them"
+            "received both --try and --posterior-only, expected at most one: --posterior-only changes no settings"
         )
     tunings = [_describe(one, method, data_dir, overrides, progress, tell) for one in data]
     fields = type(tunings[0].localizer.config).model_fields
@@ -211,8 +211,8 @@ def _describe(
     name, dataset, localizer = prepare(data, method, root, [*overrides, HIDE], None, progress, tell)
     if "posterior" not in type(localizer.config).model_fields:
         raise ConfigError(
-            f"{name} has no setting `posterior`, so its answers cannot have probabilities: use "
-            "another method, such as proposed"
+            f"{name} has no setting `posterior`, so its answers have no probabilities to fit: use another method, such "
+            "as proposed"
         )
     check_needs(localizer, dataset)
     frames: dict[str, ReferenceFrame | QueryFrame] = {}
@@ -282,6 +282,6 @@ def _summary(fit: Fit) -> list[str]:
         f"temperature {fit.posterior.temperature:.4g}: mean -ln(probability of the query's place) "
         f"{fit.place_nll_after:.3f}, "
         f"{fit.place_nll_before:.3f} at temperature 1; {fit.place_answers} answers",
-        f"head: mean -ln(probability of the true case, in the map or out of it) {fit.here_nll_after:.3f}, "
+        f"out-of-map probability: mean -ln(probability of the true case, in the map or not) {fit.here_nll_after:.3f}, "
         f"{fit.here_nll_before:.3f} with a constant probability; {fit.answers} answers",
     ]

@@ -53,9 +53,8 @@ class StoredTable(Settings):
         keys = {json.dumps([settings, row.get("method")]) for settings, row in zip(self.settings, self.rows)}  # noqa: B905
         if not len(keys) == len(self.rows) == len(self.settings):
             raise ValueError(
-                f"the table has {len(self.rows)} rows, {len(self.settings)} settings and {len(keys)} "
-                "different pairs of settings and method, expected equal numbers: remove the table to "
-                "measure its rows again"
+                f"the stored table has {len(self.rows)} rows, {len(self.settings)} settings and {len(keys)} different "
+                "pairs of settings and method, expected three equal numbers: remove the table, and measure it again"
             )
         return self
 

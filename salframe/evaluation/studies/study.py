@@ -139,15 +139,15 @@ class Study(Settings):
         for key in keys:
             if key.split(".")[0] not in known_keys:
                 raise ConfigError(
-                    f"the mapping `vary` has the key {key}, which no method has: "
+                    f"`vary` has the key {key}, which is not a setting of any method: "
                     f"{unknown('key', key.split('.')[0], sorted(known_keys))}"
                 )
         labels = [variant.label for variant in variants]
         twice = [label for label in labels if labels.count(label) > 1]
         if twice:
             raise ConfigError(
-                f"two variants of the study have the label {twice[0]}, expected different labels: remove "
-                "repeated values from `vary`"
+                f"two combinations of settings have the label {twice[0]}, expected different labels: remove repeated "
+                "values from `vary`"
             )
         return variants, varied
 

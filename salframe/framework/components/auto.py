@@ -45,7 +45,7 @@ class Choice:
         """
         component, remark = first_fit(role, self._provides() | added)
         if component is None:
-            raise InputMissing(f"no {role} that {AUTO!r} may select can run on {self._data}: {remark}")
+            raise InputMissing(f"{AUTO!r} cannot select a {role} for {self._data}: {remark}")
         self._notes[role] = f"{AUTO} selected the {role} {component.name}" + (f", which {remark}" if remark else "")
         return component
 
@@ -114,7 +114,7 @@ class Undecided(Component):
         """Raise RequirementMissing if no component of the role can run on this machine on any data."""
         component, reasons = first_fit(cls.role, None)
         if component is None:
-            raise RequirementMissing(f"no {cls.role} that {AUTO!r} may select can run on this machine: {reasons}")
+            raise RequirementMissing(f"{AUTO!r} cannot select a {cls.role} for this machine: {reasons}")
 
 
 @cache

@@ -129,7 +129,7 @@ def _value(value: Any, describing: bool) -> Any:
     if isinstance(value, BaseModel):
         return settings_identity(value, describing=describing)
     if isinstance(value, SingleFile) and value.is_dir():
-        raise ConfigError(f"a setting names the folder {value}, expected a file")
+        raise ConfigError(f"{value} is a folder, expected a file: change the setting that names this folder")
     if isinstance(value, UserFile):
         return content_sha256(value) or str(value)
     if isinstance(value, Mapping):

@@ -93,7 +93,9 @@ class Registry:
             if implementation.plugin is plugin:
                 return cast(Any, implementation.function())
         if hasattr(plugin, hook):
-            raise SalframeError(f"{hook} of {plugin.__name__} is not a hook: mark it with @salframe.hookimpl")
+            raise SalframeError(
+                f"{plugin.__name__}.{hook} is not marked as a hook: decorate it with @salframe.hookimpl"
+            )
         return []
 
     def add(self, item: type[Component] | Presets, package: str) -> None:
@@ -130,7 +132,7 @@ class Registry:
                 raise SalframeError(f"{role.__qualname__}.{attribute} of {package} is {value!r}, expected text")
         if role.role in self.roles:
             raise SalframeError(
-                f"the role {role.role!r} of {package} has the name of "
+                f"the role {role.role!r} of {package} has the same name as the role "
                 f"{self.roles[role.role].__qualname__}: choose another name"
             )
         self.roles[role.role] = role
@@ -146,7 +148,7 @@ class Registry:
         for path in paths:
             if (key := (path.parent.name, path.stem)) in self._presets:
                 raise SalframeError(
-                    f"the preset {path} of {package} has the name of the preset {self._presets[key][0]}: "
+                    f"the preset {path} of {package} has the same name as the preset {self._presets[key][0]}: "
                     "choose another name"
                 )
         for path in paths:
@@ -210,8 +212,8 @@ class Registry:
             return self._components[role, name][0]
         if name == AUTO and (order := auto_order(role)):
             raise ConfigError(
-                f"the {role} is {AUTO!r}, which depends on the data: name a {role} ({', '.join(order)}, "
-                "...), or specify the data"
+                f"{AUTO!r} selects a {role} only when the data are known: name a {role} "
+                f"({', '.join(order)}, ...), or specify the data"
             )
         for failure in self.failures:
             if name in (failure.plugin, failure.package):
@@ -249,9 +251,7 @@ def check_declaration(component: Any, roles: dict[str, type[Role]]) -> None:
             f"{where}.name is {component.name!r}, expected words of lower-case letters and digits joined by hyphens"
         )
     if component.name == AUTO:
-        raise SalframeError(
-            f"{where}.name is {AUTO!r}, which is reserved for the automatic selection: choose another name"
-        )
+        raise SalframeError(f"{where}.name is {AUTO!r}, a reserved word for automatic selection: choose another name")
     for attribute in ("version", "extra"):
         if not isinstance(getattr(component, attribute), str):
             raise SalframeError(f"{where}.{attribute} is {getattr(component, attribute)!r}, expected text")
@@ -282,7 +282,7 @@ def _check_settings(component: type[Component], where: str) -> None:
     unordered = [name for name in model.model_fields if _holds_set(getattr(defaults, name))]
     if unordered:
         raise SalframeError(
-            f"{where}.Config has a set as the default of {', '.join(unordered)}, expected a tuple, which has an order"
+            f"{where}.Config has a set as the default of {', '.join(unordered)}, expected a tuple: sets have no order"
         )
     try:
         json.dumps(defaults.model_dump(mode="json", warnings=False))
@@ -314,7 +314,7 @@ def check_preset(content: Mapping[str, Any], where: str, role: str) -> None:
         raise ConfigError(f"{where}: `kind` is {content.get('kind')!r}, expected the name of a {role}")
     other = content.get(OTHERWISE)
     if not (other is None or isinstance(other, str)):
-        raise ConfigError(f"{where}: {OTHERWISE} is {other!r}, expected the name of another {role}")
+        raise ConfigError(f"{where}: `{OTHERWISE}` is {other!r}, expected the name of another {role}")
 
 
 @cache

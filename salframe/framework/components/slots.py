@@ -112,7 +112,7 @@ def _fill(role: str, default: str, value: Any, info: ValidationInfo) -> Componen
         if len(value) > 1:
             keys = ", ".join(f"{role}.{key}" for key in value if key != "kind")
             raise ConfigError(
-                f"received {keys} for the {role} 'auto', which depends on the data: name one of "
+                f"received {keys}, but 'auto' selects a {role} only when the data are known: set {role} to one of "
                 f"{', '.join(auto_order(role))}, or specify the data"
             )
         return undecided(role).Config()

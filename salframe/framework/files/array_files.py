@@ -67,7 +67,7 @@ def check_arrays(arrays: Mapping[str, np.ndarray], expected: Mapping[str, ArrayK
         if not expected[name].fits(array.dtype.kind, array.shape):
             raise DataError(f"{where}: {name} is {array.dtype} {array.shape}, expected {expected[name]}")
         if array.dtype.kind == "f" and not np.isfinite(array).all():
-            raise DataError(f"{where}: {name} contains a number that is not finite, expected finite numbers")
+            raise DataError(f"{where}: {name} contains NaN or infinity, expected finite numbers")
 
 
 def parse_arrays(content: bytes) -> dict[str, np.ndarray]:
@@ -177,6 +177,7 @@ def _header(file: BinaryIO, size: int) -> tuple[np.dtype[Any], tuple[int, ...], 
         raise ValueError(f"the file has an array of shape {shape}, expected lengths from 0 to {MAX_AXIS}")
     if count * dtype.itemsize != num_bytes:
         raise ValueError(
-            f"the file has {num_bytes} bytes of values, expected {count * dtype.itemsize} for {dtype} {shape}"
+            f"the file has {num_bytes} bytes of values, expected {count * dtype.itemsize} for dtype {dtype} and "
+            f"shape {shape}"
         )
     return dtype, shape, "F" if by_columns else "C"

@@ -127,7 +127,9 @@ def _check_events(content: bytes | str) -> None:
         if isinstance(event, yaml.AliasEvent):
             count = counts.get(anchor, 0)
             if count is None:
-                raise ValueError(f"the YAML alias *{anchor} is inside &{anchor}, expected no recursive alias")
+                raise ValueError(
+                    f"the YAML alias *{anchor} refers to a value that contains it, expected no recursive alias"
+                )
             nodes += count
         elif isinstance(event, yaml.ScalarEvent):
             nodes += 1

@@ -58,7 +58,7 @@ class _Table(Settings):
         for column in self.columns:
             if len(set(column.absent)) < len(column.absent) or max(column.absent, default=-1) >= self.rows:
                 raise ValueError(
-                    f"the column {column.name} lists absent rows twice or out of range, expected "
+                    f"the column {column.name} lists absent rows that are repeated or out of range, expected "
                     f"distinct rows below {self.rows}"
                 )
         return self
@@ -253,8 +253,9 @@ def read_columns(folder: Path, expected: Mapping[str, ArrayKind] | None = None) 
             shapes[:, axis] = next(lengths) if length is None else min(length, MAX_AXIS)
         if values.ndim != 1 or shapes.prod(1, dtype=float).sum() != len(values):
             raise DataError(
-                f"{path} has values of shape {values.shape}, expected "
-                f"({shapes.prod(1, dtype=float).sum():.0f},) according to {folder / TABLE}"
+                f"{path} has an array of shape {values.shape}, expected "
+                f"({shapes.prod(1, dtype=float).sum():.0f},), the number of values in {folder / TABLE}: build the map "
+                "again"
             )
         if expected is not None and column.words is None:
             _check_values(path, values, expected[column.name])
@@ -270,8 +271,8 @@ def _read_lengths(path: Path, shape: tuple[int, int]) -> np.ndarray:
         lengths = np.asarray(map_array(path))
     if lengths.shape != shape or lengths.dtype.kind != "u" or lengths.max(initial=0) > MAX_AXIS:
         raise DataError(
-            f"{path} is {lengths.dtype} {lengths.shape}, expected unsigned integers of at most "
-            f"{MAX_AXIS} and of shape {shape}"
+            f"{path} has an array of dtype {lengths.dtype} and shape {lengths.shape}, expected unsigned integers of "
+            f"at most {MAX_AXIS} and shape {shape}: build the map again"
         )
     return lengths.T
 
@@ -290,37 +291,42 @@ def check_kinds(columns: Columns, row: Row) -> None:
         if saved not in _KINDS.get(kind, kind):
             path = _path(columns.folder, name)
             raise DataError(
-                f"{path} contains {column.values.dtype}, expected {np.asarray(array).dtype}: build the map again"
+                f"{path} contains values of dtype {column.values.dtype}, expected {np.asarray(array).dtype}: build the "
+                "map again"
             )
 
 
 def _check_columns(path: Path, table: _Table, expected: Mapping[str, ArrayKind]) -> None:
     names = {column.name for column in table.columns}
     if names != expected.keys():
-        raise DataError(f"{path} has the columns {', '.join(sorted(names))}, expected {', '.join(expected)}")
+        raise DataError(
+            f"{path} has the columns {', '.join(sorted(names))}, expected {', '.join(expected)}: build the map again"
+        )
     for column in table.columns:
         kind = expected[column.name]
         if column.absent or not kind.fits("U" if column.words is not None else kind.kinds[0], column.shape):
             raise DataError(
-                f"{path}: the arrays of {column.name} have the shape {column.shape} and are absent in "
-                f"{len(column.absent)} rows, expected {kind} in every row"
+                f"{path}: the column {column.name} has arrays of shape {column.shape}, and {len(column.absent)} rows "
+                f"without one, expected {kind} in every row: build the map again"
             )
 
 
 def _check_values(path: Path, values: np.ndarray, kind: ArrayKind) -> None:
     if values.dtype.kind not in kind.kinds:
-        raise DataError(f"{path} contains {values.dtype}, expected {kind}")
+        raise DataError(f"{path} contains values of dtype {values.dtype}, expected {kind}: build the map again")
     if values.dtype.kind == "f" and not np.isfinite(values).all():
-        raise DataError(f"{path} contains a number that is not finite, expected finite numbers")
+        raise DataError(f"{path} contains NaN or infinity, expected finite numbers: build the map again")
 
 
 def _check_words(path: Path, numbers: np.ndarray, words: Sequence[str]) -> None:
     if numbers.dtype.kind != "u":
         raise DataError(
-            f"{path} contains {numbers.dtype}, expected unsigned integers that index the list of strings of this column"
+            f"{path} contains values of dtype {numbers.dtype}, expected unsigned integers: build the map again"
         )
     if len(numbers) and numbers.max() >= len(words):
-        raise DataError(f"{path} contains the index {numbers.max()}, expected an index below {len(words)}")
+        raise DataError(
+            f"{path} contains the index {numbers.max()}, expected an index below {len(words)}: build the map again"
+        )
 
 
 def _path(folder: Path, name: str) -> Path:

@@ -64,7 +64,9 @@ class HubReference:
     def parse(cls, name: str) -> HubReference:
         """Return the model with a name like hf:ORG/MODEL@REVISION. Raises WeightsError if the name has another form."""
         if not _NAME.match(name):
-            raise WeightsError(f"received {shorten(name)!r} as a model of the hub, expected hf:ORG/MODEL[@REVISION]")
+            raise WeightsError(
+                f"{shorten(name)!r} is not a name of a Hugging Face model, expected hf:ORG/MODEL[@REVISION]"
+            )
         return cls(*name.removeprefix(PREFIX).split("@"))
 
     def __str__(self) -> str:
@@ -231,8 +233,8 @@ def _select(reference: HubReference, files: Sequence[Any]) -> list[Any]:
     if "config.json" not in names or not weights:
         missing = "no config.json" if "config.json" not in names else "no model.safetensors"
         raise WeightsError(
-            f"{reference} has {missing}, expected a transformers model with safetensors, since other "
-            "formats can execute code: choose a revision with safetensors, such as @refs/pr/1"
+            f"{reference} has {missing}, expected both config.json and model.safetensors (other formats can execute "
+            "code): choose a revision with both files, such as @refs/pr/1"
         )
     texts = {name for name in names if re.fullmatch(r"[\w.-]+", name) and name.endswith(_TEXTS) and name != MANIFEST}
     return sorted((file for file in files if file.rfilename in weights | texts), key=lambda file: file.rfilename)
@@ -260,8 +262,8 @@ def _download(
         received, expected = (hashes[-1], file.lfs.sha256) if file.lfs else (_git_hash(path), file.blob_id)
         if received != expected:
             raise WeightsError(
-                f"{file.rfilename} of {reference} has the hash {received}, expected {expected} as the hub "
-                "states: try again"
+                f"the downloaded file {file.rfilename} of {reference} has the hash {received}, expected {expected}: "
+                "try again"
             )
         before += file.size
     progress(total, total)
@@ -311,12 +313,12 @@ def _explaining(reference: HubReference, endpoint: str) -> Iterator[None]:
     except errors.GatedRepoError:
         raise WeightsError(
             f"{reference} is for registered users: accept its terms at {endpoint}/{reference.repository}, "
-            "and set HF_TOKEN"
+            "and set the environment variable HF_TOKEN to your access token"
         ) from None
     except errors.RepositoryNotFoundError:
         raise WeightsError(
-            f"{endpoint} has no public model {reference.repository}, expected hf:ORG/MODEL of a "
-            "public model: check the name"
+            f"{endpoint} has no public model {reference.repository}, expected a public model as hf:ORG/MODEL: check "
+            "the name"
         ) from None
     except errors.RevisionNotFoundError:
         raise WeightsError(
@@ -326,6 +328,6 @@ def _explaining(reference: HubReference, endpoint: str) -> Iterator[None]:
     except Exception as error:  # the exceptions of its HTTP client have no common base class
         reason = shorten(one_line(error), 120) or type(error).__name__
         raise WeightsError(
-            f"cannot download {reference} from {endpoint} ({reason}): fetch it on a machine with internet access and "
-            f"copy {reference.folder}, or name a local folder of the model instead"
+            f"cannot download {reference} from {endpoint} ({reason}): fetch it on another machine and copy the folder "
+            f"{reference.folder} to this machine, or name a local folder of the model"
         ) from None

@@ -55,18 +55,18 @@ def _resolve(path: Path, location: str) -> Path:
     file = path.parent / location
     if is_absolute or ".." in windows.parts or not file.resolve().is_relative_to(path.parent.resolve()):
         raise WeightsError(
-            f"{path} points to {location!r}, which is outside its folder: save the network again, "
-            "with its external data in the same folder"
+            f"{path} stores weights in {location!r}, outside its own folder: save the network again, with all files "
+            "in one folder"
         )
     if not file.is_file():
-        raise WeightsError(f"{path} points to {location!r}, which is missing: put the external data at {file}")
+        raise WeightsError(f"{path} stores weights in {location!r}, but this file is missing: copy it to {file}")
     return file
 
 
 def _locations(message: memoryview, kind: int, depth: int) -> Iterator[str]:
     """Yield the locations in a message. Raises ValueError or IndexError if it is not valid protobuf."""
     if depth > _MAX_DEPTH:
-        raise ValueError(f"the network has {depth} levels of nested messages, expected at most {_MAX_DEPTH}")
+        raise ValueError(f"the network file has {depth} levels of nested messages, expected at most {_MAX_DEPTH}")
     children = _CHILDREN[kind]
     for number, content in _fields(message):
         child = children.get(number)
@@ -92,12 +92,12 @@ def _fields(message: memoryview) -> Iterator[tuple[int, memoryview]]:
             length, at = _varint(message, at)
             if at + length > len(message):
                 raise ValueError(
-                    "a field of the network extends past the end of its message, expected its end inside the message"
+                    "the network file is damaged: a field is longer than its message, expected a shorter field"
                 )
             yield key >> 3, message[at : at + length]
             at += length
         else:
-            raise ValueError(f"a field of the network has the wire type {kind}, expected a type of protobuf 3")
+            raise ValueError(f"the network file is damaged: a field has the wire type {kind}, expected 0, 1, 2 or 5")
 
 
 def _varint(message: memoryview, at: int) -> tuple[int, int]:
@@ -109,4 +109,4 @@ def _varint(message: memoryview, at: int) -> tuple[int, int]:
         value |= (byte & 0x7F) << shift
         if byte < 0x80:
             return value, at
-    raise ValueError("the network has an integer of more than 64 bits, expected at most 64")
+    raise ValueError("the network file is damaged: it has an integer of more than 64 bits, expected at most 64")

@@ -107,7 +107,9 @@ def read_lines(path: Path) -> Iterator[Any]:
         try:
             yield parse_json(line)
         except ValueError:
-            raise DataError(f"{path}, line {number}, is not JSON: remove this line to compute its row again") from None
+            raise DataError(
+                f"{path}, line {number}, is not JSON: remove this line, and its result is computed again"
+            ) from None
 
 
 def whole_lines_bytes(path: Path) -> int:

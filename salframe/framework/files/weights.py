@@ -155,7 +155,7 @@ def _report(progress: ByteProgress, before: int, total: int, received: int) -> N
 def check_redirect(address: str, target: str) -> None:
     """Raise OSError if an encrypted address redirects to an unencrypted one."""
     if address.startswith("https:") and not target.startswith("https:"):
-        raise OSError(f"the server redirects to {target}, which is not encrypted, expected https")
+        raise OSError(f"the server redirects to {target}, which is not encrypted, expected an https address")
 
 
 def receive(address: str, path: Path, max_bytes: int, progress: Callable[[int], None]) -> None:
@@ -296,7 +296,7 @@ class NetworkWeights:
             names = ", ".join(file.name for file in self.files)
             if len(self.files) > 1 and override.is_file():
                 raise WeightsError(
-                    f"weights {self.name!r}: received the file {override}, expected a folder that contains {names}"
+                    f"weights {self.name!r}: {override} is a file, expected a folder that contains {names}"
                 )
             return tuple(
                 self._local_path(override / file.name if override.is_dir() else override) for file in self.files
@@ -319,8 +319,8 @@ class NetworkWeights:
         """Return the path of a local file. Raises WeightsError if there is none."""
         if not path.is_file():
             raise WeightsError(
-                f"weights {self.name!r}: {path} does not exist; set another path, or download the weights with: "
-                f"{self._fetch_command}",
+                f"weights {self.name!r}: {path} does not exist; correct the path in the settings, or download the "
+                f"weights with: {self._fetch_command}",
                 self._fetch_command,
             )
         return path

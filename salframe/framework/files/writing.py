@@ -153,4 +153,4 @@ def write_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
 def check_picture_output(path: Path) -> None:
     """Raise ConfigError if `path` exists and is not a PNG."""
     if path.exists() and not (path.is_file() and read_start(path, len(PNG)) == PNG):
-        raise ConfigError(f"{path} exists and is not a PNG, expected a new file, or a PNG to replace")
+        raise ConfigError(f"{path} exists and is not a PNG file: choose a new file name")

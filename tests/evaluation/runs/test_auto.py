@@ -63,13 +63,13 @@ def test_where_none_can_one_line_says_why_for_each(detectors):
     row = result.row("objects")
     assert not row.available
     assert row.reason == (
-        "no detector that 'auto' may select can run on furnished: "
+        "'auto' cannot select a detector for furnished: "
         "annotations: needs annotations, which the data does not have; "
         "segments: no file ade20k.tflite; get it with: salframe weights fetch ade20k; "
         "panoseg: needs range, which the data does not have"
     )
     assert result.row("named").measured
-    with pytest.raises(InputMissing, match=r"no detector that 'auto' may select .*; segments: no file"):
+    with pytest.raises(InputMissing, match=r"'auto' cannot select a detector .*; segments: no file"):
         resolve(request(settings=(BARE, NO_RANGE, "detector.noise=none")))
 
 
@@ -132,7 +132,7 @@ def test_a_map_holds_what_it_became_and_opens_without_the_data(detectors):
     ABSENT.touch()
     refused = salframe("build", "furnished", "-o", "none", "--method", "objects", "--set", BARE, "--set", NO_RANGE)
     assert (refused.code, refused.out, refused.err.count("\n")) == (2, "", 1)
-    assert "no detector that 'auto' may select can run on furnished: annotations: needs annotations" in refused.err
+    assert "'auto' cannot select a detector for furnished: annotations: needs annotations" in refused.err
 
 
 def test_it_is_varied_by_an_ablation(detectors):
@@ -146,11 +146,11 @@ def test_it_is_varied_by_an_ablation(detectors):
 def test_without_data_it_stays_undecided_and_is_not_built(detectors):
     config = configure_default("localizer", "objects")
     assert config.detector.kind == "auto"
-    with pytest.raises(ConfigError, match=r"the detector is 'auto', which depends on the data.*\(annotations, seg"):
-        registry().build("localizer", config)
     with pytest.raises(
-        ConfigError, match=r"received detector\.noise for the detector 'auto', .* name one of annotations"
+        ConfigError, match=r"'auto' selects a detector only when the data are known.*\(annotations, seg"
     ):
+        registry().build("localizer", config)
+    with pytest.raises(ConfigError, match=r"received detector\.noise, but 'auto' selects .* one of annotations"):
         configure("localizer", "objects", {"detector": {"noise": "none"}})
     choice = Choice("mine", lambda: frozenset({"annotations"}))
     decided = configure("localizer", "objects", {}, [{"detector": {"noise": "none"}}], choice)
@@ -163,7 +163,7 @@ def test_a_listing_says_whether_anything_could_run(detectors, plugins):
     assert entry["available"]
     plugins("salframe_objects")
     (entry,) = [one for one in salframe("methods", "--json").json if one["name"] == "objects"]
-    assert entry["missing"] == "no detector that 'auto' may select can run on this machine: none is installed"
+    assert entry["missing"] == "'auto' cannot select a detector for this machine: none is installed"
     with pytest.raises(RequirementMissing, match="none is installed"):
         registry().build("localizer", configure_default("localizer", "objects"))
 
@@ -171,7 +171,7 @@ def test_a_listing_says_whether_anything_could_run(detectors, plugins):
 def test_no_component_may_be_called_so():
     from auto_plugin import Named
 
-    with pytest.raises(SalframeError, match="name is 'auto', which is reserved for the automatic selection"):
+    with pytest.raises(SalframeError, match="name is 'auto', a reserved word for automatic selection"):
         registry().add(type("Auto", (Named,), {"name": "auto"}), "a-package")
 
 
@@ -185,7 +185,7 @@ def test_where_agents_walk_and_topologies_are_made_the_same_is_said(plugins):
         "salframe_trackers",
         folders=(".", "navigation"),
     )
-    reason = "no detector that 'auto' may select can run on apartment: annotations: needs annotations, "
+    reason = "'auto' cannot select a detector for apartment: annotations: needs annotations, "
     walked = navigate(Request(("objects",), "apartment", engine="inline"), episodes=2)
     assert walked.row("objects").reason.startswith(reason)
     made = salframe("map", "build", "apartment", "-o", "map", "--method", "objects")

@@ -84,5 +84,5 @@ def test_the_time_of_the_map_is_not_that_of_a_query(faults):
 
 
 def test_an_engine_without_processes_can_hold_no_limit(faults):
-    with pytest.raises(ConfigError, match="the engine 'inline' has no worker processes"):
+    with pytest.raises(ConfigError, match="need worker processes, which the engine 'inline' does not have"):
         compare(Request(["reader"], "rooms", engine="inline", limits=Limits(timeout_s=1.0)))

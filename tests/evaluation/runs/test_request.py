@@ -46,7 +46,7 @@ def test_two_methods_of_the_same_name_are_an_error(fakes):
     Path("other").mkdir()
     for file in ("mine.yaml", "other/mine.yaml"):
         Path(file).write_text("kind: reader\n")
-    with pytest.raises(ConfigError, match=r"the methods mine\.yaml and other/mine\.yaml, .* the same label mine"):
+    with pytest.raises(ConfigError, match=r"the methods mine\.yaml and other/mine\.yaml have the same label 'mine'"):
         resolve(request("mine.yaml", "other/mine.yaml"))
     assert list(resolve(request("reader", "reader")).methods) == ["reader"]
 
@@ -78,7 +78,7 @@ def test_another_method_stands_in_and_is_set_alike(stand_ins):
     assert list(found.methods) == ["plain", "reader"]
     plain = found.methods["plain"]
     assert (plain.kind, plain.offset, plain.refuse_in, plain.wrong_from) == ("greedy", 0, 2, 4)
-    assert found.notes == (f"plain, not fancy: {MISSING}",)
+    assert found.notes == (f"plain is used instead of fancy: {MISSING}",)
 
 
 def test_a_stand_in_that_cannot_run_either_leaves_the_method_and_its_reason(stand_ins):
@@ -94,9 +94,10 @@ def test_settings_that_the_stand_in_cannot_take_leave_it_as_it_is(faults, preset
     assert found.methods["plain"].refuse_in == 4
     (note,) = found.notes
     assert note.startswith(
-        "plain, not fancy: narrow needs no_such_package, which is not installed; it runs with its default "
+        "plain is used instead of fancy: narrow needs no_such_package, which is not installed; plain runs with its "
+        "default "
     )
-    assert "does not accept the requested ones: unknown key plain.depth (known: offset," in note
+    assert "does not have the requested ones: unknown key plain.depth (known: offset," in note
 
 
 def test_a_stand_in_that_cannot_run_as_it_is_set_leaves_the_method(faults, presets):
@@ -112,7 +113,7 @@ def test_a_stand_in_that_cannot_be_built_as_it_is_set(faults, presets, offset):
     presets({"fancy": {"kind": "weightless", "otherwise": "plain"}, "plain": {"kind": "picky"}})
     result = compare(request("fancy", "reader", settings=(f"fancy.offset={offset}",)))
     if offset == 100:
-        assert "it does not accept the requested ones: an offset of 100 is too far" in result.notes[0]
+        assert "it does not have the requested ones: an offset of 100 is too far" in result.notes[0]
         assert [row.accuracy.value for row in result.rows] == [1.0, 1.0]
     else:
         assert (result.rows[0].reason, result.rows[0].accuracy) == ("SystemExit: 101", None)
@@ -124,11 +125,11 @@ def test_a_stand_in_that_was_asked_for_too_stays_as_it_was_asked_for(stand_ins):
         found = resolve(request(*methods, settings=("fancy.refuse_in=2", "plain.refuse_in=3")))
         assert list(found.methods) == ["plain"]
         assert found.methods["plain"].refuse_in == 3
-        assert found.notes == (f"plain, not fancy: {MISSING}",)
+        assert found.notes == (f"plain is used instead of fancy: {MISSING}",)
 
 
 def test_a_stand_in_is_told_in_the_table_in_json_and_in_the_report(stand_ins):
-    note = f"plain, not fancy: {MISSING}"
+    note = f"plain is used instead of fancy: {MISSING}"
     asked = ("compare", "--methods", "fancy,reader", "--data", "rooms", "--engine", "inline")
     printed = salframe(*asked)
     assert printed.code == 0
@@ -147,7 +148,7 @@ def test_a_stand_in_is_ablated(stand_ins):
     result = ablate(Path("offsets.yaml"), Request((), engine="inline"))
     assert {row.method: row.accuracy.value for row in result.rows} == {"plain[offset=0]": 1.0, "plain[offset=1]": 0.2}
     assert [given["offset"] for given in result.settings] == [0, 1]
-    assert result.notes == (f"plain, not fancy: {MISSING}",)
+    assert result.notes == (f"plain is used instead of fancy: {MISSING}",)
 
 
 def test_methods_that_users_named_keep_their_names_where_another_stands_in(stand_ins):
@@ -158,20 +159,20 @@ def test_methods_that_users_named_keep_their_names_where_another_stands_in(stand
     result = ablate(Path("named.yaml"), Request((), engine="inline"))
     assert [row.method for row in result.rows] == ["one[one.offset=0]", "one[one.offset=1]", "other", "mine"]
     assert [dict(given) for given in result.settings] == [{"one.offset": 0}, {"one.offset": 1}, {}, {}]
-    assert result.notes == (f"plain, not fancy: {MISSING}",)
+    assert result.notes == (f"plain is used instead of fancy: {MISSING}",)
 
 
 def test_a_stand_in_matches(furnished, presets):
     presets({"fancy": {"kind": "weightless", "otherwise": "plain"}, "plain": {"kind": "points"}})
     result = measure_matching(request("fancy", data="furnished"))
     assert [(row.method, row.mma_1.value) for row in result.rows] == [("plain", 1.0)]
-    assert result.notes == (f"plain, not fancy: {MISSING}",)
+    assert result.notes == (f"plain is used instead of fancy: {MISSING}",)
 
 
 def test_a_stand_in_is_logged_before_the_run(stand_ins, caplog):
     caplog.set_level("INFO", "salframe")
     compare(request("fancy"))
-    assert [record.getMessage() for record in caplog.records] == [f"plain, not fancy: {MISSING}"]
+    assert [record.getMessage() for record in caplog.records] == [f"plain is used instead of fancy: {MISSING}"]
 
 
 def test_a_stand_in_walks(apartment, presets):
@@ -180,6 +181,6 @@ def test_a_stand_in_walks(apartment, presets):
     result = navigate(asked, episodes=2, positioning=Positioning.BOTH)
     assert [row.method for row in result.rows] == ["plain", "plain without positioning"]
     assert result.rows[0].success_rate.value == 1.0
-    note = f"plain, not fancy: {MISSING}"
+    note = f"plain is used instead of fancy: {MISSING}"
     assert result.notes == (note,)
     assert note in html.unescape(result.report.read_text())

@@ -93,8 +93,8 @@ NONSENSE = {
     "posed": "a localization has the status no-pose and a pose, expected no pose",
     "poseless": "a localization has the status ok and no pose, expected a pose",
     "placeless": "a localization has the status no-pose and no place, expected a place",
-    "elsewhere": "the method `match` returned the frame 'map-9' with the place 'room-9', expected a reference frame",
-    "misplaced": "the method `match` returned the frame 'map-0' with the place 'room-1', expected a reference frame",
+    "elsewhere": "the function `match` returned the frame 'map-9' with the place 'room-9', expected a reference frame",
+    "misplaced": "the function `match` returned the frame 'map-0' with the place 'room-1', expected a reference frame",
     "mapping": "match returned dict, expected a Localization",
     "nothing": "match returned NoneType, expected a Localization",
     "text": "match returned str, expected a Localization",
@@ -148,7 +148,7 @@ def test_another_comparison_with_a_method_more_asks_only_that_one(fakes, asked):
     assert asked == ["greedy"] * 6
     assert after["reader"] == before["reader"]
     assert kept(second) == kept(first)
-    assert f"reader: answers of {first.run}, with their times, are reused" in second.notes
+    assert f"reader: the answers and times of the run {first.run} are reused" in second.notes
     assert "reused" not in " ".join(first.notes)
     assert run(["reader", "greedy"], name="another")[1].notes == second.notes  # of the resumed run too
 

@@ -53,7 +53,7 @@ def test_a_method_with_the_file_knows_what_it_does_not(fitted, read):
     assert after.roc_area.value == 1.0
     assert after.calibration_error < 0.15
     assert after.status == {"ok": 10, "out-of-map": 10}
-    assert "10 of 20 queries are out-of-map queries" in known.notes[0]
+    assert "10 of 20 queries are out-of-map" in known.notes[0]
     shown, hidden = (read(result.report)[0] for result in (known, plain))
     titles = [[figure["title"] for figure in content["figures"]] for content in (shown, hidden)]
     assert "Reliability" in titles[0]
@@ -113,7 +113,7 @@ def test_a_method_without_the_setting_is_refused(fakes, monkeypatch, tmp_path):
     done = run("fit", "mute", "--data", "rooms", "-o", "out.yaml")
     assert "mute has no setting `posterior`" in done.err
     done = run("fit", "constant", "--data", "rooms", "-o", "out.yaml")
-    assert "constant cannot be fitted: all places of each answer have the same score" in done.err
+    assert "constant cannot be fitted: in each answer, all places have the same score" in done.err
 
 
 def test_settings_are_tried_and_evidence_is_weighed(fakes, monkeypatch, tmp_path):
@@ -155,11 +155,11 @@ def test_settings_are_tried_and_evidence_is_weighed(fakes, monkeypatch, tmp_path
     assert set(yaml.safe_load((tmp_path / "only.yaml").read_text())) == {"posterior", "provenance"}
     both = run("fit", "weighing", *ROOMS, "-o", "no.yaml", "--posterior-only", "--try", "offset=1")
     assert (both.code, len(both.err.splitlines())) == (2, 1)
-    assert "received both settings to try (--try) and posterior_only" in both.err
+    assert "received both --try and --posterior-only" in both.err
     refused = run("fit", "weighing", *ROOMS, "-o", "no.yaml", "--try", "colour=1")
     assert (refused.code, len(refused.err.splitlines())) == (2, 1)
     assert (
-        "the settings {'colour': 1} change the descriptions of panoramas, expected settings that affect only matching"
+        "--try received {'colour': 1}, which changes how panoramas are described, expected settings of the matching"
         in refused.err
     )
 

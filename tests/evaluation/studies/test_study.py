@@ -108,7 +108,9 @@ def test_a_shipped_ablation_is_read_by_its_name():
 
 def test_values_that_are_spelt_alike_are_told_apart_or_refused(fakes):
     file = write(method="reader", data="rooms", vary={"offset": [1, 1]})
-    with pytest.raises(ConfigError, match=r"sweep\.yaml: two variants of the study have the label reader\[offset=1\]"):
+    with pytest.raises(
+        ConfigError, match=r"sweep\.yaml: two combinations of settings have the label reader\[offset=1\]"
+    ):
         ablate(file, Request((), engine="inline"))
 
 

@@ -133,7 +133,9 @@ def test_a_role_that_is_taken_is_refused(found):
 
         role = "saliency"
 
-    with pytest.raises(SalframeError, match=r"the role 'saliency' of a-package has the name of .*SaliencyModel"):
+    with pytest.raises(
+        SalframeError, match=r"the role 'saliency' of a-package has the same name as the role .*SaliencyModel"
+    ):
         found.add(Saliency, "a-package")
 
 
@@ -189,7 +191,7 @@ def test_a_hook_that_is_not_marked_is_a_failure(found, plugin, tmp_path):
     path = tmp_path / "a_plugin.py"
     path.write_text(path.read_text().replace("@salframe.hookimpl", ""))
     found.load(entry_point)
-    reason = "salframe_provides of a_plugin is not a hook: mark it with @salframe.hookimpl"
+    reason = "a_plugin.salframe_provides is not marked as a hook: decorate it with @salframe.hookimpl"
     assert found.failures == [Failure("a_plugin", "a_plugin", reason)]
 
 
@@ -249,7 +251,7 @@ def test_a_preset_whose_name_is_taken_is_refused(found, tmp_path):
     found.add(Presets(tmp_path / "one"), "one")
     with pytest.raises(
         SalframeError,
-        match=r"the preset .*two/methods/calm\.yaml of two has the name of the preset .*one/methods/calm\.yaml",
+        match=r"the preset .*two/methods/calm\.yaml of two has the same name as the preset .*one/methods/calm\.yaml",
     ):
         found.add(Presets(tmp_path / "two"), "two")
     assert found.list_presets("methods") == {"calm": "one"}
@@ -271,8 +273,8 @@ def write_presets(folder: Path, **content: str) -> Presets:
         ("ablations__odd", "- kind", "odd.yaml contains list, expected a mapping"),
         ("methods__odd", "offset: 1", "odd.yaml: `kind` is None, expected the name of a localizer"),
         ("data__odd", "kind: [rooms]", r"odd.yaml: `kind` is \['rooms'\], expected the name of a dataset"),
-        ("methods__odd", "kind: even\notherwise: [calm]", r"odd.yaml: otherwise is \['calm'\], expected the name"),
-        ("methods__odd", "base: odd.yaml", "odd.yaml is its own base"),
+        ("methods__odd", "kind: even\notherwise: [calm]", r"odd.yaml: `otherwise` is \['calm'\], expected the name"),
+        ("methods__odd", "base: odd.yaml", "odd.yaml inherits from itself"),
         ("methods__odd", "base: 3", "odd.yaml: base is 3, expected the name of a file"),
     ],
 )

@@ -53,7 +53,7 @@ def test_json_that_is_none(text):
         ("a: !!python/object/apply:os.system [ls]", "tag"),
         ("a: 2020-01-01", "the date 2020-01-01, expected text"),
         ("a: .nan", "finite"),
-        ("a: &b [*b]", r"\*b is inside &b"),
+        ("a: &b [*b]", r"\*b refers to a value that contains it"),
         ("? [1]\n: 2", "key"),
         ("1.5: a", "the key 1.5, expected text or an integer"),
     ],
@@ -105,7 +105,7 @@ def test_a_header_is_held_against_the_bytes(tmp_path):
     huge = content.replace(b"(3,), }" + b" " * 11, b"(100000000000,), }")
     assert len(huge) == len(content)
     (tmp_path / "a.npy").write_bytes(huge)
-    with pytest.raises(ValueError, match=r"24 bytes of values, expected 800000000000 for float64"):
+    with pytest.raises(ValueError, match=r"24 bytes of values, expected 800000000000 for dtype float64"):
         map_array(tmp_path / "a.npy")
     np.testing.assert_array_equal(parse_arrays(archive(a=np.arange(6).reshape(2, 3)))["a"], [[0, 1, 2], [3, 4, 5]])
 

@@ -75,7 +75,9 @@ def test_a_table_that_lost_its_rows_is_one_line(tmp_path):
     write_columns(tmp_path / "rows", [{"a": np.arange(3)}, {"a": np.arange(4)}])
     table = tmp_path / "rows" / "columns.json"
     table.write_text(table.read_text().replace('"rows":2', '"rows":0'))
-    with pytest.raises(DataError, match=r"a\.npy has values of shape \(7,\), expected \(\d+,\) according to"):
+    with pytest.raises(
+        DataError, match=r"a\.npy has an array of shape \(7,\), expected \(\d+,\), the number of values in"
+    ):
         read_columns(tmp_path / "rows")
 
 

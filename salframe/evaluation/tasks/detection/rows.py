@@ -22,7 +22,7 @@ class PanoramaRow(PieceRow):
         counted = (self.annotated, self.detections, self.right, self.joined)
         if None in counted and (self.status == PieceStatus.OK or any(part is not None for part in counted)):
             raise ValueError(
-                "a row lacks some of `annotated`, `detections`, `right` and `joined`, expected all of "
-                "them in a row with the status ok, and all or none in other rows"
+                f"a row with the status {self.status} lacks one of `annotated`, `detections`, `right` and `joined`, "
+                "expected all four"
             )
         return self

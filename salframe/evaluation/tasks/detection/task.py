@@ -64,7 +64,10 @@ class DetectionTask(Task[QueryFrame, Survey[QueryFrame], PanoramaRow, DetectionR
 
     def survey(self, dataset: Dataset) -> Survey[QueryFrame]:
         if "annotations" not in dataset.provides:
-            raise InputMissing(f"the task detection needs annotations, which the dataset {dataset.name} does not have")
+            raise InputMissing(
+                f"the task detection needs annotations, which the dataset {dataset.name} does not have: choose "
+                "another dataset"
+            )
         frames = {frame.id: frame for fold in dataset.folds() for frame in fold.queries}
         if not frames:
             raise DataError(f"the dataset {dataset.name} has no query, expected at least one")

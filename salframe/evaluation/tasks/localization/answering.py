@@ -90,8 +90,8 @@ class Answering(Worker[Query]):
         for ranked in answer.places:
             if self._places.get(ranked.frame) != ranked.place:
                 raise InvalidAnswer(
-                    f"the method `match` returned the frame {ranked.frame!r} with the place {ranked.place!r}, expected "
-                    "a reference frame of the map with the place that the map states for it"
+                    f"the function `match` returned the frame {ranked.frame!r} with the place {ranked.place!r}, "
+                    "expected a reference frame of the map, and its place in the map"
                 )
         return {**answer_row(answer, query.seconds * 1e3, query_ms), "status": answer.status, "error": None}
 

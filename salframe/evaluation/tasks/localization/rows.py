@@ -66,7 +66,7 @@ class AnswerRow(PieceRow):
         if len(self.probabilities or ()) != (0 if self.out_of_map_probability is None else len(self.places)):
             raise ValueError(
                 f"an answer has {len(self.probabilities or ())} probabilities, {len(self.places)} places "
-                f"and out_of_map_probability {self.out_of_map_probability}, expected "
-                "out_of_map_probability and one probability for each place, or no probabilities"
+                f"and out_of_map_probability = {self.out_of_map_probability}, expected a probability of each place and "
+                "out_of_map_probability, or neither"
             )
         return self

@@ -69,11 +69,12 @@ class MatchingTask(Task[FramePair, Survey[FramePair], PairRow, MatchingRow]):
     def survey(self, dataset: Dataset) -> Survey[FramePair]:
         if "range" not in dataset.provides:
             raise InputMissing(
-                f"matching accuracy needs panoramas with range, which the dataset {dataset.name} does not have"
+                f"the task matching needs range images, which the dataset {dataset.name} does not have: choose "
+                "another dataset"
             )
         pairs = choose_pairs(dataset)
         left_out = sum(len(fold.queries) for fold in dataset.folds()) - len(pairs)
-        note = f"{left_out} queries left out: their place has no scene frame in the map"
+        note = f"{left_out} queries are left out: the map has no scene frame of their place"
         return Survey(dataset, pairs, (note, *places_notes(dataset)) if left_out else ())
 
     def key(self, piece: FramePair) -> tuple[str, str]:
@@ -120,8 +121,8 @@ class _Matching(Worker[FramePair]):
             )
         if self._kind not in (None, type(matches)):
             raise InvalidAnswer(
-                f"correspond returned {type(matches).__name__} after {self._kind.__name__} for earlier "
-                "pairs, expected one type for all pairs"
+                f"correspond returned {type(matches).__name__}, and {self._kind.__name__} for earlier pairs of frames, "
+                "expected the same type for all pairs"
             )
         self._kind = type(matches)
         row = check_matches(matches, piece.query.load(), piece.reference.load(), piece.T_reference_query)
@@ -152,6 +153,9 @@ def choose_pairs(dataset: Dataset) -> list[FramePair]:
                 T_reference_query = invert_pose(reference.T_world_pano) @ truth.T_world_pano
                 pairs.append(FramePair(fold.id, query, reference, T_reference_query))
     if not pairs:
-        reason = f"the dataset {dataset.name} has no query whose place has a scene frame, expected at least one"
+        reason = (
+            f"the dataset {dataset.name} has no query in a place with a reference frame of kind scene, expected at "
+            "least one"
+        )
         raise DataError("; ".join([reason, *places_notes(dataset)]))
     return pairs

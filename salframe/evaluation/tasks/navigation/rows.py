@@ -52,6 +52,7 @@ class EpisodeRow(PieceRow):
     def _complete(self) -> EpisodeRow:
         if self.path is not None and None in (self.travelled_m, self.panoramas, self.collisions):
             raise ValueError(
-                "the row of an episode with a path lacks a field, expected `travelled_m`, `panoramas` and `collisions`"
+                "the row of an episode has `path` and lacks a field, expected also `travelled_m`, `panoramas` and "
+                "`collisions`"
             )
         return self

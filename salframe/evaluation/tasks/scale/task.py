@@ -125,9 +125,7 @@ def _matcher_config(method: Localizer) -> ComponentConfig:
     for _, config in components_in(method.config):
         if issubclass(config.component, GraphMatcher) and config.component.uses_scene_index:
             return config
-    raise MethodUnavailable(
-        "the method does not use a scene index, expected a method with a scene index, such as proposed"
-    )
+    raise MethodUnavailable("the method has no scene index, expected a method that has one, such as proposed")
 
 
 class _ScaleWorker(Worker[int]):
@@ -239,8 +237,8 @@ def rooms_of(method: Localizer, dataset: Dataset) -> tuple[SaliencyGraph, ...]:
     rooms = tuple(graph for one in completed if len(graph := graph_from_arrays(one)) >= MIN_OBJECTS)
     if not rooms:
         raise DataError(
-            f"the dataset {dataset.name} has no scene frame with at least {MIN_OBJECTS} objects, "
-            "expected at least one such frame"
+            f"no reference frame of kind scene in the dataset {dataset.name} has {MIN_OBJECTS} or more objects, "
+            "expected at least one"
         )
     return rooms
 

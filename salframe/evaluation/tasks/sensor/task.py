@@ -43,7 +43,7 @@ class SensorTask(Task[Frame, Survey[Frame], LookRow, SensorRow]):
     def survey(self, dataset: Dataset) -> Survey[Frame]:
         if absent := {"annotations", "range"} - dataset.provides:
             lacks = f"the dataset {dataset.name} does not have {' and '.join(sorted(absent))}"
-            raise InputMissing(f"the task sensor needs annotations and range, and {lacks}")
+            raise InputMissing(f"the task sensor needs annotations and range, but {lacks}")
         frames: dict[str, Frame] = {}
         for fold in dataset.folds():
             frames.update((frame.id, frame) for frame in fold.references)

@@ -35,5 +35,5 @@ class TurnRow(PieceRow):
     @model_validator(mode="after")
     def _complete(self) -> TurnRow:
         if self.error is None and self.first is None:
-            raise ValueError("the row of a query has neither an error nor an answer, expected one of them")
+            raise ValueError("the row of a query has neither `error` nor `first`, expected one of them")
         return self

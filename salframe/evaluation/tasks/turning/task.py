@@ -66,8 +66,7 @@ class TurningTask(Task[NarrowQuery, Survey[NarrowQuery], TurnRow, TurnsRow]):
     def survey(self, dataset: Dataset) -> Survey[NarrowQuery]:
         if type(dataset).observe is Dataset.observe:
             raise InputMissing(
-                f"the dataset {dataset.name} cannot render new panoramas, which the task turning needs at other "
-                f"headings"
+                f"the task turning needs panoramas at other headings, which the dataset {dataset.name} cannot render"
             )
         queries = []
         for query in (query for fold in dataset.folds() for query in fold.queries):

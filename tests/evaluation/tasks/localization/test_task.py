@@ -255,7 +255,7 @@ def test_evaluate_measures_again_from_the_answers(fakes):
     [
         (
             {"out_of_map_probability": 0.5},
-            "expected out_of_map_probability and one probability for each place, or no probabilities",
+            "expected a probability of each place and out_of_map_probability, or neither",
         ),
         ({"places": []}, "an answer with the status ok has no place, expected at least one place"),
     ],

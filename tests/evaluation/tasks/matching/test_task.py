@@ -191,18 +191,20 @@ def test_queries_of_places_that_are_not_mapped_are_left_out_and_counted(furnishe
     rows, result = measure(["points"], "data.unmapped=true")
     assert rows["points"].pairs == 1
     assert result.notes == (
-        "1 queries left out: their place has no scene frame in the map",
-        "the true place of 1 query is not in the map, expected answer out-of-map: 'kitchen'",
+        "1 queries are left out: the map has no scene frame of their place",
+        "the true place of 1 query is not in the map, so the correct answer is out-of-map: 'kitchen'",
     )
 
 
 def test_data_that_tells_no_truth_is_refused(furnished):
-    with pytest.raises(InputMissing, match="needs panoramas with range, which the dataset furnished does not have"):
+    with pytest.raises(InputMissing, match="needs range images, which the dataset furnished does not have"):
         measure(["points"], "data.ranges=false")
     with pytest.raises(DataError, match="the true pose of the query bedroom-query is missing"):
         measure(["points"], "data.posed=false")
     rows, _ = measure(["nodes", "points"], "data.instances=false")
-    assert rows["nodes"].reason == "the method needs annotations, which the dataset furnished does not have"
+    assert rows["nodes"].reason == (
+        "the method needs annotations, which the dataset furnished does not have: use another method or dataset"
+    )
     assert rows["points"].mma_1.value == 1
 
 

@@ -174,11 +174,11 @@ def test_the_command_prints_the_table_and_the_report(read):
     [
         (
             ("--data", "still"),
-            "error: the dataset still cannot render panoramas at new poses, which navigation needs\n",
+            "error: navigation needs panoramas at new poses, which the dataset still cannot render\n",
         ),
         (
             ("--data", "unmasked"),
-            "error: the dataset unmasked has no floor masks, which navigation needs to detect collisions\n",
+            "error: navigation needs floor masks to detect collisions, the dataset unmasked has none\n",
         ),
         (
             ("--data", "apartment", "--episodes", "none.json"),
@@ -199,7 +199,7 @@ def test_bad_episodes_are_told_and_the_others_walked():
         "navigate", "--data", "apartment", "--methods", "seer", "--episodes", "mixed.json", "--engine", "inline"
     )
     assert result.code == 0
-    assert "episode 0: floor: (4.10, 0.50) m is in a wall or obstacle" in result.out
+    assert "episode 0: floor: the position (4.10, 0.50) m is in a wall or obstacle" in result.out
     assert "episode 2: floor: unknown node 'attic'." in result.out
 
 

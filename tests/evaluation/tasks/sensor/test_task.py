@@ -220,7 +220,7 @@ def test_what_cannot_be_measured_is_told_in_one_line(tiny, tmp_path):
         del frame["range"]
     (bare / "manifest.json").write_text(json.dumps(content))
     with pytest.raises(
-        InputMissing, match=r"the task sensor needs annotations and range, and the dataset folder does not have range"
+        InputMissing, match=r"the task sensor needs annotations and range, but the dataset folder does not have range"
     ):
         measure_sensor("annotations", [str(bare)])
     with pytest.raises(UnknownName, match=r"unknown detector 'panosec'.* did you mean 'panoseg'"):
