@@ -45,9 +45,7 @@ class VerifiedPlaces(Localizer):
 
     class Config(ComponentConfig):
         ranking: slot("localizer", "saliency-places", description="localizer that ranks the places")  # type: ignore[valid-type]
-        features: slot(
-            "feature-matcher", "sift", description="feature matcher, which extracts and matches the keypoints"
-        )  # type: ignore[valid-type]
+        features: slot("feature-matcher", "sift", description="extracts and matches the keypoints")  # type: ignore[valid-type]
         places: int = match_only(
             5, ge=1, description="number of places that are re-ranked, the first ones by `ranking`"
         )
