@@ -66,8 +66,8 @@ class AnnotationDetector(Detector):
             union_mode="left_to_right",
             description="errors to simulate. none: no errors; uniform: the same error rates for all objects; "
             "uniform-heavy: twice the rates of uniform; a mapping such as {missed: 0.3}: your rates, the same for all "
-            "objects; panoseg, segments: the measured errors of this detector; a path: measured errors in "
-            "a file written by `salframe sensor`; auto: panoseg on rendered panoramas, none on real panoramas",
+            "objects; panoseg, segments: the measured errors of the detector with this name; a path: measured errors "
+            "in a file written by `salframe sensor`; auto: panoseg on rendered panoramas, none on real panoramas",
         )
         seed: int = Field(0, ge=0, description="random seed of the simulated detector errors")
 

@@ -44,7 +44,7 @@ def place_objects(
 
 
 def _rays(graphs: Sequence[SaliencyGraph], frames: Sequence[ReferenceFrame]) -> ObjectBearings:
-    """Return the bearings of all objects in the world. A transition frame may show objects of several places."""
+    """Return the bearings of all objects in the world frame. A transition frame may show objects of several places."""
     number: dict[str, int] = {}
     kinds = {frame.kind for frame in frames}
     group = [

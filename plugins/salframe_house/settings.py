@@ -21,7 +21,7 @@ class HouseConfig(QueryView):
     style: Literal["home", "office", "hotel"] = Field(
         "home", description="type of the building, with its rooms and furniture: a home, an office building, or a hotel"
     )
-    rooms: int = Field(12, ge=4, le=MAX_ROOMS, description="number of rooms of the building, including corridors")
+    rooms: int = Field(12, ge=4, le=MAX_ROOMS, description="number of rooms of each storey, including corridors")
     storeys: int = added(
         1,
         ge=1,
@@ -41,14 +41,14 @@ class HouseConfig(QueryView):
         1,
         ge=1,
         le=16,
-        description="number of reference frames at each of the positions that cover a room. Most rooms have one "
-        "position. Small rooms have fewer frames. The queries do not depend on this setting",
+        description="number of reference frames in each group. One or more groups cover a room. Most rooms have one "
+        "group. Small rooms have fewer frames. The queries do not depend on this setting",
     )
     map_spacing_m: float = added(
         1.0,
         gt=0,
         le=3,
-        description="distance (m) between the reference frames at one position, as far as the room allows; only used "
+        description="distance (m) between the reference frames of one group, as far as the room allows; only used "
         "if frames_per_position is over 1",
     )
     query_shift_m: float = added(

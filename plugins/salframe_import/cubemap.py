@@ -45,7 +45,8 @@ SEAMS = (
 class CubemapImporter(Importer):
     """Cubemaps: six faces of 90 degrees as colour images, with optional depth images and a table of poses, poses.csv.
 
-    The column picture of the table contains the name of the cubemap. The file names of the faces contain this name too.
+    The poses table has a column `picture` with the name of the cubemap. The file names of the faces contain this name
+    too.
     The other columns are those of the importer `pictures`. Cubemaps that are not in the table are queries.
     """
 

@@ -63,8 +63,8 @@ class RosBagImporter(Importer):
         )
         poses: str | None = Field(
             None,
-            description="source of the poses: the name of an odometry topic, or the word tf; null: tf if the setting "
-            "world is used, if tf contains the frame map, or if the bag has no odometry topic. Otherwise, the only "
+            description="source of the poses: the name of an odometry topic, or `tf`. null: `tf` if the setting "
+            "`world` has a value, if the frame `map` is in tf, or if the bag has no odometry topic; else the only "
             "odometry topic",
         )
         world: str | None = Field(

@@ -77,8 +77,8 @@ class MatterportAnnotations(NavigableDataset):
         )
         seed: int = Field(
             0,
-            description="random seed of the range noise, of the yaws and walks of queries, of the choice of "
-            "viewpoints by `map_share`, and of ranges that cannot be triangulated",
+            description="random seed of: range noise, yaws and walks of queries, choice of viewpoints by `map_share`, "
+            "ranges of objects that cannot be triangulated",
         )
         leave_out: int = match_only(
             1,
@@ -93,7 +93,7 @@ class MatterportAnnotations(NavigableDataset):
         )
         one_map: bool = match_only(
             False,
-            description="true: each map contains all buildings, 1 km apart along x. One viewpoint of each building is "
+            description="true: a map contains all buildings, 1 km apart along x. One viewpoint of each building is "
             "missing in the map and is a query; false: a map contains one building",
         )
         map_share: float | None = added(

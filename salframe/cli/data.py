@@ -185,8 +185,8 @@ def import_(
 
     Every command accepts the folder as a dataset. Panoramas without a pose become queries. A panorama that cannot be
     read is left out, and the exit status is then 1. --place-from selects the source of place names: a column of the
-    recording, the regions of floors, or the folders of pictures. With none, each panorama is a place. Run the same
-    command again to resume an interrupted import.
+    recording, the regions of floors, or the folders of pictures. With `--place-from none`, each panorama is a place.
+    Run the same command again to resume an interrupted import.
     """
     from salframe.cli.output import Bars, tell, warn
     from salframe.drawing.import_preview import preview_import

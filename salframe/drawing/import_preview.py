@@ -50,7 +50,7 @@ class ImportPreview:
             with range that were read; None if there are none.
         max_tilt_deg: Maximum angle between the up axis of a reference frame and the up axis of the world.
         pictures: Paths of the contact sheet and of the top view.
-        failures: Mapping from the id of each panorama that could not be read to a one-line error.
+        failures: The one-line error of each panorama that could not be read, by id.
         notes: Warnings, one line each.
         seconds: Computing time of the preview.
     """

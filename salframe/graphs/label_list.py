@@ -61,7 +61,7 @@ class LabelList:
 
     Attributes:
         labels: The labels, the most frequent first.
-        failures: Mapping from the id of each panorama that could not be read to a one-line error.
+        failures: The one-line error of each panorama that could not be read, by id.
     """
 
     labels: tuple[ListedLabel, ...]

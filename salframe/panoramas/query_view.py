@@ -64,8 +64,8 @@ class QueryView(ComponentConfig):
         match_only=True,
         ge=1,
         le=100,
-        description="number of views per query, if more than 1; 1: the views in the dataset, usually "
-        "one view per query",
+        description="number of views to which each query is extended; 1: queries have the views in the dataset, "
+        "usually one",
     )
     query_motion: Literal["turned", "driven"] = added(
         "turned",

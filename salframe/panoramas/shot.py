@@ -200,7 +200,7 @@ def open_photograph(
 
 
 def _read_ids(path: Path, rgb: np.ndarray) -> np.ndarray:
-    """Return a 16-bit image of the size of a photograph, (h, w) int32. Raises DataError."""
+    """Read a 16-bit image file with the size of a photograph; return it as (h, w) int32. Raises DataError."""
     ids = images.read_ids(path)
     if ids.shape != rgb.shape[:2]:
         size, expected = (" x ".join(map(str, image.shape[1::-1])) for image in (ids, rgb))

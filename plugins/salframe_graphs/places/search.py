@@ -56,7 +56,8 @@ class Ranking:
         score: (P,) score of each place.
         pose_row: (P,) index in `poses` of the pose in each place; -1 for a place without a pose.
         poses: Poses of the query. Their place indices refer to all places of the map.
-        search: Result of the search, with the same poses. Their place indices refer to the searched places only.
+        search: Result of the search. Its poses are those of `poses`, but its place indices refer to the searched places
+            only.
     """
 
     names: np.ndarray

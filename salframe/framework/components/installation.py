@@ -44,7 +44,7 @@ def list_weights(plugins: Registry) -> list[NetworkWeights]:
 
 
 def find_weights(name: str, plugins: Registry) -> NetworkWeights:
-    """Return the weights of this name, or the downloaded model of the hub hf:ORG/MODEL[@REVISION].
+    """Return the weights of this name. The name hf:ORG/MODEL[@REVISION] stands for a downloaded model of the hub.
 
     Raises:
         UnknownName: No component declares weights of this name.

@@ -56,7 +56,7 @@ def settings(role: str, name: str) -> dict[str, Any]:
 
 
 def otherwise(role: str, name: str) -> str | None:
-    """Return the preset to use if the preset `name` cannot run on this machine. None: `name` declares none."""
+    """Return the preset to use if the preset `name` cannot run on this machine; None if it declares no such preset."""
     content = _preset(role, name)
     return None if content is None else content.get(OTHERWISE)
 
