@@ -18,8 +18,8 @@ class OnnxDepth(MonocularDepth):
 
     This component has not been tested with published networks. The depth of each view is scaled so that the views agree
     where they overlap. If the output is known only up to an added constant, this constant is estimated too. The views
-    are then merged. The weight of a view falls to 0 at its border. With `camera_height_m`, all ranges are scaled so
-    that the floor is at this distance below the camera. If no floor is visible, the ranges of a network with
+    are then merged. The weight of a pixel falls to 0 at the border of its view. With `camera_height_m`, all ranges are
+    scaled so that the floor is at this distance below the camera. If no floor is visible, the ranges of a network with
     `metric: true` are not scaled, and those of other networks are unknown.
     """
 
