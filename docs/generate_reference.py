@@ -64,8 +64,11 @@ def write_cli() -> str:
     pages = [
         "# The command line",
         "Generated from `salframe --help` by docs/generate_reference.py.",
-        "Exit statuses: 0, success; 1, nothing was measured or a method crashed; 2, an error in the input, which is "
-        "printed in one line on stderr; 130, interrupted.",
+        "Exit statuses:",
+        "- 0: success\n"
+        "- 1: the result is incomplete, for example because a method crashed. Some commands state other reasons\n"
+        "- 2: an error in the input, which is printed in one line on stderr\n"
+        "- 130: interrupted",
         "These words have the same meaning in all commands:",
         _table(
             ("word", "meaning"),
@@ -227,6 +230,7 @@ TERMS = {
     r"\bquer(y|ies)\b": "*query*: a panorama (or another view) to localize",
     r"reference frame": "*reference frame*: a panorama of the map, with its pose and its place",
     r"\bplaces?\b": "*place*: a room or a doorway",
+    r"out-of-map": "*out-of-map*: the query was taken at a place that the map does not contain",
     r"graphs? of (a|the) (map|query)|saliency graph": "*graph*, or *saliency graph*: the objects of a panorama, as "
     "nodes. Edges connect objects that are close to each other",
     r"floor mask": "*floor masks*: images of the free floor and the rooms, from above",

@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from pydantic import Field
 
 from salframe.framework.component import match_only
+from salframe.framework.components.identity import UserFile
 from salframe.framework.files.weights import NetworkWeights, Shipped, WeightsFile
 from salframe.framework.onnx import open_model
 from salframe_keypoints.descriptors import unit_rows
@@ -143,6 +145,11 @@ class LoftrCompact(ImageMatcher):
     stride_px = STRIDE_PX
 
     class Config(ImageMatcher.Config):
+        checkpoint: UserFile | None = Field(
+            None,
+            description="path of a file with weights, or of a folder with several such files; null: the weights that "
+            "are part of salframe",
+        )
         pooled: Literal["sift", "tokens"] = match_only(
             "tokens",
             description="local descriptors that are pooled to one global descriptor of a view. Global descriptors "

@@ -33,9 +33,8 @@ class VerifiedPlaces(Localizer):
     place, as in the localizer `keypoints`. At most three reference frames of each place are compared.
 
     The answer is the first place of the new order. Its pose is computed from keypoints. If this pose has too few
-    inliers and the first place is the same in both orders, the answer has the pose by `ranking`. If the first place is
-    another one, the answer has no pose. If several views of a query are joined, the keypoints are those of the last
-    view.
+    inliers, the pose by `ranking` is used instead, but only if the first place is the same in both orders. Otherwise,
+    the answer has no pose. If several views of a query are joined, the keypoints are those of the last view.
     """
 
     name = "verified-places"
@@ -45,7 +44,7 @@ class VerifiedPlaces(Localizer):
 
     class Config(ComponentConfig):
         ranking: slot("localizer", "saliency-places", description="localizer that ranks the places")  # type: ignore[valid-type]
-        features: slot("feature-matcher", "sift", description="extracts and matches the keypoints")  # type: ignore[valid-type]
+        features: slot("feature-matcher", "sift", description="feature matcher for the keypoints")  # type: ignore[valid-type]
         places: int = match_only(
             5, ge=1, description="number of places that are re-ranked, the first ones by `ranking`"
         )

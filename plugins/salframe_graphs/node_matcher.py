@@ -56,9 +56,9 @@ class NodeMatcherConfig(ComponentConfig):
         0.25,
         ge=0,
         le=1,
-        description="minimum ratio (0 to 1) of a graph that is compared with the query node by node. First, the "
-        "Jaccard index of the labels of graph and query is computed for each graph. The ratio is this index, divided "
-        "by the highest index. The paper uses 0.6",
+        description="minimum ratio (0 to 1) at which a graph is compared with the query node by node. The ratio is "
+        "the Jaccard index of the labels of graph and query, divided by the highest such index of all graphs. The "
+        "paper uses 0.6",
     )
     max_candidates: int | None = Field(
         100,
@@ -87,8 +87,8 @@ class NodeMatcherConfig(ComponentConfig):
     ring_edges_m: Annotated[tuple[float, ...], AfterValidator(_ascending)] = Field(
         (1.0, 2.0, 4.0),
         description="outer radii (m) of rings around a node, ascending. They are not related to the edges of the "
-        "graph. The structural feature of a node counts the labels of the other nodes: in each ring, and at each "
-        "number of edges up to `hops`",
+        "graph. The structural feature of a node counts the labels in each ring. It also counts the labels of the "
+        "nodes that are 1 to `hops` edges away",
     )
     hops: int = Field(
         2,

@@ -47,9 +47,9 @@ class PanoramaScoresConfig(ComponentConfig):
     )
     nearest_scene: bool = match_only(
         True,
-        description="true: the answer is always a reference frame in a room. If the best match is a frame in a "
-        "doorway, it is replaced by the frame in a room that is nearest to the estimated pose; false: the answer can "
-        "be a frame in a doorway",
+        description="true: the answer is always a scene frame (a reference frame in a room). If the best match is a "
+        "frame in a doorway, it is replaced by the scene frame nearest to the estimated pose; false: the answer can be "
+        "a frame in a doorway",
     )
 
 

@@ -77,8 +77,8 @@ class RobustPositioner(Positioner):
             gt=0,
             le=1,
             description="limit of a ratio: the score of the second-best pose, divided by the score of the best pose. "
-            "If the ratio reaches the limit, the result is ambiguous and has no pose. The second-best pose must be "
-            "more than 0.5 m or 30 deg away from the best pose",
+            "If the ratio reaches the limit, the result is ambiguous and has no pose. Poses within 0.5 m and 30 deg "
+            "of the best pose do not count as second-best",
         )
 
     _separate_m: ClassVar[float] = 0.5

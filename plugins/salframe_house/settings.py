@@ -41,15 +41,15 @@ class HouseConfig(QueryView):
         1,
         ge=1,
         le=16,
-        description="number of reference frames in each group. One or more groups cover a room. Most rooms have one "
-        "group. Small rooms have fewer frames. The queries do not depend on this setting",
+        description="maximum number of reference frames around each position. One or more positions cover a room. The "
+        "queries do not depend on this setting",
     )
     map_spacing_m: float = added(
         1.0,
         gt=0,
         le=3,
-        description="distance (m) between the reference frames of one group, as far as the room allows; only used "
-        "if frames_per_position is over 1",
+        description="distance (m) between the reference frames around one position, as far as the room allows; only "
+        "used if frames_per_position is over 1",
     )
     query_shift_m: float = added(
         0.7,

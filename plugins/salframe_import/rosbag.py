@@ -63,9 +63,9 @@ class RosBagImporter(Importer):
         )
         poses: str | None = Field(
             None,
-            description="source of the poses: the name of an odometry topic, or `tf`. null: `tf` if the setting "
-            "`world` has a value, if the frame `map` is in tf, or if the bag has no odometry topic; else the only "
-            "odometry topic",
+            description="source of the poses: the name of an odometry topic, or `tf`; null: the only odometry topic. "
+            "In three cases, null means `tf`: tf has the frame `map`, the setting `world` has a value, or the bag has "
+            "no odometry topic",
         )
         world: str | None = Field(
             None,

@@ -89,7 +89,8 @@ class MatterportAnnotations(NavigableDataset):
         query_triangulates: bool = match_only(
             True,
             description="true: the ranges in a map are triangulated from all viewpoints of the building, even from "
-            "those that are missing in the map; false: only from the viewpoints in the map",
+            "those that are missing in the map, such as the viewpoint of the query; false: only from the viewpoints in "
+            "the map",
         )
         one_map: bool = match_only(
             False,

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import cached_property
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
@@ -41,8 +42,7 @@ class HabitatMaps(MatterportAnnotations):
     """One building of the dataset `matterport-annotations`, with floor masks from top-down maps.
 
     The program Object2HabitatMap draws the top-down maps. The floor is the area of all regions in the top-down map. All
-    objects except floor, door and stairs are obstacles. If the folder has the maps of several buildings, `scans` must
-    select one.
+    objects except floor, door and stairs are obstacles.
     """
 
     name = "habitat-maps"
@@ -53,6 +53,11 @@ class HabitatMaps(MatterportAnnotations):
             None,
             description="path of the folder that contains habitat_map/<scan>/, house/<scan>.house, and the files of "
             "the dataset matterport-annotations; required (--data-dir sets it)",
+        )
+        scans: Literal["all"] | tuple[str, ...] = Field(
+            "all",
+            description="list with the id of the building to use; all: the only building in the folder that has "
+            "top-down maps",
         )
         resolution_m: float = Field(
             0.05,

@@ -88,8 +88,9 @@ def info(data: DataArgument, data_dir: DataDir = None, overrides: SetForData = N
 def labels(data: DataArgument, data_dir: DataDir = None, overrides: SetForData = None, as_json: Json = False) -> None:
     """List the labels of the annotated objects of a dataset, with the number of objects of each label.
 
-    Methods compare labels by their names in the vocabulary, the list of labels that salframe knows. A label that is not
-    in the vocabulary is listed with the most similar names. The exit status is 1 if a panorama cannot be read.
+    The vocabulary is the list of labels and synonyms that salframe knows. Methods compare labels by their names in the
+    vocabulary. A label that is not in the vocabulary is listed with the most similar names. The exit status is 1
+    if a panorama cannot be read.
     """
     from collections import Counter
     from dataclasses import asdict
@@ -157,7 +158,7 @@ def import_(
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Folder to write the dataset to")],
     place_from: Annotated[
         Literal["column", "region", "folder", "none"] | None,
-        typer.Option(help="Source of place names (default: the first that names every reference frame)"),
+        typer.Option(help="Source of place names (default: the first value that names all map frames)"),
     ] = None,
     queries: Annotated[
         str | None,
@@ -185,8 +186,8 @@ def import_(
 
     Every command accepts the folder as a dataset. Panoramas without a pose become queries. A panorama that cannot be
     read is left out, and the exit status is then 1. --place-from selects the source of place names: a column of the
-    recording, the regions of floors, or the folders of pictures. With `--place-from none`, each panorama is a place.
-    Run the same command again to resume an interrupted import.
+    recording, the rooms (regions) of a building model or of floor masks, or the folders of pictures. With `--place-from
+    none`, each panorama is a place. Run the same command again to resume an interrupted import.
     """
     from salframe.cli.output import Bars, tell, warn
     from salframe.drawing.import_preview import preview_import

@@ -6,11 +6,11 @@ from typing import Annotated
 
 import typer
 
-from salframe.cli.options import DETECTORS, CommonOptions, timeout_option, with_common_options
+from salframe.cli.options import DETECTORS, CommonOptions, SetForDetectors, timeout_option, with_common_options
 from salframe.cli.output import show
 
 
-@with_common_options(without=["seed"], timeout=(timeout_option("panorama"), None))
+@with_common_options(without=["seed"], timeout=(timeout_option("panorama"), None), overrides=(SetForDetectors, None))
 def detection(
     detectors: Annotated[
         str, typer.Option(help="Detectors to measure, comma-separated; see `salframe plugins`")

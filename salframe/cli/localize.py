@@ -77,12 +77,13 @@ def localize(
     """Localize a panorama in a saved map.
 
     Prints the places, best first, and the pose. If the answer is not accepted, also suggests how to turn the camera
-    to directions that the query does not show. An image is a panorama. With --fov or --camera, it is a photograph.
-    With --views, several images form one query. List them in the order in which they were taken; the pose is that of
-    the last image. The file of --camera can contain T_base_camera, the pose of the camera on the robot. The answer then
-    has the pose of the robot's base. The values of --range-kind are ray (range along the ray), z (depth along the
-    optical axis of a photograph), and cube (z-depth of the stitched cube faces of a panorama). With --trajectory, the
-    pose has the timestamp 0. If the answer has no pose, the file has no poses.
+    to directions that the query does not show. By default, images are read as panoramas. With --fov or --camera, they
+    are read as photographs. With --views, several images form one query. List them in the order in which they were
+    taken; the pose is that of the last image. The file of --camera can contain T_base_camera, the pose of the camera on
+    the robot. The answer then has the pose of the robot's base. The values of --range-kind are ray (range along the
+    ray), z (depth along the optical axis of a photograph), and cube (depth along the axis of a cube face, for a
+    panorama stitched from cube faces). With --trajectory, the pose has the timestamp 0. If the answer has no pose, the
+    file has no poses.
     """
     from salframe.cli.output import warn
     from salframe.cli.queries import QueryOptions

@@ -167,9 +167,9 @@ def show(
         ),
     ] = None,
 ) -> None:
-    """Draw a map with its floor, regions, nodes and edges, and print its calibration.
+    """Draw a map with its floor, rooms, nodes and edges, and print its calibration.
 
-    Edges are labelled with their lengths and azimuths.
+    Nodes are positions in rooms and doorways. Edges are labelled with their lengths and azimuths.
     """
     from salframe.cli.calibration import describe_calibration
     from salframe.drawing.floor_picture import draw_topology

@@ -78,6 +78,14 @@ Set = Annotated[
         help="Change a setting: KEY for all methods, METHOD.KEY for one, data.KEY, engine.KEY",
     ),
 ]
+SetForDetectors = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY.PATH=VALUE",
+        help="Change a setting: KEY for all detectors, DETECTOR.KEY, data.KEY, engine.KEY",
+    ),
+]
 SetForMethod = Annotated[
     list[str] | None,
     typer.Option(

@@ -23,7 +23,7 @@ SensorSettings = Annotated[
 def sensor(
     detector: Annotated[str, typer.Argument(help="Detector to measure; see `salframe plugins`")],
     seeds: Annotated[
-        str, typer.Option(help="Seeds of a generated dataset, comma-separated (default: its setting seed)")
+        str, typer.Option(help="Seeds of a generated dataset, comma-separated (default: the setting data.seed)")
     ] = "",
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="JSON file to write the sensor model to")

@@ -38,8 +38,8 @@ def serve(
 ) -> None:
     """Serve a map over HTTP.
 
-    Opens the map, then the port, and prints the address. The address shows a page in a browser. Programs send HTTP
-    requests to it; the page `/api` describes them. If --host is not 127.0.0.1 (loopback), requests must send a token.
+    Opens the map, then the port, and prints the address. A browser shows a page at this address. Programs can send HTTP
+    requests; the page `/api` describes them. If --host is not 127.0.0.1 (loopback), requests must send a token.
     Without --token-file, the server creates a token and prints it. After SIGTERM, the server finishes the requests in
     progress and exits.
     """

@@ -54,8 +54,8 @@ def show_objects(
 
     Writes a picture NAME.objects.png for each image, with the outlines, labels and scores of the objects, their graph
     from above, and a table. The values of --range-kind are ray (range along the ray), z (depth along the optical axis
-    of a photograph), and cube (z-depth of the stitched cube faces of a panorama). The exit status is 1 if an image
-    cannot be read.
+    of a photograph), and cube (depth along the axis of a cube face, for a panorama stitched from cube faces). The exit
+    status is 1 if an image cannot be read.
     """
     from salframe.cli.output import Bars, warn
     from salframe.drawing.show_objects import show_objects

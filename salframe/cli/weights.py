@@ -47,9 +47,10 @@ def list_(verbose: Verbose = False, as_json: Json = False) -> None:
 def fetch(name: Name) -> None:
     """Download weights to the cache of salframe and verify them.
 
-    Weights that are in the cache are not downloaded again. @REVISION can be left out. Also prints the licence, and the
-    terms of the training data if they differ. For a model of the Hugging Face hub, downloads only safetensors files,
-    and prints the commit to which the revision is now pinned.
+    Weights that are in the cache are not downloaded again. Also prints the licence, and the terms of the training data
+    if they differ. The name of a model of the Hugging Face hub is hf:ORG/MODEL@REVISION. The default of REVISION is
+    main. Only safetensors files of the model are downloaded. The first download pins the revision to a commit, which is
+    printed.
     """
     from salframe.cli.output import Bars
     from salframe.framework.components.installation import fetch_weights, find_weights

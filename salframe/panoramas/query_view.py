@@ -46,8 +46,8 @@ class QueryView(ComponentConfig):
         None,
         match_only=True,
         gt=0,
-        description="focal length of perspective queries (4:3), divided by half the image width. 1: the view is 90 "
-        "deg wide and 74 deg high; 2: 53 x 41 deg; 3: 37 x 28 deg; null: queries are panoramas",
+        description="focal length of perspective queries with the aspect ratio 4:3, divided by half the image width. "
+        "1: the view is 90 deg wide and 74 deg high; 2: 53 x 41 deg; 3: 37 x 28 deg; null: queries are panoramas",
     )
     query_noise: AnnotationNoise = added(
         AnnotationNoise(),
@@ -64,8 +64,8 @@ class QueryView(ComponentConfig):
         match_only=True,
         ge=1,
         le=100,
-        description="number of views to which each query is extended; 1: queries have the views in the dataset, "
-        "usually one",
+        description="number of views of each query. Values over 1 simulate a moving camera, see `query_motion`; 1: "
+        "the views in the dataset, usually one",
     )
     query_motion: Literal["turned", "driven"] = added(
         "turned",

@@ -23,14 +23,15 @@ class DistantViews(Settings):
     near_m: float = Field(
         2.5,
         ge=0,
-        description="maximum distance (m) of a view from the last view of its group. In a map without floor masks, "
-        "the views of a query are divided into groups, and each group is assumed to be in one place",
+        description="maximum distance (m) between the views of a group. In a map without floor masks, the views of a "
+        "query are divided into groups, and each group is assumed to be in one place. The distance is measured from "
+        "the last view of the group",
     )
     window_m: float = Field(
         5.0,
         gt=0,
-        description="maximum distance (m) of an object from a reference frame of a place. The groups of views before "
-        "the last group are compared with all objects of the map within this distance, also with those of other places",
+        description="radius (m) around the reference frames of a place. All groups of views except the last are "
+        "compared with all objects in this radius, even with objects of other places",
     )
     same_place_m: float = Field(
         2.0,

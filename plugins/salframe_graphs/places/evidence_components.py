@@ -49,8 +49,9 @@ class LikelihoodEvidence(EvidenceModel):
     """Log likelihood ratio of the objects of the query at the best pose in the place, in the column `likelihood`.
 
     The ratio compares two assumptions: the query shows objects of the place, or it shows objects that are not in the
-    map. It is positive if the first assumption fits better. If no object of the query has a range, the value is in the
-    column `bearing_likelihood`, and `likelihood` is 0.
+    map. It is positive if the first assumption fits better. If no object of the query has a range, the bearings and
+    solid angles of the objects are compared. The value is then in the column `bearing_likelihood`, and `likelihood` is
+    0.
     """
 
     name = "likelihood"
@@ -135,7 +136,10 @@ class OutlineEvidence(EvidenceModel):
 
 
 class PanoramaEvidence(EvidenceModel):
-    """Score of the panorama of the place that matches the query best, in the column `panorama`."""
+    """Best score among the matches of the query with the single panoramas of the place, in the column `panorama`.
+
+    The `matcher` of the localizer computes the scores.
+    """
 
     name = "panorama"
     version = "1"
@@ -162,8 +166,8 @@ class LabelEvidence(EvidenceModel):
     """Labels that query and place share. Rare labels count more.
 
     `detected_labels` is the share of the query's labels that the place has. `labels_shared` is the Jaccard index of the
-    labels of query and place. If no object of the query has a range, both columns are 0, and the share is in the column
-    `bearing_detected_labels` instead.
+    labels of query and place. If no object of the query has a range, both columns are 0. The column
+    `bearing_detected_labels` then contains the share of the query's labels that the place has.
     """
 
     name = "labels"

@@ -71,8 +71,8 @@ class BearingErrors(Settings):
     side_error_share: float = Field(
         0.09,
         ge=0,
-        description="standard deviation of the horizontal or vertical offset between the centre of an object and the "
-        "centre of its visible part, divided by the mean side of its box",
+        description="standard deviation of the offset between the centre of an object and the centre of its visible "
+        "part, both horizontally and vertically. It is divided by the mean side of the object's box",
     )
     size_error_log: float = Field(
         0.7, gt=0, description="standard deviation of ln(solid angle) of an object of known size and distance"
@@ -125,8 +125,8 @@ class Likelihood(Settings):
         0.33,
         gt=0,
         le=1,
-        description="factor (0 to 1) for places in which no pose was estimated. Positions are then ignored. The "
-        "factor multiplies the odds that an object of the query is an object of the place",
+        description="factor (0 to 1) that multiplies the odds that an object of the query is an object of the place. "
+        "Only used for places in which no pose was estimated. Positions are ignored there",
     )
     scale_error: float = Field(
         0.1,

@@ -84,7 +84,8 @@ class PlacesConfig(GraphLocalizerConfig, PanoramaScoresConfig):
         "scene-index",
         "by-size",
         match_only=True,
-        description="index that selects places, in a map with more than `candidates` places",
+        description="index that ranks the reference frames, in a map with more than `candidates` places. The places of "
+        "the first frames are compared with the query",
     )
     merged: bool = match_only(
         True,

@@ -19,8 +19,8 @@ from salframe_graphs.retrieval.scoring import best_scenes
 class InvertedLists(SceneIndex):
     """Ranks reference frames by a Jaccard index of their objects and the objects of the query.
 
-    Objects with the same label are compared by height, box length and box height. An object of the query adds its
-    similarity to the most similar object of the frame. Rare labels count more.
+    Objects with the same label are compared by height, box length and box height. Each object of the query is
+    compared with the most similar object of the frame. Rare labels count more.
     """
 
     name = "inverted-lists"
