@@ -348,7 +348,7 @@ class MatterportAnnotations(NavigableDataset):
         return self.config.query_motion == "driven" and self.config.query_views > 1
 
     def _walk(self, query: ViewpointScene) -> list[ViewpointScene]:
-        """Return the scenes of the views of a query, the query's own scene last."""
+        """Return the scenes of all views of a query. The last view is the query itself."""
         if not self._is_driven:
             return [query]
         scan = scan_of(query)

@@ -96,7 +96,7 @@ class SegmentsDetector(Detector):
         @model_validator(mode="before")
         @classmethod
         def _card_beside(cls, value: Any) -> Any:
-            """Set `card` to the card beside the network, so that the content of the card is part of the cache key."""
+            """Set `card` to the card file beside the network file, so that its content is part of the cache key."""
             if isinstance(value, Mapping) and value.get("card") is None:
                 model = value.get("model", "ade20k")
                 if isinstance(model, str | Path) and model != "ade20k" and (card := card_beside(Path(model))):

@@ -171,7 +171,7 @@ def import_(
     ] = None,
     floors: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="YAML file that lists floor masks (images of rooms), for places and routes"),
+        typer.Option(metavar="FILE", help="YAML file that lists floor masks (plan images), for places and routes"),
     ] = None,
     overrides: Annotated[
         list[str] | None,

@@ -63,8 +63,8 @@ def check_parts(localizer: Localizer, panorama: Panorama, remedy: Callable[[], s
 
 
 def suggest_components(config: ComponentConfig, provides: frozenset[str]) -> str:
-    """Return advice for a localizer that needs inputs that the panoramas lack, such as range: build its map with
-    other components, or pass the missing inputs."""
+    """Return advice for the case that the panoramas lack an input of the localizer, such as range. The advice is to
+    build the map with other components, or to pass the missing inputs."""
     unusable = ((slot, inner.component.role) for slot, inner in components_in(config) if needs_of(inner) - provides)
     replacements = [
         (slot, component.name) for slot, role in unusable if (component := first_fit(role, provides)[0]) is not None

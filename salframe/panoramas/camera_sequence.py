@@ -119,7 +119,9 @@ def _recorded_sequence(source: Path, format: str, settings: Sequence[str]) -> Ca
         raise DataError(f"{error}; a folder of panoramas with a {MANIFEST} is also accepted") from None
     times = [record.t_s for record in recording.records if record.t_s is not None]
     if len(times) < len(recording.records) or recording.odometry is None:
-        raise DataError(f"the recording has views without times or odometry in the format {format}, expected both")
+        raise DataError(
+            f"read in the format {format}, the recording lacks odometry, or the times of views, expected both"
+        )
     odometry = Odometry.of_rows(recording.odometry, str(source))
     return CameraSequence(
         source.stem,

@@ -41,7 +41,7 @@ class RangeView:
     """
 
     def __init__(self, range_m: np.ndarray) -> None:
-        """Reduce a range image (H, 2H); values that are not finite or not positive are unknown."""
+        """Downsample a range image (H, 2H); values that are not finite or not positive are unknown."""
         full = len(range_m)
         height = min(full, NUM_ROWS)
         rows, columns = (((np.arange(n) + 0.5) * full / height).astype(int) for n in (height, 2 * height))

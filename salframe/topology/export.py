@@ -48,7 +48,9 @@ def export_map(directory: str | Path, path: str | Path, anchor: GeoAnchor | None
         *suffixes, last = _WRITERS
         raise ConfigError(f"received the file {path.name}, expected one that ends in {', '.join(suffixes)} or {last}")
     if anchor is not None and path.suffix != ".geojson":
-        raise ConfigError(f"received an anchor for the file {path.name}, expected a file that ends in .geojson")
+        raise ConfigError(
+            f"received an anchor, but the file {path.name} cannot store it: leave out the anchor, or write a .geojson file"
+        )
     if path.suffix == ".geojson":
         return _write_geojson(directory, path, anchor)
     return _WRITERS[path.suffix](directory, path)

@@ -122,7 +122,7 @@ def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = (
     Args:
         request: The request.
         role: Role of its methods.
-        scopes: First words of further settings that the request may hold.
+        scopes: Prefixes, before the first dot, of further settings that the request may hold.
 
     Raises:
         SalframeError: A name or a setting is wrong.

@@ -66,7 +66,7 @@ def run_task(
     Raises:
         SalframeError: The request is wrong, or another process is working on the run.
     """
-    identity = {"name": task.name, "version": task.version, "identity": digest(task.identity()), **task.asks()}
+    identity = {"name": task.name, "version": task.version, "identity": digest(task.identity()), **task.parameters()}
     run = Run.open(request.runs, request.name or task.prefix + resolved.name, identity, resolved, request.seed)
     with lock_folder(run.directory, "give the run another --name"):
         return _resume(task, run, identity, request, resolved, progress, reported)

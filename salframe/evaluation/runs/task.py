@@ -149,13 +149,13 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
         """Return notes on the columns of a table, one line each; none by default."""
         return []
 
-    def asks(self) -> dict[str, Any]:
+    def parameters(self) -> dict[str, Any]:
         """Return the parameters of the task as JSON. They are stored in the run folder, and `from_run` reads them."""
         return {}
 
     def identity(self) -> dict[str, Any]:
-        """Return the parameters that answers depend on, with the identities of components. By default `asks`."""
-        return self.asks()
+        """Return the parameters that answers depend on, with the identities of components. By default `parameters`."""
+        return self.parameters()
 
     @classmethod
     def from_run(cls, run: Run) -> Self:

@@ -118,7 +118,10 @@ def test_a_yaml_file_is_a_method_and_a_data_set(fakes, tmp_path, suffix):
     [
         ("offset: 2\n", r"mine\.yaml: `kind` is None, expected the name of a localizer"),
         ("kind: 3\n", r"mine\.yaml: `kind` is 3"),
-        ("kind: reader\notherwise: [x]\n", r"mine\.yaml: otherwise is \['x'\], expected the name of another localizer"),
+        (
+            "kind: reader\notherwise: [x]\n",
+            r"mine\.yaml: `otherwise` is \['x'\], expected the name of another localizer",
+        ),
         ("- kind\n", r"mine\.yaml contains list, expected a mapping"),
         ("kind: [\n", r"mine\.yaml is not YAML: "),
         (None, r"cannot read .*mine\.yaml: No such file"),

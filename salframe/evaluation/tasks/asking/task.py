@@ -93,7 +93,7 @@ class AskingTask(Task[DescribedRoom, Survey[DescribedRoom], DescriptionRow, Aski
     def plan(cls, request: Request, options: TaskOptions) -> tuple[AskingTask, Resolved]:
         return cls(_checked(options)), resolve(request, cls.role)
 
-    def asks(self) -> dict[str, Any]:
+    def parameters(self) -> dict[str, Any]:
         return {"options": self.options.model_dump(mode="json")}
 
     @classmethod

@@ -96,7 +96,7 @@ class LocalizationTask(PagedTask[Query, LocalizationSurvey, AnswerRow, Localizat
         fusions = options.views if isinstance(options, LocalizationOptions) else ()
         return cls(*fusions), resolve(request, cls.role)
 
-    def asks(self) -> dict[str, Any]:
+    def parameters(self) -> dict[str, Any]:
         return {} if self.fusion is Fusion.JOINED else {"views": self.fusion.value}
 
     @classmethod

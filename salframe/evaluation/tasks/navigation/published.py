@@ -43,7 +43,7 @@ class Published:
     def episodes(self, data: ComponentConfig) -> tuple[EpisodeRequest, ...]:
         """Return the episodes of the split.
 
-        Raises UnknownName, DataError, and InputMissing if the data has no folder or the task no episodes.
+        Raises UnknownName and DataError. Raises InputMissing if the data has no folder, or the task has no episodes.
         """
         return tuple(find_scorer(self.task).episodes(self.split, self._root(data)))
 

@@ -93,7 +93,7 @@ class NavigationTask(PagedTask[Episode, NavigationSurvey, EpisodeRow, Navigation
     Options = NavigationOptions
     maps = True
 
-    def asks(self) -> dict[str, Any]:
+    def parameters(self) -> dict[str, Any]:
         episodes = (
             self.requests if isinstance(self.requests, int) else [one.model_dump(mode="json") for one in self.requests]
         )
@@ -101,7 +101,7 @@ class NavigationTask(PagedTask[Episode, NavigationSurvey, EpisodeRow, Navigation
         return {**parameters, **({"published": str(self.published)} if self.published else {})}
 
     def identity(self) -> dict[str, Any]:
-        return {**self.asks(), "settings": settings_identity(self.config)}
+        return {**self.parameters(), "settings": settings_identity(self.config)}
 
     @classmethod
     def from_run(cls, run: Run) -> NavigationTask:

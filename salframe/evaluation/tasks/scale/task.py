@@ -94,7 +94,7 @@ class ScaleTask(Task[int, Survey[int], SceneRow, ScaleRow]):
             raise TypeError(f"options is {options!r}, expected ScaleOptions with one number of scenes")
         return cls(options.scenes[0]), resolve(request)
 
-    def asks(self) -> dict[str, Any]:
+    def parameters(self) -> dict[str, Any]:
         return {"scenes": self.scenes}
 
     @classmethod

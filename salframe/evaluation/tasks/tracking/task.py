@@ -86,7 +86,7 @@ class TrackingTask(Task[Walk, TrackingSurvey, WalkRow, TrackingRow]):
     def plan(cls, request: Request, options: TaskOptions) -> tuple[TrackingTask, Resolved]:
         return cls(_checked(options), request.seed), resolve(request, cls.role)
 
-    def asks(self) -> dict[str, Any]:
+    def parameters(self) -> dict[str, Any]:
         return {"options": self.options.model_dump(mode="json"), "seed": self.seed}
 
     def identity(self) -> dict[str, Any]:

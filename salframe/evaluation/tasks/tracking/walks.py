@@ -59,7 +59,7 @@ class Walk:
 
 
 def _with_errors_of(walk: str, panorama: Panorama) -> Panorama:
-    """Return a panorama whose objects have the simulated errors of a walk."""
+    """Return a panorama whose objects get the same simulated detection errors in all panoramas of a walk."""
     if panorama.annotations is None:
         return panorama
     return replace(panorama, annotations=replace(panorama.annotations, error_id=walk))
