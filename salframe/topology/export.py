@@ -49,7 +49,7 @@ def export_map(directory: str | Path, path: str | Path, anchor: GeoAnchor | None
         raise ConfigError(f"received the file {path.name}, expected one that ends in {', '.join(suffixes)} or {last}")
     if anchor is not None and path.suffix != ".geojson":
         raise ConfigError(
-            f"received an anchor, but the file {path.name} cannot store it: leave out the anchor, or write a .geojson file"
+            f"received an anchor, but {path.name} cannot store it: leave out the anchor, or write a .geojson file"
         )
     if path.suffix == ".geojson":
         return _write_geojson(directory, path, anchor)

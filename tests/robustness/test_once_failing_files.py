@@ -210,7 +210,7 @@ FAULTS: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
             lambda results: results["whole"]["half"]["rows"].append(results["whole"]["half"]["rows"][0]),
         ),
         ("experiment", "experiment.yaml", "--engine", "inline", "--results", "results"),
-        r"experiment\.json: whole\.half: the stored table has 2 rows, 1 settings and 1 different pairs of .*, expected .*",
+        r"experiment\.json: whole\.half: the stored table has 2 rows, 1 settings and 1 different pairs .*, expected .*",
     ),
     "complex outlines": (
         array_file("building/parts-*/scenes/outline_mm.npy", lambda outlines: outlines.astype(np.complex64)),
