@@ -50,7 +50,7 @@ class FolderDataset(Dataset):
 
     @property
     def contents(self) -> Mapping[str, str]:
-        """The `content` of frames by id. A frame that is missing has the content key of the dataset."""
+        """The `content` of frames by id. A frame without an entry has the content key of the dataset."""
         return {}
 
     @property

@@ -28,7 +28,7 @@ class Judged:
         best_place: (Q,) bool: whether the first place is the true one, even if the answer has the status of a failure.
         evidence: (Q,) float64: evidence that the map contains the place of the query: the probability of this if the
             method computes it, otherwise the best score; -inf for an answer without places.
-        confidence: (Q,) float64: probability of the answer, a place or the rejection of the query; NaN without one.
+        confidence: (Q,) float64: probability that the answer (a place, or a rejection) is correct; NaN without one.
         in_map: (Q,) float64: probability that the query is in the map; NaN without one.
         accepted: (Q,) float64: 1 if the answer is accepted (`Localization.accepted`), otherwise 0; NaN if the method
             has no probabilities.
