@@ -56,7 +56,7 @@ class Door:
         axis: Direction of passage, "x" or "y".
         rooms: Ids of the two rooms; rooms[0] lies at the smaller coordinate along `axis`.
         leaf_room: Room in which the open leaf stands; None for an opening without a leaf.
-        hinge: Side of the hinge across the axis, -1 or +1.
+        hinge: Side of the doorway that has the hinge, -1 or +1.
     """
 
     centre_m: tuple[float, float]

@@ -105,7 +105,7 @@ Name = Annotated[
 ]
 Runs = Annotated[Path, typer.Option(help="Folder that contains the run folders")]
 EngineName = Annotated[
-    str, typer.Option("--engine", help="Engine that runs the work, such as ray; see `salframe plugins`")
+    str, typer.Option("--engine", help="Engine that distributes work, such as processes; see `salframe plugins`")
 ]
 Workers = Annotated[
     int | None,

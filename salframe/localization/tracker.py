@@ -58,7 +58,9 @@ class TrackedPose:
             raise InvalidAnswer(f"a tracked pose has the status {self.status!r}, expected one of {statuses}") from None
         if (self.place is None) != (self.T_world_pano is None):
             received = "no pose" if self.T_world_pano is None else "a pose"
-            raise InvalidAnswer(f"a tracked pose has the place {self.place!r} and {received}, expected both or neither")
+            raise InvalidAnswer(
+                f"a tracked pose has the place {self.place!r} and {received}, expected a place and a pose, or neither"
+            )
         if self.T_world_pano is None and self.status is TrackStatus.TRACKING:
             raise InvalidAnswer(f"a tracked pose has the status {self.status} and no pose, expected a place and a pose")
         if self.T_world_pano is not None and not is_rigid(self.T_world_pano, RIGID_TOLERANCE):

@@ -144,7 +144,7 @@ def _load(room: FurnishedRoom, id: str, pose: tuple[float, ...], parts: frozense
 
 @lru_cache(maxsize=64)
 def _rendered(height_px: int, room: FurnishedRoom, id: str, pose: tuple[float, ...], parts: frozenset[str]) -> Panorama:
-    """Return a panorama as `look`. Tests change HEIGHT_PX, so it belongs to the key of the cache."""
+    """Return the panorama of `look`, from a cache. Tests change HEIGHT_PX, so it is part of the cache key."""
     panorama = look(room, id, np.reshape(pose, (4, 4)), parts)
     lock(panorama)
     return panorama
