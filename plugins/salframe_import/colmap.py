@@ -257,8 +257,8 @@ def _image_folder(images: Path | None, model: Path) -> Path:
     folder = next((parent / "images" for parent in parents if (parent / "images").is_dir()), None)
     if folder is None:
         raise DataError(
-            f"{model} and the two folders above have no folder `images`, expected the pictures of the model: pass "
-            "--set images=FOLDER"
+            f"the pictures of the model are missing, expected a folder `images` in {model} or in one of its two parent "
+            "folders: pass --set images=FOLDER"
         )
     return folder
 

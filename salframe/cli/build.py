@@ -26,13 +26,13 @@ def build(
     central_nodes: Annotated[
         bool,
         typer.Option(
-            "--central-nodes", help="Put one node in the widest part of each room (default: one per reference frame)"
+            "--central-nodes", help="Put one node in the widest part of each room (default: one per panorama)"
         ),
     ] = False,
     calibrate: Annotated[
         bool,
         typer.Option(
-            "--calibrate/--no-calibrate", help="Calibrate the probabilities of answers with the reference frames"
+            "--calibrate/--no-calibrate", help="Use the panoramas of the map to calibrate the probabilities of answers"
         ),
     ] = True,
     floor_map: Annotated[

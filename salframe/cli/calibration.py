@@ -8,11 +8,18 @@ if TYPE_CHECKING:
     from salframe.localization.calibration import MapCalibration
 
 
-def describe_calibration(calibration: MapCalibration | None) -> str:
+def describe_calibration(calibration: MapCalibration | None, has_other: bool = False) -> str:
     """Return a line of text about the calibration of a map: numbers of frames, parameters, and cross-validated
-    quality."""
+    quality.
+
+    Args:
+        calibration: The calibration; None: the map is not calibrated.
+        has_other: Whether the map has only a calibration for other settings.
+    """
+    from salframe.localization.calibration import OTHER_CALIBRATION
+
     if calibration is None:
-        return "not calibrated"
+        return OTHER_CALIBRATION if has_other else "not calibrated"
     head = calibration.head
     text = (
         f"calibrated with {calibration.present_frames} frames in the map and "

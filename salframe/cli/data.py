@@ -158,7 +158,7 @@ def import_(
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Folder to write the dataset to")],
     place_from: Annotated[
         Literal["column", "region", "folder", "none"] | None,
-        typer.Option(help="Source of place names (default: the first value that names all map frames)"),
+        typer.Option(help="Source of place names (default: the first one with a name for each panorama)"),
     ] = None,
     queries: Annotated[
         str | None,

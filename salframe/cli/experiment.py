@@ -23,7 +23,9 @@ def experiment(
         str | None, typer.Argument(help="Name of an experiment, YAML file, or `all` (default: list the experiments)")
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Use fewer seeds, queries and methods")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Measure tables again even if they are stored")] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Repeat measurements even if their results are stored")
+    ] = False,
     results: Annotated[
         Path, typer.Option(metavar="DIR", help="Folder to store the tables in, one JSON file per experiment")
     ] = Path("results"),

@@ -47,7 +47,7 @@ def localize(
     range_missing: RangeMissing = None,
     range_kind: Annotated[
         Literal["ray", "z", "cube"] | None,
-        typer.Option(help="What range pixels measure (default: ray, or z for photographs)"),
+        typer.Option(help="Kind of distance in a range image (default: ray, or z for photographs)"),
     ] = None,
     fov: Fov = None,
     camera: CameraFile = None,

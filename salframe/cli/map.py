@@ -179,7 +179,7 @@ def show(
     output = output or map / "map.png"
     draw_topology(open_topology(map), output)
     print(output)
-    print(describe_calibration(map_calibration(map)))
+    print(describe_calibration(*map_calibration(map)))
 
 
 @app.command()

@@ -75,7 +75,7 @@ Set = Annotated[
     typer.Option(
         "--set",
         metavar="KEY.PATH=VALUE",
-        help="Change a setting: KEY for all methods, METHOD.KEY for one, data.KEY, engine.KEY",
+        help="Change a setting: KEY (all methods), METHOD.KEY (one), data.KEY or engine.KEY",
     ),
 ]
 SetForDetectors = Annotated[
@@ -104,9 +104,7 @@ Name = Annotated[
     str | None, typer.Option(help="First part of the name of the run folder (default: name of the dataset)")
 ]
 Runs = Annotated[Path, typer.Option(help="Folder that contains the run folders")]
-EngineName = Annotated[
-    str, typer.Option("--engine", help="Engine that distributes work, such as processes; see `salframe plugins`")
-]
+EngineName = Annotated[str, typer.Option("--engine", help="Engine that distributes the work, see `salframe plugins`")]
 Workers = Annotated[
     int | None,
     typer.Option(

@@ -37,7 +37,7 @@ def track(
         typer.Option("--set", metavar="KEY=VALUE", help="Change a setting of the importer, which reads the recording"),
     ] = None,
     rerun: Annotated[
-        Path | None, typer.Option(metavar="FILE.rrd", help="Write a recording for the rerun viewer")
+        Path | None, typer.Option(metavar="FILE.rrd", help="Write a recording for Rerun, a viewer (rerun.io)")
     ] = None,
     as_json: Json = False,
 ) -> None:

@@ -206,7 +206,7 @@ class MappedGraphs(GraphTable):
                 f"{rows.folder} has no column {error}, which the graphs of a map need: build the map again"
             ) from None
         if names.words is None or (nodes.values.dtype, edges.values.dtype) != (NODE, np.uint8):
-            raise DataError(f"{rows.folder} has columns of wrong types for the graphs of a map: build the map again")
+            raise DataError(f"the tables of graphs in {rows.folder} have columns of wrong types: build the map again")
         count = np.diff(names.start)
         super().__init__(names.words, count, names.values, edges.values)
         self._packed, self.scenes = nodes.values, scenes

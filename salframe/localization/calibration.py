@@ -172,6 +172,13 @@ def acceptance_limit(posterior: Posterior, calibration: MapCalibration | None) -
     return calibration.max_out_of_map_probability(level)
 
 
+OTHER_CALIBRATION = (
+    "the probabilities are not calibrated, because the map was calibrated with other settings or by another version of "
+    "the method: run `salframe map calibrate MAP`, or build the map with the new settings"
+)
+"""Note of answers in a map whose calibration does not apply."""
+
+
 def is_calibrated(localizer: Localizer) -> bool:
     """Return whether the maps of a localizer are calibrated. This requires a posterior whose setting `calibrate` is
     true."""

@@ -24,6 +24,7 @@ from salframe.graphs.scene_index import scene_index_notes
 from salframe.graphs.vocabulary import unknown_labels_note
 from salframe.localization.answers import Localization
 from salframe.localization.calibration import (
+    OTHER_CALIBRATION,
     MapCalibration,
     acceptance_limit,
     add_probabilities,
@@ -94,6 +95,7 @@ class LocalizationMap:
         self._mapped_files: tuple[FileStamp, ...] = ()
         self._folder: Path | None = None
         self._is_checked = False
+        self._has_other_calibration = False
         self._set_frames(packed, frames, floors)
 
     @classmethod
@@ -194,6 +196,7 @@ class LocalizationMap:
         opened = cls(localizer, packed, frames, parts.read_floors() if localizer.uses_floors else ())
         opened._mapped_files, opened._folder = parts.mapped_files(), parts.folder
         opened.calibration = parts.read_calibration(localizer.config)
+        opened._has_other_calibration = is_calibrated(localizer) and parts.has_other_calibration(localizer.config)
         if not indexed:
             return opened
         with _convert_array_errors(parts.folder, localizer), warnings.catch_warnings():
@@ -469,6 +472,8 @@ class LocalizationMap:
         posterior = self.localizer.posterior
         if posterior is None or answer.out_of_map_probability is not None:
             return answer
+        if self._has_other_calibration and self.calibration is None:
+            answer = replace(answer, notes=(*answer.notes, OTHER_CALIBRATION))
         return add_probabilities(answer, posterior, self.calibration, self.localizer.count_objects(description))
 
     def reference(self, frame_id: str) -> tuple[ReferenceFrame, Description]:

@@ -182,6 +182,11 @@ class MapParts:
         name = self._calibration_name(config)
         return self.read_json(name, MapCalibration) if self.has(name) else None
 
+    def has_other_calibration(self, config: ComponentConfig) -> bool:
+        """Return whether the map has calibrations, but none of a localizer with these settings."""
+        names = [name for name in self._names if name.startswith(f"{CALIBRATION}-")]
+        return bool(names) and self._calibration_name(config) not in names
+
     @staticmethod
     def _calibration_name(config: ComponentConfig) -> str:
         return f"{CALIBRATION}-{_settings_key(config)}.json"
@@ -285,11 +290,15 @@ def map_labels(directory: str | Path) -> tuple[str, ...]:
     return read_map(Path(directory), read)
 
 
-def map_calibration(directory: str | Path) -> MapCalibration | None:
-    """Return the calibration of a saved map; None if it has none. Raises as `open_map`."""
+def map_calibration(directory: str | Path) -> tuple[MapCalibration | None, bool]:
+    """Return the calibration of a saved map, None if it has none, and whether it has only a calibration for other
+    settings. Raises as `open_map`."""
 
-    def read(parts: MapParts) -> MapCalibration | None:
-        return parts.read_calibration(parts.read_config()) if parts.has(METHOD) else None
+    def read(parts: MapParts) -> tuple[MapCalibration | None, bool]:
+        if not parts.has(METHOD):
+            return None, False
+        config = parts.read_config()
+        return parts.read_calibration(config), parts.has_other_calibration(config)
 
     return read_map(Path(directory), read)
 

@@ -65,7 +65,7 @@ class TrackedPose:
             raise InvalidAnswer(f"a tracked pose has the status {self.status} and no pose, expected a place and a pose")
         if self.T_world_pano is not None and not is_rigid(self.T_world_pano, RIGID_TOLERANCE):
             received = " ".join(str(np.asarray(self.T_world_pano).tolist()).split())[:200]
-            raise InvalidAnswer(f"a tracked pose has the pose {received}, expected a rigid motion (4, 4) or None")
+            raise InvalidAnswer(f"T_world_pano of a tracked pose is {received}, expected a rigid motion (4, 4) or None")
         if self.covariance is not None:
             covariance = check_array(self, "covariance", np.float64, 3, 3, error=InvalidAnswer)
             if not (np.isfinite(covariance).all() and np.allclose(covariance, covariance.T)) or (

@@ -61,7 +61,7 @@ def read_sequence(
     if format is None and (source / MANIFEST).exists():
         if settings:
             raise ConfigError(
-                f"received settings of an importer for {source}, a folder of panoramas, which needs no importer: "
+                f"{source} is a folder of panoramas, which needs no importer, but received settings of an importer: "
                 "leave out --set"
             )
         return _folder_sequence(Folder(source), name)
@@ -120,7 +120,8 @@ def _recorded_sequence(source: Path, format: str, settings: Sequence[str]) -> Ca
     times = [record.t_s for record in recording.records if record.t_s is not None]
     if len(times) < len(recording.records) or recording.odometry is None:
         raise DataError(
-            f"read in the format {format}, the recording lacks odometry, or the times of views, expected both"
+            f"the recording in the format {format} needs odometry and the times of all views, but at least one of them "
+            "is missing"
         )
     odometry = Odometry.of_rows(recording.odometry, str(source))
     return CameraSequence(

@@ -99,11 +99,8 @@ def packed(graph):
             lambda row: {"labels": row["labels"], "nodes": row["nodes"]},
             "has no column 'edges', which the graphs of a map need",
         ),
-        (
-            lambda row: {**row, "labels": np.arange(len(row["labels"]))},
-            "columns of wrong types for the graphs of a map",
-        ),
-        (lambda row: {**row, "nodes": row["nodes"]["saliency"]}, "columns of wrong types for the graphs of a map"),
+        (lambda row: {**row, "labels": np.arange(len(row["labels"]))}, "have columns of wrong types"),
+        (lambda row: {**row, "nodes": row["nodes"]["saliency"]}, "have columns of wrong types"),
         (lambda row: {**row, "nodes": row["nodes"][1:]}, "columns of nodes, edges and labels do not match"),
         (lambda row: {**row, "edges": row["edges"][1:]}, "columns of nodes, edges and labels do not match"),
     ],

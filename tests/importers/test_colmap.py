@@ -218,7 +218,7 @@ def test_a_missing_depth_image_is_named(tmp_path):
 
 def test_missing_pictures_are_named(tmp_path):
     equirectangular(tmp_path).joinpath("images").rename(tmp_path / "pictures")
-    with pytest.raises(DataError, match="and the two folders above have no folder `images`"):
+    with pytest.raises(DataError, match="the pictures of the model are missing, expected a folder `images`"):
         read(tmp_path, SCALE)
     assert len(read(tmp_path, SCALE, f"images={tmp_path / 'pictures'}").records) == 4
 

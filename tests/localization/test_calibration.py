@@ -20,6 +20,7 @@ from salframe.localization.calibration import (
     ABSENT_PRIOR,
     ACCURACY_PRIOR,
     DISTANCE_EXPONENT,
+    OTHER_CALIBRATION,
     FrameAnswers,
     MapCalibration,
     calibrate_head,
@@ -280,8 +281,26 @@ def test_a_saved_map_keeps_its_calibration_and_a_changed_map_is_calibrated_again
     off.calibrate()  # by hand
     off.remove(["place-1"])
     assert off.calibration == again.calibration
-    other = Spy(Spy.Config(posterior={**POSTERIOR.model_dump(), "temperature": 2.0}))
-    assert LocalizationMap.open(tmp_path / "map", other).calibration is None  # other settings, other contrasts
+
+
+def test_answers_note_that_a_calibration_is_for_other_settings(tmp_path):
+    calibrated, plain = spied_map([3, 2, 2]), spied_map([3, 2, 2], calibrate=False)
+    calibrated.save(tmp_path / "calibrated")
+    plain.save(tmp_path / "plain")
+    settings = {**POSTERIOR.model_dump(), "temperature": 2.0}
+    noted = {}
+    for name, posterior in (("calibrated", settings), ("plain", settings), ("off", {**settings, "calibrate": False})):
+        folder = tmp_path / ("plain" if name == "plain" else "calibrated")
+        opened = LocalizationMap.open(folder, Spy(Spy.Config(posterior=posterior)))
+        assert opened.calibration is None  # other settings, other contrasts
+        noted[name] = opened.answer({"value": np.array([2.5])}).notes
+    assert noted == {"calibrated": (OTHER_CALIBRATION,), "plain": (), "off": ()}
+    assert (
+        LocalizationMap.open(tmp_path / "calibrated", Spy(calibrated.localizer.config))
+        .answer({"value": np.array([2.5])})
+        .notes
+        == ()
+    )
 
 
 def test_a_setting_and_a_method_without_probabilities_leave_a_map_uncalibrated():

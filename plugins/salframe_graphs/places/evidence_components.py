@@ -199,8 +199,8 @@ class LabelEvidence(EvidenceModel):
 def _with_objects(evidence: EvidenceModel, hypotheses: PlaceHypotheses) -> ObjectHypotheses:
     if not isinstance(hypotheses, ObjectHypotheses):
         raise ConfigError(
-            f"the evidence {evidence.name!r} needs objects, and works only with the localizer saliency-places: remove "
-            "it from the setting `evidence` of this localizer"
+            f"the evidence {evidence.name!r} works only with the localizer saliency-places, because it needs objects: "
+            "remove it from the setting `evidence` of the other localizer"
         )
     return hypotheses
 

@@ -84,11 +84,11 @@ def test_an_interrupt_ends_the_command(faults, where):
 
 
 NONSENSE = {
-    "shape": r"a localization has the pose \[\[1\.0, 0\.0, 0\.0\].*, expected a rigid motion \(4, 4\) or None",
-    "zero": r"a localization has the pose \[\[0\.0, .*, expected a rigid motion",
-    "scaled": r"a localization has the pose \[\[2\.0, .*, expected a rigid motion",
-    "mirrored": r"a localization has the pose \[\[1\.0, .*, expected a rigid motion",
-    "nan": r"a localization has the pose \[\[nan, .*, expected a rigid motion",
+    "shape": r"T_world_query of an answer is \[\[1\.0, 0\.0, 0\.0\].*, expected a rigid motion \(4, 4\) or None",
+    "zero": r"T_world_query of an answer is \[\[0\.0, .*, expected a rigid motion",
+    "scaled": r"T_world_query of an answer is \[\[2\.0, .*, expected a rigid motion",
+    "mirrored": r"T_world_query of an answer is \[\[1\.0, .*, expected a rigid motion",
+    "nan": r"T_world_query of an answer is \[\[nan, .*, expected a rigid motion",
     "status": r"a localization has the status 'certain', expected one of ok, no-pose, .*",
     "posed": "a localization has the status no-pose and a pose, expected no pose",
     "poseless": "a localization has the status ok and no pose, expected a pose",

@@ -35,5 +35,7 @@ class TurnRow(PieceRow):
     @model_validator(mode="after")
     def _complete(self) -> TurnRow:
         if self.error is None and self.first is None:
-            raise ValueError("the row of a query has neither `error` nor `first`, expected one of them")
+            raise ValueError(
+                "the row of a query has neither `error` nor `first` (the first answer), expected one of them"
+            )
         return self
