@@ -132,9 +132,7 @@ class Localization:
             raise InvalidAnswer(f"a localization has the status {self.status!r}, expected one of {statuses}") from None
         if self.T_world_query is not None and not is_rigid(self.T_world_query, RIGID_TOLERANCE):
             received = " ".join(str(np.asarray(self.T_world_query).tolist()).split())[:200]
-            raise InvalidAnswer(
-                f"T_world_query of a localization is {received}, expected a rigid motion (4, 4) or None"
-            )
+            raise InvalidAnswer(f"T_world_query of an answer is {received}, expected a rigid motion (4, 4) or None")
         if self.status.names_a_place and not self.places:
             raise InvalidAnswer(f"a localization has the status {self.status} and no place, expected a place")
         if self.status.names_a_place and (self.T_world_query is not None) != (self.status is LocalizationStatus.OK):
