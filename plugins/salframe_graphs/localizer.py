@@ -25,7 +25,7 @@ class SaliencyGraphLocalizer(GraphLocalizer):
     """
 
     name = "saliency-graph"
-    version = "5"
+    version = "6"
 
     class Config(GraphLocalizerConfig, PanoramaMatchingConfig):
         posterior: posterior_slot()  # type: ignore[valid-type]

@@ -94,7 +94,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
     """
 
     name = "saliency-places"
-    version = "11"
+    version = "12"
     uses_floors = True
 
     class Config(PlacesConfig):
