@@ -6,17 +6,21 @@ from typing import Annotated, Literal
 
 import typer
 
-from salframe.cli.options import DATA, METHODS, CommonOptions, Methods, parse_seed, timeout_option, with_common_options
+from salframe.cli.options import (
+    DATA,
+    METHODS,
+    CommonOptions,
+    Methods,
+    parse_seed,
+    set_option,
+    timeout_option,
+    with_common_options,
+)
 from salframe.cli.output import show
 
 Worlds = Annotated[str, typer.Option(help="Dataset that supports navigation, such as house-12")]
 NavigationSettings = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="KEY.PATH=VALUE",
-        help="Change KEY (all methods), METHOD.KEY, navigation.KEY, data.KEY or engine.KEY",
-    ),
+    list[str] | None, set_option("Change KEY (all methods), METHOD.KEY, navigation.KEY, data.KEY or engine.KEY")
 ]
 NavigationSeed = Annotated[
     int, typer.Option(parser=parse_seed, metavar="N", help="Seed of episodes, noise and confidence intervals")

@@ -70,35 +70,28 @@ Methods = Annotated[str, typer.Option(help="Methods, comma-separated: names in `
 Data = Annotated[str, typer.Option(help="Dataset: a name in `salframe data list`, a YAML file or a folder")]
 DataArgument = Annotated[str, typer.Argument(help="Dataset: a name in `salframe data list`, a YAML file or a folder")]
 DataDir = Annotated[Path | None, typer.Option(help="Folder with the files of the dataset, if you downloaded them")]
+
+
+def set_option(help: str) -> Any:
+    """Return the option --set.
+
+    Args:
+        help: The help text, which names the keys that the command accepts.
+    """
+    return typer.Option("--set", metavar="KEY.PATH=VALUE", help=help)
+
+
 Set = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="KEY.PATH=VALUE",
-        help="Change a setting: KEY (all methods), METHOD.KEY (one), data.KEY or engine.KEY",
-    ),
+    list[str] | None, set_option("Change a setting: KEY (all methods), METHOD.KEY (one), data.KEY or engine.KEY")
 ]
 SetForDetectors = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="KEY.PATH=VALUE",
-        help="Change a setting: KEY for all detectors, DETECTOR.KEY, data.KEY, engine.KEY",
-    ),
+    list[str] | None, set_option("Change a setting: KEY (all detectors), DETECTOR.KEY (one), data.KEY or engine.KEY")
 ]
 SetForMethod = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="KEY.PATH=VALUE",
-        help="Change a setting: KEY of the method, data.KEY of the dataset, or engine.KEY",
-    ),
+    list[str] | None, set_option("Change a setting: KEY of the method, data.KEY of the dataset, or engine.KEY")
 ]
 SetForData = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set", metavar="KEY.PATH=VALUE", help="Change a setting: data.KEY of the dataset, or engine.KEY of the engine"
-    ),
+    list[str] | None, set_option("Change a setting: data.KEY of the dataset, or engine.KEY of the engine")
 ]
 Name = Annotated[
     str | None, typer.Option(help="First part of the name of the run folder (default: name of the dataset)")

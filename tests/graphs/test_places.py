@@ -75,7 +75,7 @@ def localizer(floors=(), **settings):
     return LocalizationMap.build(made, FRAMES, floors=floors)
 
 
-def asked(rooms, x_m, y_m=0.0, yaw_rad=1.0):
+def query_at(rooms, x_m, y_m=0.0, yaw_rad=1.0):
     T = pose_2d(x_m, y_m, yaw_rad)
     return QueryFrame("query", partial(panorama, "query", rooms, T)), T
 
@@ -85,7 +85,7 @@ def asked(rooms, x_m, y_m=0.0, yaw_rad=1.0):
 def test_place_and_pose(floors, merged):
     made = localizer(floors, merged=merged)
     for room, x_m in (("a", 0.4), ("b", 5.5)):
-        query, T = asked([room], x_m)
+        query, T = query_at([room], x_m)
         answer = made.localize(query)
         assert (answer.status, answer.places[0].place) == ("ok", room)
         assert max(pose_errors(answer.T_world_query, T)) < 0.01
@@ -95,7 +95,7 @@ def test_place_and_pose(floors, merged):
 
 def test_the_answer_is_the_region_that_holds_the_pose():
     """From room b through the open door the objects of a are seen, and none of b."""
-    query, T = asked(["a"], 3.4)
+    query, T = query_at(["a"], 3.4)
     answers = {known: localizer([floor()] if known else ()).localize(query) for known in (True, False)}
     assert {known: answer.places[0].place for known, answer in answers.items()} == {True: "b", False: "a"}
     assert all(max(pose_errors(answer.T_world_query, T)) < 0.01 for answer in answers.values())
@@ -105,7 +105,7 @@ def test_the_answer_is_the_region_that_holds_the_pose():
 def test_the_answer_names_the_scene_frame_nearest_to_the_pose():
     made = localizer()
     for x_m, name in ((-0.6, "a1"), (0.7, "a2")):
-        assert made.localize(asked(["a"], x_m)[0]).places[0].frame == name
+        assert made.localize(query_at(["a"], x_m)[0]).places[0].frame == name
 
 
 @pytest.mark.parametrize("settings", [{}, {"candidates": 1}, {"merged": False, "candidates": 2}])
@@ -123,7 +123,7 @@ def test_a_map_opened_again_answers_alike(settings, tmp_path, monkeypatch):
     again = SaliencyPlacesLocalizer(SaliencyPlacesLocalizer.Config(detector="annotations", **settings))
     assert len(LocalizationMap.open(tmp_path, again).floors) == 1
     for rooms, x_m in ((["a"], 3.4), (["b"], 5.0)):
-        description = {**describe_frame(made, asked(rooms, x_m)[0])[0], OUTLINE: outlines[1]}
+        description = {**describe_frame(made, query_at(rooms, x_m)[0])[0], OUTLINE: outlines[1]}
         before, after = (one.match(description) for one in (made, again))
         assert before.places == after.places
         np.testing.assert_array_equal(before.T_world_query, after.T_world_query)
@@ -218,7 +218,7 @@ def test_evidence_of_labels_is_counted_by_rarity():
 
 def test_each_part_of_the_evidence_is_what_it_says():
     made = localizer().localizer
-    query, _ = asked(["a"], 0.4)
+    query, _ = query_at(["a"], 0.4)
     seen = describe_frame(made, query)[0]
     evidence = made.evidence(seen)
     assert evidence.values.keys() == shipped_weights().keys()
@@ -236,7 +236,7 @@ def test_each_part_of_the_evidence_is_what_it_says():
 
 def test_queries_without_range_have_their_own_columns_of_evidence():
     made = localizer().localizer
-    with_range = describe_frame(made, asked(["a"], 0.4)[0])[0]
+    with_range = describe_frame(made, query_at(["a"], 0.4)[0])[0]
     bearings = graph_to_arrays(without_range(graph_from_arrays(with_range)))
     in_both = {
         name: [made.evidence(description).values[name] for description in (with_range, bearings)]
@@ -259,7 +259,7 @@ def test_places_whose_panoramas_are_less_like_the_query_are_not_matched():
     """Of two places one candidate is matched object by object; the other ranks by its labels, and has no pose."""
     made = localizer(candidates=1)
     for room, x_m in (("a", 0.4), ("b", 5.5)):
-        query, T = asked([room], x_m)
+        query, T = query_at([room], x_m)
         answer = made.localize(query)
         assert (answer.status, answer.places[0].place) == ("ok", room)
         assert len(answer.places) == 2
@@ -270,7 +270,7 @@ def test_of_many_places_those_that_the_index_puts_first_are_ranked(monkeypatch):
     monkeypatch.setattr(places_localizer, "MAX_RANKED", 1)
     made = localizer(candidates=1)
     for room, x_m in (("a", 0.4), ("b", 5.5)):
-        answer = made.localize(asked([room], x_m)[0])
+        answer = made.localize(query_at([room], x_m)[0])
         assert [place.place for place in answer.places] == [room]
 
 
@@ -281,11 +281,11 @@ def test_place_only_answers_with_the_pose_of_the_map_frame(made):
     built = LocalizationMap.build(made, FRAMES)
     pose = {frame.id: frame.T_world_pano for frame in FRAMES}
     for room, x_m in (("a", 0.7), ("b", 5.5)):
-        answer = built.localize(asked([room], x_m)[0])
+        answer = built.localize(query_at([room], x_m)[0])
         assert (answer.status, answer.places[0].place, answer.covariance) == ("ok", room, None)
         np.testing.assert_array_equal(answer.T_world_query, pose[answer.places[0].frame])
 
 
 def test_place_only_ranks_the_places_alike():
-    query, _ = asked(["a"], 0.7)
+    query, _ = query_at(["a"], 0.7)
     assert localizer(pose=False).localize(query).places == localizer().localize(query).places
