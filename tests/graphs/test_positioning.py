@@ -44,8 +44,8 @@ def test_se3_agrees_with_scipy():
 
 
 def test_all_pairs_equal_centred_least_squares():
-    """docs/explanation/saliency-graph.md#from-matched-nodes-to-a-pose: the N(N-1)/2 pair rows give the solution of the N
-    mean-centred rows."""
+    """docs/explanation/saliency-graph.md#from-matched-nodes-to-a-pose: the N(N-1)/2 pair rows give the solution of
+    the N mean-centred rows."""
     rng = np.random.default_rng(2)
     u, v = room(rng, 7)[:, :2], room(rng, 7)[:, :2]
     target = (u**2).sum(1) - (v**2).sum(1)
