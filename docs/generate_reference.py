@@ -234,7 +234,7 @@ TERMS = {
     r"graphs? of (a|the) (map|query)|saliency graph": "*graph*, or *saliency graph*: the objects of a panorama, as "
     "nodes. Edges connect objects that are close to each other",
     r"floor mask": "*floor masks*: images of the free floor and the rooms, from above",
-    r"the paper\b": "*the paper*: the [paper](../../explanation/method.md#the-preset-paper) that introduced 360-degree "
+    r"the paper\b": "*the paper*: the [paper](../../explanation/paper.md#the-preset-paper) that introduced 360-degree "
     "saliency graphs",
     r"saliency": "*saliency* of an object: how much the object stands out. By default, its volume divided by the "
     "volume of all objects of the panorama",

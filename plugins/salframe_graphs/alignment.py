@@ -1,4 +1,4 @@
-"""One-to-one alignment of the nodes of two graphs (docs/explanation/method.md#node-similarity)."""
+"""One-to-one alignment of the nodes of two graphs (docs/explanation/single-panoramas.md#node-similarity)."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 """Objects of panoramas without range: association of bearings with objects, and triangulation of the objects
-(docs/explanation/method.md#maps-without-range)."""
+(docs/explanation/maps-without-range.md#maps-without-range)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Structural features of nodes that are comparable between graphs (docs/explanation/method.md#node-similarity)."""
+"""Structural features of nodes that are comparable between graphs
+(docs/explanation/single-panoramas.md#node-similarity)."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 """Pose of the query frame in the reference frame, from matched nodes
-(docs/explanation/method.md#from-matched-nodes-to-a-pose; paper section "Positioning")."""
+(docs/explanation/saliency-graph.md#from-matched-nodes-to-a-pose; paper section "Positioning")."""
 
 from __future__ import annotations
 

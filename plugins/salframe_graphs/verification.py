@@ -1,4 +1,4 @@
-"""Geometric verification of many candidate graphs at once (docs/explanation/method.md#verification)."""
+"""Geometric verification of many candidate graphs at once (docs/explanation/single-panoramas.md#verification)."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 """The role `matcher`: matches the graph of a query with the graphs of a map
-(docs/explanation/method.md#matching-with-single-panoramas). A scene is the graph of one reference frame."""
+(docs/explanation/single-panoramas.md#matching-with-single-panoramas). A scene is the graph of one reference frame."""
 
 from __future__ import annotations
 

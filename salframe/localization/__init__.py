@@ -1,2 +1,2 @@
 """Localize panoramas in a map: localizers, their answers, positioning
-(docs/explanation/method.md#matching-with-single-panoramas), and the saved map."""
+(docs/explanation/single-panoramas.md#matching-with-single-panoramas), and the saved map."""

@@ -1,5 +1,5 @@
 """The role `positioner`: estimate the pose of a query in a reference frame from matched nodes
-(docs/explanation/method.md#from-matched-nodes-to-a-pose)."""
+(docs/explanation/saliency-graph.md#from-matched-nodes-to-a-pose)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rank places from the scores of reference frames (docs/explanation/method.md#doorways)."""
+"""Rank places from the scores of reference frames (docs/explanation/single-panoramas.md#doorways)."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 """Positioners against poses that are known, and against the table of
-docs/explanation/method.md#from-matched-nodes-to-a-pose."""
+docs/explanation/saliency-graph.md#from-matched-nodes-to-a-pose."""
 
 import numpy as np
 import pytest
@@ -44,8 +44,8 @@ def test_se3_agrees_with_scipy():
 
 
 def test_all_pairs_equal_centred_least_squares():
-    """docs/explanation/method.md#from-matched-nodes-to-a-pose: the N(N-1)/2 pair rows give the solution of the N
-    mean-centred rows."""
+    """docs/explanation/saliency-graph.md#from-matched-nodes-to-a-pose: the N(N-1)/2 pair rows give the solution of
+    the N mean-centred rows."""
     rng = np.random.default_rng(2)
     u, v = room(rng, 7)[:, :2], room(rng, 7)[:, :2]
     target = (u**2).sum(1) - (v**2).sum(1)
@@ -86,7 +86,7 @@ def test_nodes_without_saliency_weigh_alike():
 
 def simulate(positioner, nodes, noise_m, wrong, trials=400, seed=5):
     """Median translation (m) and rotation (deg) error, and the share within 0.5 m and 10 deg: the simulation of
-    docs/explanation/method.md#from-matched-nodes-to-a-pose."""
+    docs/explanation/saliency-graph.md#from-matched-nodes-to-a-pose."""
     rng = np.random.default_rng(seed)
     errors = []
     for _ in range(trials):

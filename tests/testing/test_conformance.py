@@ -130,7 +130,7 @@ def test_the_step_of_a_method_is_that_of_its_stages():
 @pytest.mark.parametrize("structure", ["rings", slow("node2vec")])
 def test_the_papers_angles_do_not_turn_with_the_panorama(structure):
     """The arccos loses the sign and the arithmetic mean wraps
-    (docs/explanation/method.md#from-matched-nodes-to-a-pose); without them the paper's poses turn."""
+    (docs/explanation/saliency-graph.md#from-matched-nodes-to-a-pose); without them the paper's poses turn."""
     paper = merge(settings("localizer", "paper"), {"matcher": {"structure": structure}, "detector": "annotations"})
     config = configure("localizer", "paper", paper)
     assert config.component(config).column_step is None

@@ -1,2 +1,2 @@
 """Places as merged graphs in the world, matched by a likelihood ratio that includes the pose
-(docs/explanation/method.md#from-panoramas-to-places)."""
+(docs/explanation/places.md#from-panoramas-to-places)."""

@@ -1,5 +1,5 @@
 """Log likelihood ratio of a query's objects. Hypothesis: objects of a place, viewed from a pose. Alternative: clutter
-(docs/explanation/method.md#the-likelihood-ratio)."""
+(docs/explanation/likelihood-ratio.md#the-likelihood-ratio)."""
 
 from __future__ import annotations
 

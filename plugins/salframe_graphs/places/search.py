@@ -1,4 +1,4 @@
-"""The best pose of a query in each place, and the final pose of the answer (docs/explanation/method.md#pose)."""
+"""The best pose of a query in each place, and the final pose of the answer (docs/explanation/places.md#pose)."""
 
 from __future__ import annotations
 
