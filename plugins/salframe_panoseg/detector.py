@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -14,10 +15,12 @@ from salframe.framework.errors import InputMissing, WeightsError
 from salframe.framework.files.reading import read_json
 from salframe.framework.files.weights import NetworkWeights, Shipped, WeightsFile
 from salframe.framework.onnx import open_model
+from salframe.framework.validation import validate
 from salframe.graphs.boxes import detections_from_points
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
 from salframe.graphs.pixels import without_strays
+from salframe.graphs.score_calibration import ScoreCalibration
 from salframe.graphs.turning import from_near_side
 from salframe.panoramas.exposure import brighten_dark, exposure_setting
 from salframe.panoramas.geometry import column_azimuth, equirectangular_rays
@@ -33,7 +36,7 @@ PANOSEG = NetworkWeights(
     licence="Apache-2.0",
     files=(
         WeightsFile(NETWORK, "c8308cd62db4fb23a765fc9c07821d3e02416bc7b281d6ca8946967635d4b8a2", 12_345_511),
-        WeightsFile(CARD, "a4e014dcd4a811fa1fb7b1315013ce138fd454645345e1a7d41bb66ebc1c4ccb", 42_302),
+        WeightsFile(CARD, "d50002b188b82e846101d0b0a547a368ad354e0e669d4b0fff7f4b71129ed39c", 42_365),
     ),
     source=Shipped(Path(__file__).parent),
 )
@@ -46,7 +49,7 @@ class PanoSegDetector(Detector):
     """
 
     name = "panoseg"
-    version = "4"
+    version = "5"
     needs: ClassVar[frozenset[str]] = frozenset({"rgb", "range"})
     weights = (PANOSEG,)
 
@@ -55,11 +58,11 @@ class PanoSegDetector(Detector):
             None, description="path of the folder that your own training wrote; null: the network that salframe ships"
         )
         min_score: float = Field(
-            0.25,
+            0.04,
             ge=0,
             le=1,
-            description="minimum score of an object (0 to 1). The score is the mean probability of the object's class "
-            "over its pixels",
+            description="minimum score of an object (0 to 1). The score is the probability that the object's label "
+            "and position are correct",
         )
         exposure: Literal["auto", "none"] = exposure_setting()
 
@@ -67,7 +70,10 @@ class PanoSegDetector(Detector):
         super().__init__(config)
         network, card = PANOSEG.paths(self.config.model)
         self._model = open_model(network, [(1, CHANNELS, HEIGHT, 2 * HEIGHT)], OUTPUTS)
-        self._labels = _labels(card)
+        content = _card(card)
+        self._labels = ["", *content.labels]
+        self.calibration = content.calibration
+        """Conversion of mean class probabilities to scores."""
 
     @classmethod
     def weights_in_use(cls, config: Any) -> tuple[NetworkWeights, ...]:
@@ -101,21 +107,29 @@ class PanoSegDetector(Detector):
         instances = np.split(order, np.cumsum(np.bincount(objects.flat[pixels])[1:])[:-1]) if len(pixels) else []
         labels, scores, clouds = [], [], []
         for pixels in instances:
-            mean = float(score.flat[pixels].mean())
-            if mean >= self.config.min_score:
+            of_object = self.calibration.score(float(score.flat[pixels].mean()))
+            if of_object >= self.config.min_score:
                 labels.append(self._labels[int(class_id.flat[pixels[0]])])
-                scores.append(min(mean, 1.0))
+                scores.append(of_object)
                 clouds.append(without_strays(points_m.reshape(-1, 3)[pixels]))
         return detections_from_points(labels, np.array(scores), clouds)
 
 
-def _labels(card: Path) -> list[str]:
-    """Return the label of each class; the label of class 0, no object, is empty."""
-    content = read_json(card)
+@dataclass(frozen=True)
+class _Card:
+    """The part of a model card that detection uses: the label of each class from 1, and the conversion to scores."""
+
+    labels: list[str]
+    calibration: ScoreCalibration
+
+
+def _card(path: Path) -> _Card:
+    """Read the model card beside a network. Raises WeightsError."""
+    content = read_json(path)
     labels = content.get("labels") if isinstance(content, dict) else None
     if not isinstance(labels, list) or not all(isinstance(label, str) for label in labels):
-        raise WeightsError(f"{card} has no list of labels, expected the model card that the training of panoseg wrote")
-    return ["", *labels]
+        raise WeightsError(f"{path} has no list of labels, expected the model card that the training of panoseg wrote")
+    return _Card(labels, validate(ScoreCalibration, content.get("calibration", {}), f"{path}: calibration"))
 
 
 def into_panorama(vote_m: np.ndarray) -> np.ndarray:

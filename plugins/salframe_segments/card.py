@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Literal
 
@@ -12,6 +11,7 @@ from salframe.framework.config import read_yaml
 from salframe.framework.errors import WeightsError
 from salframe.framework.files.hashes import file_sha256
 from salframe.framework.validation import Settings, validate
+from salframe.graphs.score_calibration import ScoreCalibration
 
 SHIPPED = Path(__file__).with_name("cards")
 
@@ -55,22 +55,6 @@ class Output(Settings):
     values: Literal["probabilities", "logits"]
 
 
-class Calibration(Settings):
-    """Conversion of the mean class probability p of an object to its score.
-
-    The score is the probability that the label of the object is correct. It is the logistic function of
-    slope * logit(p) + offset. With the default values, the score is p.
-    """
-
-    slope: float = Field(1.0, gt=0)
-    offset: float = 0.0
-
-    def score(self, probability: float) -> float:
-        """Return the score of an object whose class has this mean probability; both are in [0, 1]."""
-        p = min(max(probability, 1e-6), 1 - 1e-6)
-        return 1 / (1 + math.exp(-self.slope * math.log(p / (1 - p)) - self.offset))
-
-
 class Card(Settings):
     """Model card of a network.
 
@@ -103,7 +87,7 @@ class Card(Settings):
     structure: tuple[str, ...]
     fixed: dict[str, str]
     objects: dict[str, str]
-    calibration: Calibration = Calibration()
+    calibration: ScoreCalibration = ScoreCalibration()
 
     @model_validator(mode="after")
     def _every_label_has_one_meaning(self) -> Card:

@@ -15,10 +15,11 @@ from salframe.framework.errors import InputMissing, WeightsError
 from salframe.framework.files.weights import Link, NetworkWeights, WeightsFile
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
+from salframe.graphs.score_calibration import ScoreCalibration
 from salframe.graphs.turning import from_near_side
 from salframe.panoramas.exposure import brighten_dark, exposure_setting
 from salframe.panoramas.panorama import Panorama
-from salframe_segments.card import Calibration, card_beside, read_card, shipped_card
+from salframe_segments.card import card_beside, read_card, shipped_card
 from salframe_segments.networks import TFLITE, open_network
 from salframe_segments.semantic import UNSEEN, Classes, PixelClasses, classify, find_objects
 from salframe_segments.view_scores import Views
@@ -122,7 +123,7 @@ class SegmentsDetector(Detector):
         next(self._network.probabilities(np.full((1, height, width, 3), UNSEEN, np.uint8)))
 
     @property
-    def calibration(self) -> Calibration:
+    def calibration(self) -> ScoreCalibration:
         """Conversion of probabilities to scores."""
         return self._network.card.calibration
 

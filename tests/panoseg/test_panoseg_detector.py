@@ -11,12 +11,13 @@ import pytest
 from salframe_house.building import Building, generate_building
 from salframe_house.render import HouseRenderer
 from salframe_panoseg.detector import PANOSEG, PanoSegDetector
+from scipy.special import logit
 
 from salframe.evaluation.tasks.detection.judging import count_right
 from salframe.framework.components.identity import identity
 from salframe.framework.components.presets import configure
 from salframe.framework.components.registry import registry
-from salframe.framework.errors import InputMissing, WeightsError
+from salframe.framework.errors import ConfigError, InputMissing, WeightsError
 from salframe.graphs.detections import Detections
 from salframe.panoramas.exposure import brighten_dark
 from salframe.panoramas.geometry import pose_2d, transform_points, wrap_angle
@@ -161,6 +162,20 @@ def test_a_training_of_ones_own_takes_its_place(detector, panoramas, tmp_path):
     before = identity(config)
     assert "weights" not in before
     assert identity(own(tmp_path, card={"labels": []})) != before
+
+
+def test_a_score_is_the_logistic_function_of_the_mean_probability(detector, panoramas, tmp_path):
+    card = json.loads(PANOSEG.paths()[1].read_text())
+    plain = PanoSegDetector(own(tmp_path, card=card | {"calibration": {"slope": 1, "offset": 0}}))
+    slope, offset = card["calibration"]["slope"], card["calibration"]["offset"]
+    probability, score = plain.detect(panoramas[0]).scores, detector.detect(panoramas[0]).scores
+    probability, score = (
+        np.sort(probability)[::-1][:5],
+        np.sort(score)[::-1][:5],
+    )  # objects with low scores are left out
+    np.testing.assert_allclose(logit(score), slope * logit(probability) + offset, atol=1e-6)
+    with pytest.raises(ConfigError, match=r"panoseg\.json: calibration.*slope"):
+        PanoSegDetector(own(tmp_path, card=card | {"calibration": {"slope": -1}}))
 
 
 def test_caches_know_the_shipped_network_by_its_hash():
