@@ -96,7 +96,7 @@ def _notation(tables: Sequence[Table]) -> str:
         sentences.append("A number in **bold** is the best of its column.")
         if group:
             sentences.append(
-                "If a table has columns left of *method*, only rows with the same values in these columns are compared."
+                "In tables with columns left of *method*, only rows with the same values in these columns are compared."
             )
     if any(re.search(r"\w\[\w", cell) for table in tables for row in table.rows for cell in row[: table.leading]):
         sentences.append("Square brackets after the name of a method contain the settings that were changed.")

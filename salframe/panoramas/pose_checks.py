@@ -103,7 +103,7 @@ def pose_notes(
     """Return one-line warnings if poses contradict the panoramas; empty if they do not.
 
     The up directions of all frames are checked. The ranges of up to NUM_FRAMES frames are compared in pairs. Frames
-    without range and unreadable frames take part in the first check only. docs/explanation/guarantees.md lists what
+    without range and unreadable frames take part in the first check only. docs/explanation/data-checks.md lists what
     these checks detect.
 
     Args:
