@@ -69,8 +69,8 @@ class VoteTracker(Tracker):
             0.7,
             ge=0,
             le=1,
-            description="factor (0 to 1) that multiplies the weights of all older votes at each new answer; 1: "
-            "votes keep their weights",
+            description="factor (0 to 1) that multiplies the weights of all older votes at each new answer; 1: old "
+            "votes count as much as new votes",
         )
         agreement_m: float = Field(0.5, gt=0, description="maximum distance (m) between two poses that agree")
         agreement_deg: float = Field(
