@@ -129,7 +129,7 @@ def _values(parameter: Any) -> str:
 def _spelling(parameter: Any) -> list[str]:
     """How an argument or option is written, an option's short form or the flag that turns it off last."""
     if parameter.param_type_name == "argument":
-        return [parameter.metavar or parameter.name.upper()]
+        return [(parameter.metavar or parameter.name.upper()) + ("..." if parameter.nargs == -1 else "")]
     names = [*parameter.opts, *parameter.secondary_opts]
     return [f"{name} {parameter.metavar}" if parameter.metavar else name for name in names]
 
