@@ -27,8 +27,7 @@ def build(
     topology: Annotated[
         bool,
         typer.Option(
-            "--topology/--no-topology",
-            help="Include a topology, a graph for routes (needs floor masks or range images)",
+            "--topology/--no-topology", help="Include a topology (graph for routes); needs floor masks or range images"
         ),
     ] = True,
     central_nodes: Annotated[

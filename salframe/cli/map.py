@@ -141,7 +141,7 @@ def connect(
     kind: Annotated[str, typer.Option(metavar="KIND", help="Kind of the connection: stairs or lift")] = "stairs",
     length: Annotated[
         float | None,
-        typer.Option(metavar="M", help="Length of the connection in metres, which is added to the length of routes"),
+        typer.Option(metavar="M", help="Length of the connection in metres, as a part of the length of routes"),
     ] = None,
     file: Annotated[
         Path | None,
