@@ -79,8 +79,8 @@ class PerspectiveImporter(Importer):
     """Perspective images with poses, intrinsics and optional depth, from a transforms.json in the format of nerfstudio.
 
     The source is the folder that contains transforms.json. The images of one station (a position of the camera) are
-    stitched to one panorama. Each frame in the file may have the additional keys station, place and time. Lens
-    distortion is removed.
+    stitched to one panorama. Each entry of `frames` in this file may have the additional keys station, place and time.
+    Lens distortion is removed.
     """
 
     name = "perspective"
