@@ -33,7 +33,7 @@ class PanoramaScoresConfig(ComponentConfig):
         description="matcher, which compares the graph of a query with the graphs of the map",
     )
     top_k: int = match_only(
-        20, ge=1, description="maximum number of graphs of the map that the matcher returns, best first"
+        20, ge=1, description="maximum number of graphs of the map that the matcher returns for a query, best first"
     )
     agreement: float = match_only(
         0.5,

@@ -106,10 +106,17 @@ class HouseConfig(QueryView):
         "outside; false: no signs",
     )
     signs_unreadable: float = added(
-        0.0, ge=0, le=1, description="probability (0 to 1) that a sign is unreadable in the queries"
+        0.0,
+        ge=0,
+        le=1,
+        description="probability (0 to 1) that a sign is unreadable in the queries. Only used if signs=true",
     )
     signs_wrong: float = added(
-        0.0, ge=0, le=1, description="probability (0 to 1) that a sign shows the number of another room in the queries"
+        0.0,
+        ge=0,
+        le=1,
+        description="probability (0 to 1) that a sign shows the number of another room in the queries. Only used "
+        "if signs=true",
     )
     lighting: Literal["other", "day", "evening", "dim"] = Field(
         "other",
@@ -122,8 +129,8 @@ class HouseConfig(QueryView):
     )
     models: UserFile | None = Field(
         None,
-        description="path of a folder with Sweet Home 3D furniture libraries (.sh3f), whose models replace many of "
-        "the generated objects; null: all objects are generated",
+        description="path of a folder with furniture libraries of Sweet Home 3D (.sh3f files), whose models replace "
+        "many of the generated objects; null: all objects are generated",
     )
     models_part: Literal["training", "held-out"] | None = Field(
         None,
