@@ -129,7 +129,7 @@ def _values(parameter: Any) -> str:
 def _spelling(parameter: Any) -> list[str]:
     """How an argument or option is written, an option's short form or the flag that turns it off last."""
     if parameter.param_type_name == "argument":
-        return [parameter.metavar or parameter.name.upper()]
+        return [(parameter.metavar or parameter.name.upper()) + ("..." if parameter.nargs == -1 else "")]
     names = [*parameter.opts, *parameter.secondary_opts]
     return [f"{name} {parameter.metavar}" if parameter.metavar else name for name in names]
 
@@ -162,7 +162,10 @@ def write_component_index() -> str:
         "- The settings of this component follow after a dot, as in `--set matcher.rarity=false`.\n"
         "- A value of the type Noise (simulated errors of a detector) or Posterior (parameters that convert scores to "
         "probabilities) is a mapping, such as {missed: 0.3}.\n"
-        "- A value of the type HubName has the form hf:ORG/MODEL[@REVISION].",
+        "- A value of the type HubName has the form hf:ORG/MODEL[@REVISION].\n"
+        "- A value of a type such as tuple[float, ...] is a list in brackets, as in "
+        "`--set matcher.ring_edges_m=[1,2,4]`.\n"
+        "- If the type ends in null, the value can be null, as in `--set matcher.height_scale_m=null`.",
         _definitions("\n".join(purpose for _, purpose, _ in rows), TERMS, "Terms on this page:"),
         _table(("role", "purpose", "components"), rows),
     ]

@@ -72,8 +72,8 @@ class ClipRooms(Localizer):
         room_types: tuple[str, ...] | None = match_only(
             None,
             min_length=1,
-            description="list of the room types; null: the room types in the place names of the map. For example, "
-            "`kitchen-01` is a kitchen",
+            description="list of the room types, such as [kitchen, bedroom]; null: the room types in the place names "
+            "of the map. For example, the place `kitchen-01` is a kitchen",
         )
         prompt: str = match_only(
             "a photo of a {}",

@@ -68,8 +68,8 @@ class Keypoints(Localizer):
         shortlist: int | None = match_only(
             5,
             ge=1,
-            description="number of reference frames whose keypoints are matched with those of the query. They are the "
-            "frames with the most similar descriptors of whole views; null: all frames",
+            description="number of reference frames whose keypoints are matched with those of the query: the frames "
+            "with the most similar descriptors of whole views (see `shortlist_network`); null: all frames",
         )
         inlier_deg: float = match_only(
             1.0,
@@ -80,7 +80,8 @@ class Keypoints(Localizer):
         hypotheses: int = match_only(
             500,
             ge=1,
-            description="number of candidate poses, each computed from a random sample of three matched points",
+            description="number of iterations of RANSAC: candidate poses, each computed from a random sample of three "
+            "matched points",
         )
         min_inliers: int = match_only(
             20, ge=4, description="minimum number of inliers of a pose. If there are fewer, the pose is rejected"

@@ -41,7 +41,8 @@ class Loftr(ImageMatcher):
     class Config(ImageMatcher.Config):
         architecture: dict[str, Any] = Field(
             {"coarse": {"temp_bug_fix": True}},
-            description="mapping of architecture parameters of the checkpoint that differ from `default_cfg` of kornia",
+            description="mapping with the architecture parameters of the checkpoint that differ from `default_cfg` of "
+            "kornia",
         )
         fine: bool = match_only(
             True,

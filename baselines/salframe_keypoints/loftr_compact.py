@@ -152,9 +152,9 @@ class LoftrCompact(ImageMatcher):
         )
         pooled: Literal["sift", "tokens"] = match_only(
             "tokens",
-            description="local descriptors that are pooled to one global descriptor of a view. Global descriptors "
-            "select the reference frames to match. sift: RootSIFT; tokens: features of the network's coarse grid, "
-            "without SIFT keypoints, so max_keypoints has no effect",
+            description="local descriptors that are pooled to one global descriptor of a view, which selects the "
+            "reference frames to match. sift: RootSIFT; tokens: features of the network's coarse grid, so that SIFT "
+            "keypoints are not computed and max_keypoints has no effect",
         )
 
     def __init__(self, config: Config | None = None) -> None:

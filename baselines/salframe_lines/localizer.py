@@ -89,8 +89,7 @@ class Lines(Localizer):
             0.1,
             gt=0,
             le=0.3,
-            description="maximum difference (radians) between two values of line distance functions that count as "
-            "equal",
+            description="maximum difference (radians) at which two values of line distance functions count as equal",
         )
         shortlist: int = match_only(
             8,
@@ -102,8 +101,8 @@ class Lines(Localizer):
             0.1,
             ge=0,
             le=1,
-            description="minimum share (0 to 1), by length, of the query's lines that agree with lines of the map "
-            "under a pose. If the share is smaller, the pose is rejected",
+            description="minimum share (0 to 1) of the total length of the query's lines that agrees with lines of "
+            "the map under a pose. If the share is smaller, the pose is rejected",
         )
 
     uses: ClassVar[frozenset[str]] = frozenset({"range"})

@@ -27,16 +27,13 @@ class Noise(ObjectNoise):
     """Rates and sizes of the simulated errors of a detector. They are equal for all objects."""
 
     split: float = Field(
-        0.0,
-        ge=0,
-        le=1,
-        description="share of objects (0 to 1) that are detected as two objects, the two halves of the object",
+        0.0, ge=0, le=1, description="probability (0 to 1) that an object is detected as two objects, its two halves"
     )
     merged: float = Field(
         0.0,
         ge=0,
         le=1,
-        description="share of objects (0 to 1) that are merged with the nearest object of the same label",
+        description="probability (0 to 1) that an object is merged with the nearest object of the same label",
     )
 
 

@@ -35,8 +35,8 @@ class DepthConfig(ComponentConfig):
     camera_height_m: float | None = Field(
         None,
         gt=0,
-        description="height of the camera above the floor (m). It determines the scale of the ranges; null: the "
-        "network must output metres",
+        description="height (m) of the camera above the floor, which determines the scale of the ranges; null: "
+        "unknown, so the output of the network must be in metres",
     )
     views: int = Field(
         MIN_VIEWS,

@@ -36,7 +36,7 @@ class OnnxDepth(MonocularDepth):
         metric: bool = Field(
             False,
             description="true: the output of the network is in metres; false: the scale of the output is unknown. For "
-            "inverse and z-depth, the output may also have an unknown added constant",
+            "inverse and z-depth, an added constant may also be unknown",
         )
         input: Literal["views", "equirectangular"] = Field(
             "views",
@@ -44,7 +44,9 @@ class OnnxDepth(MonocularDepth):
             "the whole panorama",
         )
         size_px: tuple[int, int] | None = Field(
-            None, description="width and height of the network's input (pixels); null: read from the file"
+            None,
+            description="width and height of the network's input (pixels), such as [640, 480]; null: read from "
+            "the file of the network",
         )
         channels: Literal["bgr", "rgb"] = Field(
             "rgb", description="order of the colour channels in the network's input. bgr: blue first; rgb: red first"

@@ -55,7 +55,9 @@ class OnnxDetector(Detector):
             "your labels; a path: a YAML file with a list under the key `names`",
         )
         size_px: tuple[int, int] | None = Field(
-            None, description="width and height of the network's input (pixels); null: read from the file"
+            None,
+            description="width and height of the network's input (pixels), such as [640, 480]; null: read from "
+            "the file of the network",
         )
         channels: Literal["bgr", "rgb"] = Field(
             "bgr", description="order of the colour channels in the network's input. bgr: blue first; rgb: red first"
@@ -76,15 +78,15 @@ class OnnxDetector(Detector):
             "of `channels`",
         )
         fill: int = Field(
-            114, ge=0, le=255, description="grey value (0 to 255) of the pixels that a partial panorama does not cover"
+            114, ge=0, le=255, description="grey value (0 to 255) of the pixels that a partial panorama does not show"
         )
         min_score: float = Field(0.3, gt=0, le=1, description="minimum confidence score of a detection (0 to 1)")
         overlap: float = Field(
             0.45,
             gt=0,
             lt=1,
-            description="minimum intersection over union of two boxes in a view that count as the same object. Only "
-            "the box with the better score remains",
+            description="threshold of non-maximum suppression: minimum intersection over union (IoU) of two boxes in "
+            "a view that count as the same object. Only the box with the better score remains",
         )
         fov_deg: float = Field(
             90.0,

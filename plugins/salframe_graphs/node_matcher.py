@@ -44,8 +44,9 @@ class NodeMatcherConfig(ComponentConfig):
 
     rarity: bool = Field(
         True,
-        description="true: rare labels have larger weights. The weight is ln((1 + G) / (1 + g)) + 1 for a label in g "
-        "of the G graphs of the map; false: all labels have the weight 1",
+        description="true: rare labels have larger weights. The weight of a label is ln((1 + G) / (1 + g)) + 1, where "
+        "G is the number of graphs of the map, and g is the number of those with the label; false: all labels have "
+        "the weight 1",
     )
     confidence: bool = Field(
         True,
@@ -56,9 +57,9 @@ class NodeMatcherConfig(ComponentConfig):
         0.25,
         ge=0,
         le=1,
-        description="minimum ratio (0 to 1) at which a graph is compared with the query node by node. The ratio is "
-        "the Jaccard index of the labels of graph and query, divided by the highest such index of all graphs. The "
-        "paper uses 0.6",
+        description="minimum ratio (0 to 1) of a graph that is compared with the query node by node. The ratio is the "
+        "Jaccard index of the labels of graph and query, divided by the highest such index of all graphs; 0: no "
+        "minimum. The paper uses 0.6",
     )
     max_candidates: int | None = Field(
         100,
@@ -69,39 +70,38 @@ class NodeMatcherConfig(ComponentConfig):
     scene_index: slot(  # type: ignore[valid-type]
         "scene-index",
         "by-size",
-        description="index that selects graphs, in a map with more than `max_candidates` graphs. by-size: chosen by "
-        "the size of the map",
+        description="index that selects the graphs to compare, in a map with more than `max_candidates` graphs. "
+        "by-size: an index that suits the size of the map",
     )
     height_scale_m: float | None = Field(
         0.2,
         gt=0,
-        description="difference in z (m) between the centres of two nodes that halves their similarity; null: z is "
-        "ignored",
+        description="difference in height (m) between the centres of two nodes that halves their similarity; null: "
+        "heights are ignored",
     )
     size_scale: tuple[float, float] | None = Field(
         (0.8, 0.5),
-        description="scales [a, b] of the differences in size. The similarity of two nodes is halved if the ratio of "
-        "their box lengths is exp(a). It is also halved if the ratio of their box heights is exp(b); null: sizes are "
+        description="scales [a, b] of the differences in size. The similarity of two nodes is halved if one box is "
+        "exp(a) times as long as the other, and also if one box is exp(b) times as high as the other; null: sizes are "
         "ignored",
     )
     ring_edges_m: Annotated[tuple[float, ...], AfterValidator(_ascending)] = Field(
         (1.0, 2.0, 4.0),
-        description="outer radii (m) of rings around a node, ascending. They are not related to the edges of the "
-        "graph. The structural feature of a node counts the labels in each ring. It also counts the labels of the "
-        "nodes that are 1 to `hops` edges away",
+        description="outer radii (m) of rings around a node, ascending. The structural feature of the node counts the "
+        "labels of the nodes in each ring, and the labels of the nodes that are 1 to `hops` edges away",
     )
     hops: int = Field(
         2,
         ge=0,
         le=16,
-        description="maximum number of edges between a node and the nodes whose labels are counted in its structural "
-        "feature; 0: only labels in rings are counted",
+        description="maximum number of edges between a node and the nodes whose labels its structural feature counts "
+        "(see `ring_edges_m`); 0: only nodes in rings are counted",
     )
     structure_weight: float = Field(
         0.3,
         ge=0,
-        description="weight of the structural feature in the similarity of two nodes. The label has the weight 1; 0: "
-        "the feature is not used",
+        description="weight of the structural feature (see `ring_edges_m`) in the similarity of two nodes. The label "
+        "has the weight 1; 0: the feature is not used",
     )
     min_similarity: float = Field(
         0.1, ge=0, le=1, description="minimum similarity (0 to 1) of two nodes that can be matched"

@@ -33,8 +33,8 @@ class PanoramaMatchingConfig(PanoramaScoresConfig):
     min_score: float = match_only(
         0.0,
         ge=0,
-        description="minimum score of the best match. If the score is lower, the answer names no place (status "
-        "low-score)",
+        description="minimum score of the best match. If the score is lower, the answer names no place and has the "
+        "status low-score",
     )
 
 

@@ -33,23 +33,23 @@ class PanoramaScoresConfig(ComponentConfig):
         description="matcher, which compares the graph of a query with the graphs of the map",
     )
     top_k: int = match_only(
-        20, ge=1, description="maximum number of graphs of the map that the matcher returns, best first"
+        20, ge=1, description="maximum number of graphs of the map that the matcher returns for a query, best first"
     )
     agreement: float = match_only(
         0.5,
         ge=0,
-        description="weight of agreeing matches. Matches with different reference frames agree if they give similar "
-        "poses of the query. The score of a match increases by this weight times the scores of the matches that agree "
-        "with it; 0: no increase",
+        description="weight of agreement between matches. Matches with different reference frames agree if they give "
+        "similar poses of the query. The score of a match increases by this weight times the scores of the matches "
+        "that agree with it; 0: no increase",
     )
     agreement_radius_m: float = match_only(
         1.5, gt=0, description="maximum distance (m) between the query poses of two matches that agree"
     )
     nearest_scene: bool = match_only(
         True,
-        description="true: the answer is always a scene frame (a reference frame in a room). If the best match is a "
-        "frame in a doorway, it is replaced by the scene frame nearest to the estimated pose; false: the answer can be "
-        "a frame in a doorway",
+        description="true: the answer is never a doorway. If the best match is a reference frame in a doorway, the "
+        "answer is the reference frame in a room that is nearest to the estimated pose; false: the answer can be a "
+        "reference frame in a doorway",
     )
 
 

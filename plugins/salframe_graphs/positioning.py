@@ -68,17 +68,17 @@ class RobustPositioner(Positioner):
         tolerance_m: float = Field(
             0.8,
             gt=0,
-            description="maximum error (m) of an inlier. The pose transforms the object of the query to the map. The "
-            "error is the distance from there to the matched object of the map",
+            description="maximum error (m) of an inlier: the distance between the matched object of the map and the "
+            "object of the query, which the pose transforms to the map",
         )
         min_inliers: int = Field(2, ge=2, description="minimum number of inliers of a pose, at least 3 for SE(3)")
         ambiguity: float = Field(
             0.95,
             gt=0,
             le=1,
-            description="limit of a ratio: the score of the second-best pose, divided by the score of the best pose. "
-            "If the ratio reaches the limit, the result is ambiguous and has no pose. Poses within 0.5 m and 30 deg "
-            "of the best pose do not count as second-best",
+            description="minimum ratio (0 to 1) of an ambiguous result, which has no pose. The ratio is the score of "
+            "the second-best pose, divided by the score of the best pose. Poses within 0.5 m and 30 deg of the best "
+            "pose do not count as second-best",
         )
 
     _separate_m: ClassVar[float] = 0.5

@@ -31,13 +31,13 @@ class TripletMatcher(NodeMatcher):
     class Config(NodeMatcherConfig):
         labels: Literal["set", "multiset"] = Field(
             "multiset",
-            description="how labels are counted when the graphs to compare are selected. set: each label counts once; "
-            "multiset: each label counts as often as it occurs",
+            description="how labels are counted when graphs are selected by `min_candidate_ratio`. set: each label "
+            "counts once; multiset: each label counts as often as it occurs",
         )
         structure: Literal["rings", "node2vec"] = Field(
             "rings",
-            description="structural feature of a node. rings: the labels of other nodes, counted in rings around the "
-            "node and by number of edges; node2vec: an embedding of the node, as in the paper",
+            description="structural feature of a node. rings: numbers of labels in rings around the node and by "
+            "number of edges (see `ring_edges_m`); node2vec: an embedding of the node, as in the paper",
         )
         saliency_weight: float = Field(
             0.0,

@@ -22,13 +22,14 @@ class ViewObjects(Settings):
     position_error_m: float = Field(
         0.15,
         gt=0,
-        description="standard deviation (m) of the position of an object along each axis, at a range of 0. Objects in "
-        "several views of a query are merged if their positions agree within the errors",
+        description="standard deviation (m) of the position error of an object along each axis, at a range of 0. "
+        "Objects in several views of a query are merged if their positions agree within the errors",
     )
     range_error_share: float = Field(
         0.05,
         ge=0,
-        description="additional standard deviation of the position of an object along each axis, divided by its range",
+        description="additional standard deviation of the position error of an object along each axis, divided by the "
+        "range of the object",
     )
 
 

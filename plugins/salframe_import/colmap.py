@@ -44,26 +44,27 @@ class ColmapImporter(Importer):
             None,
             gt=0,
             allow_inf_nan=False,
-            description="length (m) of one unit of the model. Set either scale or camera_height, not both",
+            description="length (m) of one unit of the COLMAP model. Set either scale or camera_height, not both",
         )
         camera_height: float | None = Field(
             None,
             gt=0,
             le=100,
-            description="median height (m) of the cameras above the floor, from which the scale is computed. The "
-            "floor is detected in the points of the model, and gets z = 0. Set either scale or camera_height, not both",
+            description="median height (m) of the cameras above the floor, which determines the scale of the COLMAP "
+            "model. The floor is detected in the points of the model, and gets z = 0. Set either scale or "
+            "camera_height, not both",
         )
         images: str | None = Field(
             None,
             min_length=1,
-            description="folder of the pictures; null: the folder `images`, which is in the folder of the model or in "
-            "one of the two folders above it",
+            description="path of the folder with the pictures; null: the folder `images` in the folder of the model, "
+            "or in one of the two folders above it",
         )
         depth: str | None = Field(
             None,
             min_length=1,
-            description="folder of depth images: 16-bit PNG files with the names of the pictures, or the folder "
-            "stereo/depth_maps of COLMAP; null: no depth is imported",
+            description="path of a folder with depth images: 16-bit PNG files with the names of the pictures, or the "
+            "folder stereo/depth_maps of COLMAP; null: no depth is imported",
         )
         depth_unit_m: float = Field(
             MILLIMETRE,
@@ -78,8 +79,9 @@ class ColmapImporter(Importer):
         )
         group_by: Literal["frame", "motion"] = Field(
             "frame",
-            description="pictures that form one panorama. frame: pictures that a rig of cameras took at the same "
-            "time; motion: successive pictures of a camera that turns at one place, in the order of their names",
+            description="pictures that are stitched to one panorama. frame: pictures that a rig of cameras took at "
+            "the same time; motion: successive pictures of a camera that turns without moving away, in the order of "
+            "their names",
         )
 
     def read(self, source: Path) -> Recording:

@@ -79,8 +79,8 @@ class PerspectiveImporter(Importer):
     """Perspective images with poses, intrinsics and optional depth, from a transforms.json in the format of nerfstudio.
 
     The source is the folder that contains transforms.json. The images of one station (a position of the camera) are
-    stitched to one panorama. Each frame in the file may have the additional keys station, place and time. Lens
-    distortion is removed.
+    stitched to one panorama. Each entry of `frames` in this file may have the additional keys station, place and time.
+    Lens distortion is removed.
     """
 
     name = "perspective"
@@ -111,13 +111,12 @@ class PerspectiveImporter(Importer):
         )
         group_by: Literal["auto", "station", "time", "motion"] = Field(
             "auto",
-            description="images that form one panorama. station: images with the same value of the key station; time: "
-            "consecutive images with gaps of at most max_gap_s; motion: successive images of a camera that turns at "
-            "one place; auto: station if a frame has the key station, otherwise motion",
+            description="images that are stitched to one panorama. station: images with the same value of the key "
+            "station; time: consecutive images with gaps of at most max_gap_s; motion: successive images of a camera "
+            "that turns without moving away; auto: station if a frame has the key station, otherwise motion",
         )
         max_gap_s: PositiveFloat = Field(
-            1.0,
-            description="maximum time (s) between consecutive images of one panorama. Only used if group_by is time",
+            1.0, description="maximum time (s) between consecutive images of one panorama. Only used if group_by=time"
         )
 
     def read(self, source: Path) -> Recording:

@@ -39,8 +39,8 @@ class PictureImporter(Importer):
         range_kind: RangeKind = Field(
             RangeKind.RAY,
             description="quantity that a range image contains. ray: distance along the ray; cube: depth along the "
-            "axis of the cube face that shows the pixel, for pictures stitched from cube faces; z: refused, because a "
-            "panorama has no optical axis",
+            "axis of the cube face that shows the pixel, for pictures stitched from cube faces; z: not allowed, "
+            "because a panorama has no optical axis",
         )
 
     def read(self, source: Path) -> Recording:

@@ -39,17 +39,18 @@ class RosBagImporter(Importer):
     class Config(StationSettings):
         image: str | None = Field(
             None,
-            description="topics of the colour images, separated by commas; null: the only topic with colour images",
+            description="topics of the colour images, separated by commas, such as /left/image,/right/image; null: "
+            "the only topic with colour images",
         )
         depth: str | None = Field(
             None,
-            description="topics of the depth images, one for each image topic, in the same order. none: no depth is "
-            "imported; null: the only depth topic, if there is one",
+            description="topics of the depth images, separated by commas, one for each topic of `image` in the same "
+            "order. none: no depth is imported; null: the only depth topic, if there is one",
         )
         camera_info: str | None = Field(
             None,
-            description="topics of the camera intrinsics (CameraInfo), one for each image topic, in the same order; "
-            "null: the topic camera_info in the namespace of each image topic, if it exists",
+            description="topics of the camera intrinsics (CameraInfo), separated by commas, one for each topic of "
+            "`image` in the same order; null: the topic camera_info in the namespace of each image topic, if it exists",
         )
         projection: Projection = Field(
             "auto",
@@ -63,9 +64,8 @@ class RosBagImporter(Importer):
         )
         poses: str | None = Field(
             None,
-            description="source of the poses: the name of an odometry topic, or `tf`; null: the only odometry topic. "
-            "In three cases, null means `tf`: tf has the frame `map`, the setting `world` has a value, or the bag has "
-            "no odometry topic",
+            description="source of the poses: the name of an odometry topic, or `tf`; null: `tf` if tf has the frame "
+            "`map`, if `world` has a value, or if the bag has no odometry topic; otherwise the only odometry topic",
         )
         world: str | None = Field(
             None,
@@ -74,9 +74,9 @@ class RosBagImporter(Importer):
         )
         odometry: str | None = Field(
             None,
-            description="odometry topic for the motion between the views of a sequence; null: the topic of the setting "
-            "poses if it is an odometry topic, otherwise the only odometry topic. A bag without odometry topics uses "
-            "tf",
+            description="odometry topic that measures the motion between the views of a query; null: the topic of "
+            "`poses` if it is an odometry topic, otherwise the only odometry topic. A bag without odometry topics "
+            "uses tf",
         )
         tolerance_s: float = Field(
             0.02,
@@ -98,36 +98,37 @@ class RosBagImporter(Importer):
         )
         group_by: Literal["time", "motion"] = Field(
             "time",
-            description="pinhole images that form one panorama. time: images of all cameras at the same time; motion: "
-            "successive images of a camera that turns at one place",
+            description="pinhole images that are stitched to one panorama. time: images of all cameras at the same "
+            "time; motion: successive images of a camera that turns without moving away",
         )
         num_views: int = Field(
             0,
             ge=0,
             le=100,
-            description="number of views of each query, which is a sequence of images of the recording; 0: no images "
-            "become queries",
+            description="number of views (images) of each query, which is a short sequence of the recording; 0: no "
+            "images become queries",
         )
         sequence_period: int = Field(
             20,
             ge=2,
-            description="number of views from the end of one sequence to the end of the next sequence. It must be "
-            "larger than num_views. The images between two sequences are reference frames",
+            description="number of successive views that give one query: the last `num_views` of them are the query, "
+            "and the views before are reference frames. It must be larger than num_views. Only used if num_views is "
+            "over 0",
         )
         view_distance_m: float = Field(
             0.5,
             gt=0,
-            description="distance (m) that the camera moves between two views of a sequence. A turn by view_turn_deg "
+            description="distance (m) that the camera moves between two views of a query. A turn by view_turn_deg "
             "also starts a new view",
         )
         view_turn_deg: float = Field(
             45.0,
             gt=0,
-            description="angle (degrees) that the camera turns between two views of a sequence. A motion by "
+            description="angle (degrees) that the camera turns between two views of a query. A motion by "
             "view_distance_m also starts a new view",
         )
         distribution: Literal["foxy", "galactic", "humble", "iron", "jazzy", "kilted"] = Field(
-            "humble", description="ROS 2 distribution. Its message definitions are used if the bag contains none"
+            "humble", description="ROS 2 distribution whose message definitions are used if the bag contains none"
         )
 
     def read(self, source: Path) -> Recording:

@@ -79,7 +79,10 @@ class TumImporter(Importer):
             description="maximum time (s) between a colour image and its depth image, and between a colour image and "
             "its pose",
         )
-        pose_offset_s: float = Field(0.0, description="time (s) that is added to the times of the poses")
+        pose_offset_s: float = Field(
+            0.0,
+            description="time (s) that is added to the timestamps of the poses, such as a known delay of the images",
+        )
         quaternion: Literal["xyzw", "wxyz"] = Field(
             "xyzw",
             description="order of the quaternion components in groundtruth.txt. xyzw: the scalar part is last; wxyz: "

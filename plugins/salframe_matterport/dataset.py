@@ -59,51 +59,59 @@ class MatterportAnnotations(NavigableDataset):
             "required (--data-dir sets it)",
         )
         scans: Literal["all"] | tuple[str, ...] = Field(
-            "all", description="list of the ids of the buildings to use; all: all buildings in the folder"
+            "all",
+            description="list of the ids of the buildings to use, such as [17DRP5sb8fy]; all: all buildings in "
+            "the folder",
         )
         range_noise: float = Field(
             0.05,
             ge=0,
             lt=1,
-            description="standard deviation of a random factor (mean 1) for each object at each viewpoint, which "
-            "multiplies the range of the object; 0: ranges have no noise",
+            description="standard deviation of the error of the range of an object at a viewpoint, divided by the "
+            "range (0.05: 5 %); 0: no error",
         )
         query_range: bool = added(
             True,
-            description="true: the objects of queries have ranges; false: they only have directions and solid angles",
+            description="true: the objects of queries have ranges; false: they only have directions and apparent "
+            "sizes (solid angles)",
         )
         min_visible: int = Field(
-            3, ge=1, description="minimum number of visible objects at a viewpoint that is used as a query"
+            3,
+            ge=1,
+            description="minimum number of visible objects of a query. Viewpoints with fewer objects are not used "
+            "as queries",
         )
         seed: int = Field(
             0,
-            description="random seed of: range noise, yaws and walks of queries, choice of viewpoints by `map_share`, "
-            "ranges of objects that cannot be triangulated",
+            description="random seed of the range errors, the yaws and walks of queries, the selection by "
+            "`map_share`, and the ranges of objects that cannot be triangulated",
         )
         leave_out: int = match_only(
             1,
             ge=1,
-            description="number of viewpoints that are missing in the map of a query: its own viewpoint, and the "
-            "nearest ones in the same region. A region with at most this number of viewpoints has no queries",
+            description="number of viewpoints that are removed from the map of a query: first the viewpoint of the "
+            "query itself, then the nearest ones in the same region. A region has no queries if it has at most this "
+            "number of viewpoints",
         )
         query_triangulates: bool = match_only(
             True,
-            description="true: the ranges in a map are triangulated from all viewpoints of the building, even from "
-            "those that are missing in the map, such as the viewpoint of the query; false: only from the viewpoints in "
-            "the map",
+            description="true: the ranges of the objects in a map are triangulated from all viewpoints of the "
+            "building, even from those that are removed from the map (see `leave_out`); false: they are triangulated "
+            "only from the viewpoints in the map",
         )
         one_map: bool = match_only(
             False,
-            description="true: a map contains all buildings, 1 km apart along x. One viewpoint of each building is "
-            "missing in the map and is a query; false: a map contains one building",
+            description="true: a map contains all buildings, 1 km apart along x. The queries of a map are one "
+            "viewpoint of each building, which the map does not contain; false: a map contains one building",
         )
         map_share: float | None = added(
             None,
             match_only=True,
             gt=0,
             lt=1,
-            description="share of the viewpoints of each building that form its map, chosen at random. All other "
-            "viewpoints are queries. leave_out must be 1; null: each query has its own map of all other viewpoints",
+            description="share (0 to 1) of the viewpoints of each building that form one map, chosen at random. All "
+            "other viewpoints are queries in this map. Requires leave_out=1; null: each query has its own map of all "
+            "other viewpoints",
         )
         hide_query_place: bool = hide_query_place_setting()
 

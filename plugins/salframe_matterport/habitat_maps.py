@@ -56,13 +56,13 @@ class HabitatMaps(MatterportAnnotations):
         )
         scans: Literal["all"] | tuple[str, ...] = Field(
             "all",
-            description="list with the id of the building to use; all: the only building in the folder that has "
-            "top-down maps",
+            description="list with the id of one building, such as [17DRP5sb8fy]; all: the only building in the "
+            "folder that has top-down maps",
         )
         resolution_m: float = Field(
             0.05,
             gt=0,
-            description="size of a pixel of the floor masks (m), rounded to a whole number of pixels of the top-down "
+            description="size (m) of a pixel of the floor masks, rounded to a whole number of pixels of the top-down "
             "map",
         )
 

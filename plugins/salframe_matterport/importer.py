@@ -35,8 +35,8 @@ class Matterport3DImporter(Importer):
         )
         color: Color = Field(
             "skybox",
-            description="images that the colour of a panorama is computed from. skybox: the six skybox images, which "
-            "have even exposure; pictures: the 18 colour images that belong to the depth images",
+            description="source images of the colour of a panorama. skybox: the six skybox images, which have even "
+            "exposure; pictures: the 18 colour images that belong to the depth images",
         )
         height: int = Field(512, ge=64, description="height of a panorama in pixels; its width is twice the height")
 

@@ -50,12 +50,14 @@ class Matterport3D(Dataset):
             "required (--data-dir sets it)",
         )
         scans: Literal["all"] | tuple[str, ...] = Field(
-            "all", description="list of the ids of the buildings to use; all: all buildings in the folder"
+            "all",
+            description="list of the ids of the buildings to use, such as [17DRP5sb8fy]; all: all buildings in "
+            "the folder",
         )
         color: Color = Field(
             "skybox",
-            description="images that the colour of a panorama is computed from. skybox: the six skybox images, which "
-            "have even exposure; pictures: the 18 colour images that belong to the depth images",
+            description="source images of the colour of a panorama. skybox: the six skybox images, which have even "
+            "exposure; pictures: the 18 colour images that belong to the depth images",
         )
         height: int = Field(512, ge=64, description="height of a panorama in pixels; its width is twice the height")
         seed: int = Field(0, description="random seed of the yaws of queries")

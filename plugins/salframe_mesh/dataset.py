@@ -50,8 +50,8 @@ class MeshDataset(RenderedDataset[FrameSpec]):
     class Config(QueryView):
         root: Path | None = Field(
             None,
-            description="path of the folder that contains a mesh, frames.csv or a .house file, and optionally "
-            "regions.json with the rooms; required (--data-dir sets it)",
+            description="path of the folder that contains a mesh, the positions of the panoramas (frames.csv or a "
+            ".house file), and optionally the rooms (regions.json); required (--data-dir sets it)",
         )
         mesh: str | None = Field(
             None, description="name of the mesh file in the folder; null: the only mesh in the folder"
@@ -60,18 +60,18 @@ class MeshDataset(RenderedDataset[FrameSpec]):
             "z", description="axis of the mesh that points up. z: as in Matterport3D and Replica; y: as in HM3D"
         )
         height: int = Field(512, ge=64, description="height of a panorama in pixels; its width is twice the height")
-        resolution_m: float = Field(0.05, gt=0, description="size of a pixel of the floor masks (m)")
+        resolution_m: float = Field(0.05, gt=0, description="size (m) of a pixel of the floor masks")
         queries_per_frame: int = Field(
             1,
             ge=0,
-            description="number of queries that are rendered near each panorama of a .house file; no effect on a "
-            "folder with frames.csv",
+            description="number of queries that are rendered near each panorama of a .house file. No effect if the "
+            "folder has a frames.csv",
         )
         seed: int = Field(
             0,
             ge=0,
-            description="random seed of the positions and yaws of the queries near the panoramas of a .house file; no "
-            "effect on a folder with frames.csv",
+            description="random seed of the positions and yaws of the queries near the panoramas of a .house file. No "
+            "effect if the folder has a frames.csv",
         )
         hide_query_place: bool = hide_query_place_setting()
 

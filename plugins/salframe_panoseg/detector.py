@@ -55,7 +55,9 @@ class PanoSegDetector(Detector):
 
     class Config(ComponentConfig):
         model: UserFile | None = Field(
-            None, description="path of the folder that your own training wrote; null: the network that salframe ships"
+            None,
+            description="path of the folder with a network that you trained; null: the network that is part of "
+            "salframe",
         )
         min_score: float = Field(
             0.04,

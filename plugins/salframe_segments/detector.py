@@ -70,8 +70,8 @@ class SegmentsDetector(Detector):
         card: SingleFile | None = Field(
             None,
             description="path of the model card, a YAML file that describes input, output and classes of the network; "
-            "null: the YAML file beside the network with the same name. If there is none, the card that salframe "
-            "includes",
+            "null: the YAML file that has the name of the network and is in the same folder. If there is none, the "
+            "card that is part of salframe",
         )
         views: int = Field(
             6, ge=1, le=16, description="number of horizontal perspective views that are cut from the panorama"
@@ -80,16 +80,16 @@ class SegmentsDetector(Detector):
             0,
             ge=0,
             le=8,
-            description="number of views that look up by 60 deg, in addition to the horizontal views. The same number "
-            "of views looks down by 60 deg",
+            description="number of additional views that look up by 60 deg. The same number of views looks down by 60 "
+            "deg; 0: only horizontal views",
         )
         fov_deg: float = Field(
             90.0, ge=30, le=120, description="horizontal field of view (degrees) of each perspective view"
         )
         mirrored: bool = Field(
             False,
-            description="true: the network also runs on mirrored views, which takes twice the time and gives more "
-            "stable results; false: it runs on the original views only",
+            description="true: the network runs on each view and on its mirror image, which doubles the time and "
+            "makes the results more stable; false: it runs on each view only",
         )
         min_score: float = Field(0.3, ge=0, le=1, description="minimum confidence score of an object (0 to 1)")
         exposure: Literal["auto", "none"] = exposure_setting()

@@ -56,7 +56,7 @@ class TextEvidence(EvidenceModel):
             gt=0,
             lt=1,
             description="probability (0 to 1) that a string of a query is not among the strings of its place in the "
-            "map. The sign was overlooked, replaced or wrong",
+            "map, for example because the sign was overlooked, replaced or wrong",
         )
         max_nats: float = Field(
             4.0, gt=0, description="maximum absolute value (nats) of the log likelihood ratio of all strings together"

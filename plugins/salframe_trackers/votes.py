@@ -69,12 +69,18 @@ class VoteTracker(Tracker):
             0.7,
             ge=0,
             le=1,
-            description="factor (0 to 1) that multiplies the weights of all older votes at each new answer; 1: "
-            "votes keep their weights",
+            description="factor (0 to 1) that multiplies the weights of all older votes at each new answer; 1: old "
+            "votes count as much as new votes",
         )
-        agreement_m: float = Field(0.5, gt=0, description="maximum distance (m) between two poses that agree")
+        agreement_m: float = Field(
+            0.5, gt=0, description="maximum distance (m) between two poses that agree (count as the same pose)"
+        )
         agreement_deg: float = Field(
-            30.0, gt=0, le=180, description="maximum difference (degrees) between the headings of two poses that agree"
+            30.0,
+            gt=0,
+            le=180,
+            description="maximum difference (degrees) between the headings of two poses that agree (count as the same "
+            "pose)",
         )
         min_support: float = Field(
             0.1,

@@ -144,7 +144,7 @@ def _print_version(is_requested: bool) -> None:
 
 @app.callback()
 def _options(
-    debug: bool = typer.Option(False, "--debug", help="Show the traceback of an error"),
+    debug: bool = typer.Option(False, "--debug", help="Show the Python traceback of an error"),
     version: bool = typer.Option(
         False, "--version", callback=_print_version, is_eager=True, help="Print the version and exit"
     ),

@@ -12,8 +12,11 @@ from salframe.cli.output import print_json
 
 
 def ask(
-    map: Annotated[Path, typer.Argument(help="Map folder written by `salframe build`")],
-    text: Annotated[str, typer.Argument(help='Description of a room, such as "red sofa, two plants left of the bed"')],
+    map: Annotated[Path, typer.Argument(metavar="MAP", help="Map folder that `salframe build` wrote")],
+    text: Annotated[
+        str,
+        typer.Argument(metavar="TEXT", help='Description of a room, such as "red sofa, two plants left of the bed"'),
+    ],
     as_json: Json = False,
 ) -> None:
     """Find the places of a map that fit a description in words.

@@ -14,30 +14,40 @@ if TYPE_CHECKING:
 
 
 def build(
-    data: Annotated[str, typer.Argument(help="Dataset: a name in `salframe data list`, a YAML file or a folder")],
+    data: Annotated[
+        str,
+        typer.Argument(
+            metavar="DATA", help="Dataset: a name in `salframe data list`, a YAML file, or a folder with manifest.json"
+        ),
+    ],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="MAP", help="Folder to write the map to")],
-    method: Annotated[str, typer.Option(help="Localization method; see `salframe methods`")] = MAP_METHOD,
+    method: Annotated[
+        str, typer.Option(metavar="METHOD", help="Localization method that uses the map; see `salframe methods`")
+    ] = MAP_METHOD,
     topology: Annotated[
         bool,
         typer.Option(
-            "--topology/--no-topology", help="Include nodes and edges for routes (needs floor masks or range images)"
+            "--topology/--no-topology", help="Include a topology (graph for routes); needs floor masks or range images"
         ),
     ] = True,
     central_nodes: Annotated[
         bool,
         typer.Option(
-            "--central-nodes", help="Put one node in the widest part of each room (default: one per panorama)"
+            "--central-nodes",
+            help="Place one topology node in the widest part of each room (default: at each panorama)",
         ),
     ] = False,
     calibrate: Annotated[
         bool,
         typer.Option(
-            "--calibrate/--no-calibrate", help="Use the panoramas of the map to calibrate the probabilities of answers"
+            "--calibrate/--no-calibrate", help="Calibrate the probabilities of answers with the panoramas of the map"
         ),
     ] = True,
     floor_map: Annotated[
         Path | None,
-        typer.Option(metavar="MAP.yaml", help="Occupancy map of ROS map_server, for a dataset without floor masks"),
+        typer.Option(
+            metavar="MAP.yaml", help="Occupancy map (ROS map_server) to use as the floor mask of a dataset without any"
+        ),
     ] = None,
     data_dir: DataDir = None,
     overrides: SetForMethod = None,

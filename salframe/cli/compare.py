@@ -25,11 +25,13 @@ from salframe.cli.output import show
 @with_common_options()
 def compare(
     methods: Methods = METHODS,
-    reported: Annotated[bool, typer.Option("--reported", help="Also print the results that papers report")] = False,
+    reported: Annotated[
+        bool, typer.Option("--reported", help="Also print results from papers, for comparison")
+    ] = False,
     *,
     options: CommonOptions,
 ) -> None:
-    """Compare methods on the same queries.
+    """Compare localization methods on the same queries.
 
     A query is a panorama, or another view, to localize. Prints the accuracy, the times and the map size of each method.
     Run the same command again to resume an interrupted run.
@@ -42,19 +44,26 @@ def compare(
 
 
 @with_common_options(
-    data=(Annotated[str | None, typer.Option(help="Dataset to use instead of the one in FILE")], None),
-    timeout=(timeout_option("query, pair of frames or episode"), None),
+    data=(
+        Annotated[str | None, typer.Option(metavar="DATASET", help="Dataset to use instead of the one in FILE")],
+        None,
+    ),
+    timeout=(timeout_option("query or episode"), None),
 )
 def ablate(
     file: Annotated[
-        Path, typer.Argument(help="YAML file with the keys `method` and `vary`, or name of a built-in ablation")
+        Path,
+        typer.Argument(
+            metavar="FILE", help="YAML file with the keys `method` and `vary`, or a built-in name such as departures"
+        ),
     ],
     *,
     options: CommonOptions,
 ) -> None:
-    """Measure the effect of settings of a method.
+    """Measure how the settings of a method change its results.
 
-    Runs the method with each combination of the values in FILE. Prints a table with a row for each combination.
+    FILE states the method (key `method`), and a list of values for each setting (key `vary`). Runs the method with each
+    combination of the values. Prints a table with a row for each combination.
     """
     from salframe.evaluation.studies.study import ablate as run
     from salframe.evaluation.studies.study import read_study
@@ -64,14 +73,16 @@ def ablate(
 
 
 def evaluate(
-    run: Annotated[Path, typer.Argument(help="Folder of a run, such as runs/house-12-1a2b3c4d")],
+    run: Annotated[
+        Path, typer.Argument(metavar="RUN", help="Run folder that a command wrote, such as runs/house-12-1a2b3c4d")
+    ],
     style: Style = "table",
     columns: Columns = None,
     as_json: Json = False,
 ) -> None:
     """Recompute the metrics of a run from its stored answers.
 
-    Does not run the methods again.
+    The methods do not run again.
     """
     from salframe.evaluation.finished_runs import evaluate as measure
 

@@ -89,8 +89,8 @@ def labels(data: DataArgument, data_dir: DataDir = None, overrides: SetForData =
     """List the labels of the annotated objects of a dataset, with the number of objects of each label.
 
     The vocabulary is the list of labels and synonyms that salframe knows. Methods compare labels by their names in the
-    vocabulary. A label that is not in the vocabulary is listed with the most similar names. The exit status is 1
-    if a panorama cannot be read.
+    vocabulary. A label that is not in the vocabulary is listed with the most similar names. The exit status is 1 if a
+    panorama cannot be read.
     """
     from collections import Counter
     from dataclasses import asdict
@@ -139,9 +139,10 @@ def render(
     engine: EngineName = ENGINE,
     workers: Workers = None,
 ) -> None:
-    """Render or index the images of a dataset in advance.
+    """Render or index the images of a dataset before other commands need them.
 
-    Other commands do this when they first use the dataset. Run the same command again to resume an interrupted run.
+    Otherwise, the first command that uses the dataset does this. Run the same command again to resume an interrupted
+    run.
     """
     from salframe.cli.output import Bars
     from salframe.panoramas.opening import find_dataset
@@ -153,32 +154,48 @@ def render(
 
 @app.command("import")
 def import_(
-    format: Annotated[str, typer.Argument(help="Format of the recording; see the importers in `salframe plugins`")],
-    source: Annotated[Path, typer.Argument(help="Folder or file of the recording")],
+    format: Annotated[
+        str,
+        typer.Argument(metavar="FORMAT", help="Format of the recording, such as rosbag; see `salframe show importer`"),
+    ],
+    source: Annotated[Path, typer.Argument(metavar="SOURCE", help="Folder or file of the recording")],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Folder to write the dataset to")],
     place_from: Annotated[
         Literal["column", "region", "folder", "none"] | None,
-        typer.Option(help="Source of place names (default: the first one with a name for each panorama)"),
+        typer.Option(help="Source of place names (default: the first one that names the place of each panorama)"),
     ] = None,
     queries: Annotated[
         str | None,
         typer.Option(
-            metavar="every:N|FILE", help="Panoramas to use as queries: every Nth with a pose, or a file with their ids"
+            metavar="every:N|FILE",
+            help="Panoramas that become queries: every Nth with a pose, or those in a text file (one id per line)",
         ),
     ] = None,
     every: Annotated[
-        str | None, typer.Option(metavar="Nm|Ns", help="Minimum distance or time between panoramas, such as 0.5m or 2s")
+        str | None,
+        typer.Option(
+            metavar="Nm|Ns",
+            help="Leave out panoramas nearer to the previous one than this distance or time, such as 0.5m or 2s",
+        ),
     ] = None,
     floors: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="YAML file that lists floor masks (plan images), for places and routes"),
+        typer.Option(
+            metavar="FILE",
+            help="YAML file that lists floor masks, for place names and routes; see `salframe docs import`",
+        ),
     ] = None,
     overrides: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Change a setting of the importer, which reads the recording"),
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="Change a setting of the importer that reads the recording, such as poses=tf; see `salframe "
+            "show FORMAT`",
+        ),
     ] = None,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Read some panoramas, print a summary and draw pictures; write no dataset")
+        bool, typer.Option("--dry-run", help="Print a summary, and draw some panoramas and all poses; write no dataset")
     ] = False,
     as_json: Json = False,
 ) -> None:

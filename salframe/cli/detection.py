@@ -13,9 +13,11 @@ from salframe.cli.output import show
 @with_common_options(without=["seed"], timeout=(timeout_option("panorama"), None), overrides=(SetForDetectors, None))
 def detection(
     detectors: Annotated[
-        str, typer.Option(help="Detectors to measure, comma-separated; see `salframe plugins`")
+        str, typer.Option(metavar="NAMES", help="Detectors to measure, comma-separated; see `salframe show detector`")
     ] = DETECTORS,
-    classes: Annotated[bool, typer.Option("--classes", help="Also print the results of each class of objects")] = False,
+    classes: Annotated[
+        bool, typer.Option("--classes", help="Also print the results for each object class, such as chair")
+    ] = False,
     *,
     options: CommonOptions,
 ) -> None:

@@ -16,7 +16,10 @@ SECTIONS = ("index", "tutorials", "how-to", "results", "explanation", "reference
 
 def docs(
     page: Annotated[
-        str | None, typer.Argument(help="Page to open, such as `maps` or `results/scale` (default: list the pages)")
+        str | None,
+        typer.Argument(
+            metavar="PAGE", help="Page to open, such as `maps` or `results/scale` (default: list the pages)"
+        ),
     ] = None,
     as_json: Json = False,
 ) -> None:

@@ -20,22 +20,25 @@ ALL = "all"
 @with_common_options(without=["data", "overrides", "name", "timeout", "memory"])
 def experiment(
     name: Annotated[
-        str | None, typer.Argument(help="Name of an experiment, YAML file, or `all` (default: list the experiments)")
+        str | None,
+        typer.Argument(metavar="NAME", help="Experiment: a name, a YAML file, or `all` (default: list the names)"),
     ] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="Use fewer seeds, queries and methods")] = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Measure faster, with fewer seeds, queries and methods")
+    ] = False,
     force: Annotated[
         bool, typer.Option("--force", help="Repeat measurements even if their results are stored")
     ] = False,
     results: Annotated[
-        Path, typer.Option(metavar="DIR", help="Folder to store the tables in, one JSON file per experiment")
+        Path, typer.Option(metavar="DIR", help="Folder to store the tables in, with one JSON file for each experiment")
     ] = Path("results"),
     *,
     options: CommonOptions,
 ) -> None:
     """Measure the tables of an experiment and store them.
 
-    An experiment is a set of tables, such as those on the results pages. If a table is already stored for the same
-    settings and versions, it is printed and not measured again. Tables of real buildings need --data-dir. Run the same
+    An experiment is a set of tables, such as those in `salframe docs results`. A table that is already stored for the
+    same settings and versions is printed and not measured again. Tables of real buildings need --data-dir. Run the same
     command again to resume an interrupted run.
     """
     from salframe.cli.tables import format_experiment, print_experiment, print_table

@@ -11,30 +11,40 @@ from salframe.cli.options import DataDir, SetForMethod
 
 
 def fit(
-    method: Annotated[str, typer.Argument(help="Method to fit; it must have the setting `posterior`")],
+    method: Annotated[
+        str,
+        typer.Argument(metavar="METHOD", help="Method to fit, such as proposed; it must have the setting `posterior`"),
+    ],
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="FILE.yaml", help="YAML file to write the fitted parameters to")
     ],
-    data: Annotated[list[str], typer.Option(help="Dataset to fit to (do not report results on it); repeatable")],
+    data: Annotated[
+        list[str],
+        typer.Option(metavar="DATASET", help="Dataset to fit to, on which you do not report results; repeatable"),
+    ],
     tries: Annotated[
         list[str] | None,
         typer.Option(
             "--try",
-            metavar="KEY.PATH=VALUE,VALUE",
-            help="Try these values of a setting, and use the best one; repeatable",
+            metavar="KEY=VALUE,VALUE",
+            help="Try these values of a setting of the matching, and use the best one; repeatable",
         ),
     ] = None,
     posterior_only: Annotated[
-        bool, typer.Option("--posterior-only", help="Fit only the posterior, and do not change the weights")
+        bool,
+        typer.Option(
+            "--posterior-only", help="Fit only the posterior; do not change the weights or the settings of --try"
+        ),
     ] = False,
     data_dir: DataDir = None,
     overrides: SetForMethod = None,
 ) -> None:
     """Fit the parameters of a method to tuning data.
 
-    First selects the best values of --try. Then fits the weights of the parts of the score, if the method has weights.
-    Then fits the posterior, which converts scores to the probability of each place and the out-of-map probability. Use
-    the file with `--set posterior=FILE.yaml` and `--set weights=FILE.yaml`.
+    There are three steps. First, the best value of each setting in --try is selected. Then the weights of the terms of
+    the score are fitted, if the method has weights. Then the posterior is fitted, which converts scores to the
+    probability of each place and the out-of-map probability. Use the file with `--set posterior=FILE.yaml` and `--set
+    weights=FILE.yaml`.
     """
     from salframe.cli.output import Bars, tell
     from salframe.evaluation.studies.fitting import fit_method

@@ -23,9 +23,9 @@ Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Also print versi
 
 
 def methods(verbose: Verbose = False, as_json: Json = False) -> None:
-    """List the methods that `--methods` accepts.
+    """List the localization methods that `--methods` accepts.
 
-    Each line has the name, the package and the missing requirements of a method.
+    Each line has the name and the package of a method, and what it still requires, such as a Python package or weights.
     """
     from salframe.framework.components.installation import list_names
 
@@ -47,8 +47,9 @@ def _print_statuses(entries: Sequence[ComponentStatus], verbose: bool, indent: s
 def plugins(verbose: Verbose = False, as_json: Json = False) -> None:
     """List every component, preset and command.
 
-    A component is a detector, a dataset or another part of a plugin. Its role is its kind, such as detector. A preset
-    is a named set of settings. Each line has the name, the package and the missing requirements of a component.
+    A component is a class of a plugin, such as a detector or a dataset. Components are grouped by role (their kind). A
+    preset is a named set of settings. Each line has the name and the package of a component, and what it still
+    requires, such as a Python package or weights.
     """
     from salframe.framework.components.installation import list_components
     from salframe.framework.components.registry import load_commands, registry
@@ -83,14 +84,15 @@ def plugins(verbose: Verbose = False, as_json: Json = False) -> None:
 
 def show(
     name: Annotated[
-        str, typer.Argument(help="Name of a method, dataset or other component, or of a role such as detector")
+        str,
+        typer.Argument(metavar="NAME", help="Name of a method, dataset or other component, or a role such as detector"),
     ],
     verbose: Verbose = False,
     as_json: Json = False,
 ) -> None:
     """Show the settings of a component, or the components of a role.
 
-    A component is a method, a dataset or another part of a plugin. A role is a kind of component, such as detector.
+    A component is a class of a plugin, such as a method or a dataset. A role is a kind of component, such as detector.
     Each row has the name, the value, the type and the description of a setting.
     """
     from salframe.cli.tables import print_table

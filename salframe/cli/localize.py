@@ -26,49 +26,76 @@ if TYPE_CHECKING:
 
 
 def localize(
-    map: Annotated[Path, typer.Argument(help="Map folder written by `salframe build`")],
+    map: Annotated[Path, typer.Argument(metavar="MAP", help="Map folder that `salframe build` wrote")],
     frame: Annotated[
-        list[str] | None, typer.Argument(help="Image file of the query, or id of a frame of the dataset in --data")
+        list[str] | None,
+        typer.Argument(
+            metavar="FRAME",
+            help="Query: panorama file that a manifest.json lists (other files: --rgb), photograph, or id of a "
+            "panorama in --data",
+        ),
     ] = None,
-    views: Annotated[bool, typer.Option("--views", help="Localize all images together, as views of one query")] = False,
+    views: Annotated[
+        bool, typer.Option("--views", help="Localize several images (views) together, as one query")
+    ] = False,
     motion: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="CSV file with the camera pose of each view: t_s, x_m, y_m, z_m, yaw_deg"),
+        typer.Option(
+            metavar="FILE", help="CSV file with the camera pose of each view, in columns t_s, x_m, y_m, z_m, yaw_deg"
+        ),
     ] = None,
-    data: Annotated[str | None, typer.Option(help="Dataset that contains FRAME, if FRAME is an id")] = None,
+    data: Annotated[
+        str | None, typer.Option(metavar="DATASET", help="Dataset that contains the panorama whose id is FRAME")
+    ] = None,
     rgb: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Colour image of the query, instead of FRAME")
+        Path | None,
+        typer.Option(metavar="FILE", help="Colour image of the query, if no manifest.json lists it; replaces FRAME"),
     ] = None,
     range_image: Annotated[
         list[Path] | None,
-        typer.Option("--range", metavar="FILE", help="Range image, 16-bit PNG; with --views, one for each view"),
+        typer.Option(
+            "--range",
+            metavar="FILE",
+            help="Range image of the query (16-bit PNG); with --views, repeat it for each view",
+        ),
     ] = None,
     range_unit: RangeUnit = None,
     range_missing: RangeMissing = None,
     range_kind: Annotated[
         Literal["ray", "z", "cube"] | None,
-        typer.Option(help="Kind of distance in a range image (default: ray, or z for photographs)"),
+        typer.Option(
+            help="What a range image contains: distance along the ray of each pixel (ray), depth along the "
+            "optical axis of a photograph (z), or depth along the axis of a cube face (cube). Default: ray; for "
+            "photographs: z"
+        ),
     ] = None,
     fov: Fov = None,
     camera: CameraFile = None,
     instances: Annotated[
         list[Path] | None,
-        typer.Option(metavar="FILE", help="16-bit PNG of object ids (0: no object); with --views, one for each view"),
+        typer.Option(
+            metavar="FILE", help="Image of object ids (16-bit PNG, 0: no object); with --views, repeat it for each view"
+        ),
     ] = None,
     labels: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help='JSON file with the labels of the object ids, such as {"1": "bed"}'),
+        typer.Option(
+            metavar="FILE", help='JSON file that maps the object ids of --instances to labels, such as {"1": "bed"}'
+        ),
     ] = None,
     max_false_accept: Annotated[
         float | None,
         typer.Option(
             parser=number_parser("--max-false-accept", float, 0.001, 0.999),
             metavar="SHARE",
-            help="Maximum share of out-of-map queries that may be accepted, such as 0.05",
+            help="Maximum share of out-of-map queries to accept, such as 0.05; needs a calibrated map",
         ),
     ] = None,
     trajectory: Annotated[
-        Path | None, typer.Option(metavar="FILE.tum", help="File to write the pose to, in the TUM trajectory format")
+        Path | None,
+        typer.Option(
+            metavar="FILE.tum", help="File to write the pose to, in the TUM trajectory format with the timestamp 0"
+        ),
     ] = None,
     data_dir: DataDir = None,
     overrides: SetForData = None,
@@ -76,14 +103,17 @@ def localize(
 ) -> None:
     """Localize a panorama in a saved map.
 
-    Prints the places, best first, and the pose. If the answer is not accepted, also suggests how to turn the camera
-    to directions that the query does not show. By default, images are read as panoramas. With --fov or --camera, they
-    are read as photographs. With --views, several images form one query. List them in the order in which they were
-    taken; the pose is that of the last image. The file of --camera can contain T_base_camera, the pose of the camera on
-    the robot. The answer then has the pose of the robot's base. The values of --range-kind are ray (range along the
-    ray), z (depth along the optical axis of a photograph), and cube (depth along the axis of a cube face, for a
-    panorama stitched from cube faces). With --trajectory, the pose has the timestamp 0. If the answer has no pose, the
-    file has no poses.
+    Prints the places, best first, and the pose. If the place is too uncertain (the answer is not accepted), also
+    suggests how to turn the camera to directions that the query does not show.
+
+    By default, images are read as panoramas. With --fov or --camera, images are read as photographs. The file of
+    --camera can contain T_base_camera, the pose of the camera on a robot. The answer then has the pose of the robot's
+    base.
+
+    With --views, several images form one query. List the images in the order in which they were taken. The answer has
+    the pose of the last image.
+
+    With --trajectory, the file has no poses if the answer has no pose.
     """
     from salframe.cli.output import warn
     from salframe.cli.queries import QueryOptions

@@ -28,15 +28,20 @@ if TYPE_CHECKING:
     from salframe.topology.planner import Route
 
 app = typer.Typer(help="Build, change, draw and query the map of a building.", no_args_is_help=True)
-TopologyMap = Annotated[Path, typer.Argument(metavar="MAP", help="Map folder with a topology")]
+TopologyMap = Annotated[
+    Path,
+    typer.Argument(metavar="MAP", help="Map folder with a topology (see the option --topology of `salframe build`)"),
+]
 AnyMap = Annotated[Path, typer.Argument(metavar="MAP", help="Map folder")]
-PlannerName = Annotated[str, typer.Option("--planner", help="Planner that computes the route; see `salframe plugins`")]
+PlannerName = Annotated[
+    str, typer.Option("--planner", metavar="NAME", help="Planner that computes the route; see `salframe show planner`")
+]
 Heading = Annotated[
     float | None,
     typer.Option(
         parser=number_parser("--heading", float, -MAX_ANGLE_DEG, MAX_ANGLE_DEG),
         metavar="DEG",
-        help="Heading at the start (degrees, counter-clockwise from the world x axis)",
+        help="Heading at the start, for the first turn (degrees counter-clockwise from the world x axis)",
     ),
 ]
 
@@ -56,7 +61,7 @@ def add(
 ) -> None:
     """Add the places of a dataset to a map.
 
-    Uses the method and the settings of the map. Places that the map already contains are replaced.
+    Uses the method and the settings of the map. A place of the dataset replaces a place of the map with the same name.
     """
     from salframe.cli.output import Bars, tell
     from salframe.topology.map_changes import add_to_map
@@ -77,10 +82,12 @@ def add(
 @app.command()
 def remove(
     map: AnyMap,
-    places: Annotated[list[str], typer.Argument(metavar="PLACE...", help="Names of the places to remove")],
+    places: Annotated[
+        list[str], typer.Argument(metavar="PLACE", help="Names of the places to remove, such as kitchen-01")
+    ],
     as_json: Json = False,
 ) -> None:
-    """Remove places, and their areas in the floor masks, from a map."""
+    """Remove places (rooms or doorways) from a map, and the areas of these places from its floor masks."""
     from salframe.topology.map_changes import remove_from_map
 
     _print_change(map, remove_from_map(map, places), as_json)
@@ -91,7 +98,9 @@ def merge(
     map: AnyMap,
     others: Annotated[
         list[Path],
-        typer.Argument(metavar="OTHER...", help="Map folders to add, with the same method, settings and world frame"),
+        typer.Argument(
+            metavar="OTHER", help="Map folders to add, which have the same method, settings and world frame as MAP"
+        ),
     ],
     as_json: Json = False,
 ) -> None:
@@ -106,7 +115,7 @@ def merge(
 
 @app.command()
 def calibrate(map: AnyMap, as_json: Json = False) -> None:
-    """Calibrate the probabilities of a map with its reference frames.
+    """Calibrate the probabilities of answers with the reference frames of a map.
 
     `salframe build` does this, and each change of a calibrated map does it again.
     """
@@ -123,19 +132,27 @@ def calibrate(map: AnyMap, as_json: Json = False) -> None:
 @app.command()
 def connect(
     map: TopologyMap,
-    start: Annotated[str | None, typer.Argument(metavar="FROM", help="Node or place on one floor")] = None,
-    end: Annotated[str | None, typer.Argument(metavar="TO", help="Node or place on another floor")] = None,
+    start: Annotated[
+        str | None, typer.Argument(metavar="FROM", help="Place or topology node at one end of the connection")
+    ] = None,
+    end: Annotated[
+        str | None, typer.Argument(metavar="TO", help="Place or topology node at the other end, on another floor")
+    ] = None,
     kind: Annotated[str, typer.Option(metavar="KIND", help="Kind of the connection: stairs or lift")] = "stairs",
     length: Annotated[
-        float | None, typer.Option(metavar="M", help="Length of the connection in metres; routes include it")
+        float | None,
+        typer.Option(metavar="M", help="Length of the connection in metres, as a part of the length of routes"),
     ] = None,
     file: Annotated[
-        Path | None, typer.Option(metavar="FILE.csv", help="CSV table of connections: start, end, kind, length_m")
+        Path | None,
+        typer.Option(
+            metavar="FILE.csv", help="CSV file of connections, with the columns start, end, kind and length_m"
+        ),
     ] = None,
 ) -> None:
     """Connect floors of a map by stairs or a lift, so that routes can cross them.
 
-    Give FROM, TO and --length for one connection, or --file for several.
+    Set FROM, TO and --length for one connection, or --file for several connections.
     """
     from salframe.framework.errors import ConfigError
     from salframe.framework.validation import validate
@@ -169,7 +186,7 @@ def show(
 ) -> None:
     """Draw a map with its floor, rooms, nodes and edges, and print its calibration.
 
-    Nodes are positions in rooms and doorways. Edges are labelled with their lengths and azimuths.
+    Nodes are positions in rooms and doorways. Edges connect nodes, and are labelled with lengths and azimuths.
     """
     from salframe.cli.calibration import describe_calibration
     from salframe.drawing.floor_picture import draw_topology
@@ -185,8 +202,12 @@ def show(
 @app.command()
 def route(
     map: TopologyMap,
-    start: Annotated[str, typer.Argument(metavar="FROM", help="Node, place or sign to start from")],
-    goal: Annotated[str, typer.Argument(metavar="TO", help="Node, place or sign to go to")],
+    start: Annotated[
+        str, typer.Argument(metavar="FROM", help="Start of the route: a place, a topology node, or the text of a sign")
+    ],
+    goal: Annotated[
+        str, typer.Argument(metavar="TO", help="Goal of the route: a place, a topology node, or the text of a sign")
+    ],
     planner: PlannerName = PLANNER,
     heading: Heading = None,
     as_json: Json = False,
@@ -212,10 +233,18 @@ def route(
 def query(
     map: AnyMap,
     frame: Annotated[
-        str, typer.Argument(help="Image listed in a manifest.json, or id of a frame of the dataset in --data")
+        str,
+        typer.Argument(
+            metavar="FRAME", help="Query: panorama file that a manifest.json lists, or id of a panorama in --data"
+        ),
     ],
-    data: Annotated[str | None, typer.Option(help="Dataset that contains FRAME, if FRAME is an id")] = None,
-    goal: Annotated[str | None, typer.Option("--to", metavar="GOAL", help="Node, place or sign to go to")] = None,
+    data: Annotated[
+        str | None, typer.Option(metavar="DATASET", help="Dataset that contains the panorama whose id is FRAME")
+    ] = None,
+    goal: Annotated[
+        str | None,
+        typer.Option("--to", metavar="GOAL", help="Goal of the route: a place, a topology node, or the text of a sign"),
+    ] = None,
     planner: PlannerName = PLANNER,
     data_dir: DataDir = None,
     overrides: SetForData = None,
@@ -224,8 +253,8 @@ def query(
     """Localize a panorama in a map and print the nearest node.
 
     Nodes are positions in rooms and doorways, for routes. With --to, also prints the route from the nearest node to
-    GOAL. The first turn of the route is relative to the estimated heading. If there is no route, prints the reason and
-    exits with status 1.
+    GOAL. The first turn of the route is relative to the estimated heading. If there is no route, the command prints the
+    reason, and the exit status is 1.
     """
     import numpy as np
 
@@ -271,7 +300,7 @@ def export(
         str | None,
         typer.Option(
             metavar="LAT,LON,BEARING",
-            help="For .geojson: latitude and longitude of the origin, bearing of +y (degrees)",
+            help="For .geojson: latitude and longitude of the map origin, and compass bearing of +y (degrees)",
         ),
     ] = None,
 ) -> None:

@@ -6,12 +6,12 @@ from salframe.cli.options import MATCHING_METHODS, CommonOptions, Methods, timeo
 from salframe.cli.output import show
 
 
-@with_common_options(without=["seed"], timeout=(timeout_option("pair of frames"), None))
+@with_common_options(without=["seed"], timeout=(timeout_option("query"), None))
 def matching(methods: Methods = MATCHING_METHODS, *, options: CommonOptions) -> None:
     """Measure how many matches of a method are correct.
 
-    A match is a pair of corresponding points or objects. Each query is matched with the nearest reference frame of its
-    room. Run the same command again to resume an interrupted run.
+    A match is a pair of corresponding points or objects in two panoramas. Each query is matched with the nearest
+    reference frame (panorama of the map) of its room. Run the same command again to resume an interrupted run.
     """
     from salframe.evaluation.tasks.matching.task import MatchingTask, measure_matching
 

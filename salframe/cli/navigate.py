@@ -18,12 +18,26 @@ from salframe.cli.options import (
 )
 from salframe.cli.output import show
 
-Worlds = Annotated[str, typer.Option(help="Dataset that supports navigation, such as house-12")]
+Worlds = Annotated[
+    str,
+    typer.Option(
+        metavar="DATASET", help="Dataset that supports navigation, such as house-12 or matterport-annotations"
+    ),
+]
 NavigationSettings = Annotated[
-    list[str] | None, set_option("Change KEY (all methods), METHOD.KEY, navigation.KEY, data.KEY or engine.KEY")
+    list[str] | None,
+    set_option(
+        "Change a setting of all methods (KEY), one method (METHOD.KEY), the agent (navigation.KEY), the "
+        "dataset (data.KEY) or the engine (engine.KEY), such as data.seed=1"
+    ),
 ]
 NavigationSeed = Annotated[
-    int, typer.Option(parser=parse_seed, metavar="N", help="Seed of episodes, noise and confidence intervals")
+    int,
+    typer.Option(
+        parser=parse_seed,
+        metavar="N",
+        help="Random seed of the episodes, the simulated errors and the confidence intervals",
+    ),
 ]
 
 
@@ -39,22 +53,26 @@ def navigate(
         str,
         typer.Option(
             metavar="N|FILE|BENCHMARK:SPLIT",
-            help="Number of random episodes, JSON file, or benchmark such as reverie:val_seen",
+            help="Number of random episodes, a JSON file of episodes, or a benchmark and its split, such as "
+            "reverie:val_seen",
         ),
     ] = "100",
     positioning: Annotated[
         Literal["on", "off", "both", "all"],
-        typer.Option(help="What the agent uses of an answer: its pose (on), or only its place (off)"),
+        typer.Option(
+            help="Agents to measure: with the poses of answers (on), with their places only (off), both, or "
+            "both and an agent that knows its true place (all)"
+        ),
     ] = "on",
     *,
     options: CommonOptions,
 ) -> None:
     """Measure how well an agent navigates with each method.
 
-    In each episode, the agent walks from a start to a goal, and localizes itself with the method. With --positioning
-    on, it uses the poses of the answers. With off, it uses only their places. With both, each method is measured in
-    both ways. With all, an agent that knows its true place is measured too. Run the same command again to resume an
-    interrupted run.
+    In each episode, an agent walks from a start to a goal, and localizes itself with the method. With --positioning on,
+    the agent uses the poses of the answers. With off, the agent uses only the places of the answers and odometry. With
+    both, an agent of each kind is measured for each method. With all, an agent that knows its true place is measured
+    too. Run the same command again to resume an interrupted run.
     """
     from salframe.evaluation.tasks.navigation.options import Positioning
     from salframe.evaluation.tasks.navigation.task import NavigationTask

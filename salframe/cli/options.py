@@ -66,10 +66,28 @@ def limit_parser(option: str) -> Callable[[Any], float | None]:
     return parse
 
 
-Methods = Annotated[str, typer.Option(help="Methods, comma-separated: names in `salframe methods`, or YAML files")]
-Data = Annotated[str, typer.Option(help="Dataset: a name in `salframe data list`, a YAML file or a folder")]
-DataArgument = Annotated[str, typer.Argument(help="Dataset: a name in `salframe data list`, a YAML file or a folder")]
-DataDir = Annotated[Path | None, typer.Option(help="Folder with the files of the dataset, if you downloaded them")]
+Methods = Annotated[
+    str,
+    typer.Option(
+        metavar="NAMES", help="Localization methods, comma-separated: names in `salframe methods` or YAML files"
+    ),
+]
+Data = Annotated[
+    str,
+    typer.Option(
+        metavar="DATASET", help="Dataset: a name in `salframe data list`, a YAML file, or a folder with manifest.json"
+    ),
+]
+DataArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="DATA", help="Dataset: a name in `salframe data list`, a YAML file, or a folder with manifest.json"
+    ),
+]
+DataDir = Annotated[
+    Path | None,
+    typer.Option(metavar="DIR", help="Folder with the downloaded files; required for datasets such as matterport3d"),
+]
 
 
 def set_option(help: str) -> Any:
@@ -78,55 +96,86 @@ def set_option(help: str) -> Any:
     Args:
         help: The help text, which names the keys that the command accepts.
     """
-    return typer.Option("--set", metavar="KEY.PATH=VALUE", help=help)
+    return typer.Option("--set", metavar="KEY=VALUE", help=help)
 
 
 Set = Annotated[
-    list[str] | None, set_option("Change a setting: KEY (all methods), METHOD.KEY (one), data.KEY or engine.KEY")
+    list[str] | None,
+    set_option(
+        "Change a setting of all methods (KEY), one method (METHOD.KEY), the dataset (data.KEY) or the "
+        "engine (engine.KEY), such as data.seed=1"
+    ),
 ]
 SetForDetectors = Annotated[
-    list[str] | None, set_option("Change a setting: KEY (all detectors), DETECTOR.KEY (one), data.KEY or engine.KEY")
+    list[str] | None,
+    set_option(
+        "Change a setting of all detectors (KEY), one detector (DETECTOR.KEY), the dataset (data.KEY) or "
+        "the engine (engine.KEY), such as data.seed=1"
+    ),
 ]
 SetForMethod = Annotated[
-    list[str] | None, set_option("Change a setting: KEY of the method, data.KEY of the dataset, or engine.KEY")
+    list[str] | None,
+    set_option(
+        "Change a setting of the method (KEY), the dataset (data.KEY) or the engine (engine.KEY), such as data.seed=1"
+    ),
 ]
 SetForData = Annotated[
-    list[str] | None, set_option("Change a setting: data.KEY of the dataset, or engine.KEY of the engine")
+    list[str] | None,
+    set_option("Change a setting of the dataset (data.KEY) or the engine (engine.KEY), such as data.seed=1"),
 ]
 Name = Annotated[
-    str | None, typer.Option(help="First part of the name of the run folder (default: name of the dataset)")
+    str | None, typer.Option(metavar="NAME", help="Prefix of the name of the run folder (default: name of the dataset)")
 ]
-Runs = Annotated[Path, typer.Option(help="Folder that contains the run folders")]
-EngineName = Annotated[str, typer.Option("--engine", help="Engine that distributes the work, see `salframe plugins`")]
+Runs = Annotated[Path, typer.Option(metavar="DIR", help="Parent folder of the run folders, which store the results")]
+EngineName = Annotated[
+    str,
+    typer.Option(
+        "--engine",
+        metavar="NAME",
+        help="Engine that runs the work: processes, ray (a cluster) or inline (for debugging)",
+    ),
+]
 Workers = Annotated[
     int | None,
     typer.Option(
         "--workers",
         parser=number_parser("--workers", int, 1, MAX_WORKERS),
         metavar="N",
-        help="Number of worker processes (default: one per core; 1 while measuring times)",
+        help="Number of worker processes (default: one per core to render images, otherwise 1)",
     ),
 ]
 parse_seed = number_parser("--seed", int, 0, MAX_SEED)
-Seed = Annotated[int, typer.Option(parser=parse_seed, metavar="N", help="Random seed of the confidence intervals")]
+Seed = Annotated[
+    int, typer.Option(parser=parse_seed, metavar="N", help="Random seed for the bootstrap of the confidence intervals")
+]
 Style = Annotated[
     Literal["table", "md", "latex", "csv"],
-    typer.Option("--format", help="Format of the tables; csv does not round numbers"),
+    typer.Option("--format", help="Format of the printed tables; csv has all columns, and numbers are not rounded"),
 ]
 Columns = Annotated[
     str | None,
-    typer.Option("--columns", metavar="NAMES", help="Columns to print, comma-separated (default: the main columns)"),
+    typer.Option(
+        "--columns",
+        metavar="NAMES",
+        help="Columns of the tables, comma-separated (default: main columns; an unknown name lists all)",
+    ),
 ]
 Timeout = Annotated[
     float | None,
     typer.Option(
-        "--timeout", parser=limit_parser("--timeout"), metavar="SECONDS", help="Time limit for each query, in seconds"
+        "--timeout",
+        parser=limit_parser("--timeout"),
+        metavar="SECONDS",
+        help="Time limit for each query, in seconds (default: no limit)",
     ),
 ]
 Memory = Annotated[
     float | None,
     typer.Option(
-        "--memory", parser=limit_parser("--memory"), metavar="MB", help="Memory limit for each method, in megabytes"
+        "--memory",
+        parser=limit_parser("--memory"),
+        metavar="MB",
+        help="Memory limit for each method, in megabytes (default: no limit)",
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON")]
@@ -135,12 +184,17 @@ RangeUnit = Annotated[
     typer.Option(
         parser=number_parser("--range-unit", float, 1e-6, 1.0),
         metavar="METRES",
-        help="Metres per unit of range pixels (default: 0.001, that is, millimetres)",
+        help="Metres per unit of a range image (default: 0.001, pixel values in millimetres)",
     ),
 ]
 RangeMissing = Annotated[
     list[int] | None,
-    typer.Option(metavar="VALUE", min=0, max=65535, help="Pixel value for unknown range, in addition to 0; repeatable"),
+    typer.Option(
+        metavar="VALUE",
+        min=0,
+        max=65535,
+        help="Pixel value that means unknown range, such as 65535, in addition to 0; repeatable",
+    ),
 ]
 
 Fov = Annotated[
@@ -148,12 +202,16 @@ Fov = Annotated[
     typer.Option(
         parser=number_parser("--fov", float, MIN_FOV_DEG, MAX_FOV_DEG),
         metavar="DEG",
-        help="Horizontal field of view of the photographs, in degrees",
+        help="Read images as photographs with this horizontal field of view, in degrees",
     ),
 ]
 CameraFile = Annotated[
     Path | None,
-    typer.Option("--camera", metavar="FILE", help="JSON file with the calibration of the photographs' camera"),
+    typer.Option(
+        "--camera",
+        metavar="FILE",
+        help="Read images as photographs by the camera in this JSON file (intrinsics, distortion)",
+    ),
 ]
 
 
@@ -165,7 +223,7 @@ def timeout_option(item: str) -> Any:
             "--timeout",
             parser=limit_parser("--timeout"),
             metavar="SECONDS",
-            help=f"Time limit for each {item}, in seconds",
+            help=f"Time limit for each {item}, in seconds (default: no limit)",
         ),
     ]
 

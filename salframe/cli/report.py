@@ -12,17 +12,21 @@ from salframe.cli.options import Columns, split_names
 
 def report(
     runs: Annotated[
-        list[Path], typer.Argument(metavar="RUN...", help="Folders of runs, all of the same command, such as `compare`")
+        list[Path],
+        typer.Argument(
+            metavar="RUN", help="Run folders to compare, all written by the same command, such as `compare`"
+        ),
     ],
-    output: Annotated[Path, typer.Option("--output", "-o", help="HTML file to write the report to")] = Path(
-        "report.html"
-    ),
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FILE.html", help="HTML file to write the report to")
+    ] = Path("report.html"),
     full: Annotated[bool, typer.Option("--full", help="Include panoramas in full size instead of thumbnails")] = False,
     columns: Columns = None,
 ) -> None:
     """Write an HTML report that compares runs.
 
-    The report is one file that can be read offline. It shows the runs side by side, and the details of every query.
+    The report is one file that can be read offline. It shows the results of the runs side by side, and the details of
+    every query.
     """
     from salframe.cli.output import Bars, tell
     from salframe.evaluation.finished_runs import write_report

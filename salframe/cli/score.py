@@ -13,18 +13,15 @@ from salframe.cli.output import print_json
 
 def score(
     task: Annotated[
-        str,
-        typer.Argument(
-            metavar="BENCHMARK", help="Name of the benchmark, such as reverie: a scorer in `salframe plugins`"
-        ),
+        str, typer.Argument(metavar="BENCHMARK", help="Benchmark, such as reverie; see `salframe show scorer`")
     ],
-    file: Annotated[Path, typer.Argument(help="File of answers in the format of the benchmark")],
-    data: Annotated[Path, typer.Option(metavar="DIR", help="Folder with the data of the benchmark")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="File with the answers, in the format of the benchmark")],
+    data: Annotated[Path, typer.Option(metavar="DIR", help="Folder with the downloaded data of the benchmark")],
     as_json: Json = False,
 ) -> None:
     """Score a file of answers to a benchmark.
 
-    Any program can write the file. Prints the metrics of the benchmark, one row for each split of its data.
+    Any program can write the file. Prints the metrics of the benchmark, in one row for each split (part) of its data.
     """
     from salframe.cli.tables import print_table
     from salframe.evaluation.scorer import score as run

@@ -10,10 +10,17 @@ import typer
 from salframe.cli.options import DATA, MAX_SEED, CommonOptions, number_parser, split_names, with_common_options
 from salframe.cli.output import Bars, print_json, tell
 
-SensorData = Annotated[str, typer.Option(help="Datasets with annotations and range images, comma-separated")]
+SensorData = Annotated[
+    str, typer.Option(metavar="DATASETS", help="Datasets with annotations and range images, comma-separated")
+]
 SensorSettings = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY.PATH=VALUE", help="Change a setting: data.KEY, detector.KEY or engine.KEY"),
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change a setting of the detector (detector.KEY), the dataset (data.KEY) or the engine "
+        "(engine.KEY), such as detector.min_score=0.5",
+    ),
 ]
 
 
@@ -21,12 +28,23 @@ SensorSettings = Annotated[
     without=["seed", "timeout", "memory", "style", "columns"], data=(SensorData, DATA), overrides=(SensorSettings, None)
 )
 def sensor(
-    detector: Annotated[str, typer.Argument(help="Detector to measure; see `salframe plugins`")],
+    detector: Annotated[
+        str, typer.Argument(metavar="DETECTOR", help="Detector to measure; see `salframe show detector`")
+    ],
     seeds: Annotated[
-        str, typer.Option(help="Seeds of a generated dataset, comma-separated (default: the setting data.seed)")
+        str,
+        typer.Option(
+            metavar="N,N", help="Seeds of a generated dataset, such as 100,101 (default: the setting data.seed)"
+        ),
     ] = "",
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="FILE", help="JSON file to write the sensor model to")
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FILE",
+            help="JSON file to write the sensor model to, for the setting detector.noise",
+        ),
     ] = None,
     *,
     options: CommonOptions,

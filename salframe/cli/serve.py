@@ -14,32 +14,45 @@ MIN_TOKEN = 16
 
 
 def serve(
-    map: Annotated[Path, typer.Argument(help="Map folder written by `salframe build`")],
+    map: Annotated[Path, typer.Argument(metavar="MAP", help="Map folder that `salframe build` wrote")],
     host: Annotated[
-        str, typer.Option(help="Address to listen on; addresses other than 127.0.0.1 need a token")
+        str,
+        typer.Option(
+            metavar="ADDRESS", help="Network address to listen on; all except 127.0.0.1 (this machine) need a token"
+        ),
     ] = "127.0.0.1",
     port: Annotated[
         int,
         typer.Option(
-            parser=number_parser("--port", int, 0, 65535), metavar="PORT", help="Port to listen on; 0: a free port"
+            parser=number_parser("--port", int, 0, 65535),
+            metavar="PORT",
+            help="Port to listen on, from 1 to 65535, or 0 for any free port",
         ),
     ] = 8360,
     token_file: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="File with the token that requests must send")
+        Path | None,
+        typer.Option(metavar="FILE", help="Text file with the token that requests must send, 16 characters or more"),
     ] = None,
     allow_origin: Annotated[
         list[str] | None,
-        typer.Option(metavar="ORIGIN", help="Allow requests from web pages of this site, such as https://example.org"),
+        typer.Option(
+            metavar="ORIGIN",
+            help="Allow requests from the web pages of a site, such as https://example.org; repeatable",
+        ),
     ] = None,
     overrides: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="LIMIT=VALUE", help="Change a limit of the server, such as max_sessions=10"),
+        typer.Option(
+            "--set",
+            metavar="LIMIT=VALUE",
+            help="Change a limit of the server, such as max_sessions=10; see `salframe docs serve`",
+        ),
     ] = None,
 ) -> None:
     """Serve a map over HTTP.
 
-    Opens the map, then the port, and prints the address. A browser shows a page at this address. Programs can send HTTP
-    requests; the page `/api` describes them. If --host is not 127.0.0.1 (loopback), requests must send a token.
+    Opens the map, then the port, and prints the address. Open this address in a browser, or send HTTP requests from a
+    program. The page `/api` describes the requests. If --host is not 127.0.0.1 (loopback), requests must send a token.
     Without --token-file, the server creates a token and prints it. After SIGTERM, the server finishes the requests in
     progress and exits.
     """

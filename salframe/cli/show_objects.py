@@ -17,23 +17,33 @@ def show_objects(
         typer.Argument(metavar="IMAGE", help="Equirectangular panoramas, or photographs with --fov or --camera"),
     ],
     detector: Annotated[
-        str | None, typer.Option(help="Detector that finds the objects; see `salframe plugins` (default: auto)")
+        str | None,
+        typer.Option(
+            metavar="NAME", help="Detector that finds the objects; see `salframe show detector` (default: auto)"
+        ),
     ] = None,
     overrides: Annotated[
         list[str] | None,
         typer.Option(
-            "--set", metavar="KEY.PATH=VALUE", help="Change a setting: detector.KEY, saliency.KEY or graph.KEY"
+            "--set",
+            metavar="KEY=VALUE",
+            help="Change a setting of the detector (detector.KEY), the saliency (saliency.KEY) or the "
+            "graph (graph.KEY), such as detector.min_score=0.5",
         ),
     ] = None,
     range_image: Annotated[
         Path | None,
-        typer.Option("--range", metavar="FILE", help="Range image of IMAGE, 16-bit PNG; only with a single IMAGE"),
+        typer.Option("--range", metavar="FILE", help="Range image (16-bit PNG) of IMAGE; only with a single IMAGE"),
     ] = None,
     range_unit: RangeUnit = None,
     range_missing: RangeMissing = None,
     range_kind: Annotated[
         Literal["ray", "z", "cube"] | None,
-        typer.Option(help="Kind of distance in a range image (default: ray, or z for photographs)"),
+        typer.Option(
+            help="What a range image contains: distance along the ray of each pixel (ray), depth along the "
+            "optical axis of a photograph (z), or depth along the axis of a cube face (cube). Default: ray; for "
+            "photographs: z"
+        ),
     ] = None,
     fov: Fov = None,
     camera: CameraFile = None,
@@ -42,7 +52,7 @@ def show_objects(
         typer.Option(
             parser=number_parser("--elevation", float, -90.0, 90.0),
             metavar="DEG",
-            help="Elevation of the camera in degrees, positive upwards (default: 0)",
+            help="Angle in degrees by which the camera of photographs looks up; only with --fov (default: 0)",
         ),
     ] = None,
     output: Annotated[
@@ -53,9 +63,7 @@ def show_objects(
     """Draw the objects that a detector finds in images.
 
     Writes a picture NAME.objects.png for each image, with the outlines, labels and scores of the objects, their graph
-    from above, and a table. The values of --range-kind are ray (range along the ray), z (depth along the optical axis
-    of a photograph), and cube (depth along the axis of a cube face, for a panorama stitched from cube faces). The exit
-    status is 1 if an image cannot be read.
+    from above, and a table. The exit status is 1 if an image cannot be read.
     """
     from salframe.cli.output import Bars, warn
     from salframe.drawing.show_objects import show_objects

@@ -12,41 +12,63 @@ from salframe.cli.output import print_json
 
 
 def track(
-    map: Annotated[Path, typer.Argument(help="Map folder written by `salframe build`")],
+    map: Annotated[Path, typer.Argument(metavar="MAP", help="Map folder that `salframe build` wrote")],
     recording: Annotated[
-        Path, typer.Argument(help="Folder of panoramas with a sequence, or a recording such as a ROS bag")
+        Path,
+        typer.Argument(
+            metavar="RECORDING", help="Dataset folder with an image sequence, or a recording such as a ROS bag"
+        ),
     ],
     sequence: Annotated[
-        str | None, typer.Option(help="Name of the sequence to track, if the folder has several")
+        str | None, typer.Option(metavar="NAME", help="Name of the sequence to track, if RECORDING has several")
     ] = None,
     output: Annotated[
         Path | None,
         typer.Option(
-            "--output", "-o", metavar="DIR", help="Folder to write the trajectory, the JSON file and the picture to"
+            "--output", "-o", metavar="DIR", help="Folder to write trajectory.tum, track.json and trail.png to"
         ),
     ] = None,
-    tracker: Annotated[str | None, typer.Option(help="Tracker to use; see `salframe plugins` (default: votes)")] = None,
+    tracker: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Tracker, which combines answers and odometry; see `salframe show tracker` (default: votes)",
+        ),
+    ] = None,
     views: Annotated[
-        int | None, typer.Option(min=1, help="Number of latest views to localize together (default: 5)")
+        int | None,
+        typer.Option(
+            metavar="N", min=1, help="Number of latest images to localize together, as one query (default: 5)"
+        ),
     ] = None,
     format: Annotated[
-        str | None, typer.Option(help="Format of the recording (default: rosbag if there is no manifest.json)")
+        str | None,
+        typer.Option(
+            metavar="FORMAT",
+            help="Format of a RECORDING without manifest.json; see `salframe show importer` (default: rosbag)",
+        ),
     ] = None,
     overrides: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Change a setting of the importer, which reads the recording"),
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="Change a setting of the importer that reads the recording, such as poses=tf; see `salframe "
+            "show FORMAT`",
+        ),
     ] = None,
     rerun: Annotated[
-        Path | None, typer.Option(metavar="FILE.rrd", help="Write a recording for Rerun, a viewer (rerun.io)")
+        Path | None, typer.Option(metavar="FILE.rrd", help="Also write the result for the viewer Rerun (rerun.io)")
     ] = None,
     as_json: Json = False,
 ) -> None:
     """Track the camera of a recording in a saved map.
 
-    Prints the status, the place and the pose after each frame. A folder of panoramas needs a manifest.json. In it,
-    each frame of the sequence has the keys `sequence` and `t_s`, and the key `odometry` names the file with the
-    odometry. With --output, writes trajectory.tum (the poses with the status `tracking`), track.json (all steps) and
-    trail.png.
+    Prints the status, the place and the pose for each image. With --output, writes trajectory.tum (the poses with the
+    status `tracking`), track.json (the results for all images) and trail.png (the positions on the floor plan).
+
+    A dataset folder needs a manifest.json. Each of its frames that belong to the sequence has the keys `sequence` and
+    `t_s`. The key `odometry` of the manifest names the file with the odometry.
     """
     from salframe.cli.output import Bars, warn
     from salframe.drawing.rerun_recording import check_rerun_output, write_rerun

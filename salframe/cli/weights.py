@@ -12,7 +12,10 @@ from salframe.cli.output import print_json
 
 app = typer.Typer(help="List, download and locate the weights of networks.", no_args_is_help=True)
 Name = Annotated[
-    str, typer.Argument(help="Name in `salframe weights list`, or a Hugging Face model: hf:ORG/MODEL@REVISION")
+    str,
+    typer.Argument(
+        metavar="NAME", help="Weights: a name in `salframe weights list`, or a Hugging Face model hf:ORG/MODEL@REVISION"
+    ),
 ]
 
 

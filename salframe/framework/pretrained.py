@@ -42,13 +42,13 @@ class PretrainedConfig(ComponentConfig):
     )
     size_px: tuple[int, int] | None = Field(
         None,
-        description="width and height of the network's input (pixels); null: the size that the model's image "
-        "processor states",
+        description="width and height of the network's input (pixels), such as [640, 480]; null: the size that the "
+        "model's image processor states",
     )
     device: Device = Field(
         "auto",
-        description="processor that runs the network. auto: the first of cuda, mps and cpu that this machine has; "
-        "cpu: the main processor; cuda: an NVIDIA GPU; mps: an Apple GPU. On a GPU, the network runs in half precision",
+        description="device that runs the network. auto: the first of cuda, mps and cpu that this machine has; cpu: "
+        "the main processor; cuda: an NVIDIA GPU; mps: an Apple GPU. On a GPU, the network runs in half precision",
     )
 
 

@@ -189,13 +189,14 @@ class GraphConfig(Settings):
     )
     extent: Literal["mean", "max"] = Field(
         "mean",
-        description="size of an object. An edge connects two objects if their distance is smaller than the sizes of "
-        "both (Eq. 1 of the paper). mean: mean of the three sides of the box; max: longest side of the box",
+        description="measure of the size of an object. An edge connects two objects if their distance is smaller than "
+        "the sizes of both (Eq. 1 of the paper). mean: mean of the three sides of the box; max: longest side of the "
+        "box",
     )
     distance: Literal["surface", "centroid"] = Field(
         "surface",
-        description="distance of two objects, for the edges (see `graph.extent`). surface: distance between their "
-        "boxes; centroid: distance between their centroids",
+        description="measure of the distance of two objects, for the edges (see `graph.extent`). surface: distance "
+        "between their boxes; centroid: distance between their centroids",
     )
 
 

@@ -57,8 +57,8 @@ class LevelledConfig(ComponentConfig):
 
     level: Literal["auto", "off"] = added(
         "auto",
-        description="auto: tilted panoramas are turned upright before they are processed; off: they are not. The tilt "
-        "comes from the pose. If the pose is unknown or exactly level, the tilt is estimated from the images",
+        description="whether tilted panoramas are turned upright before they are processed. auto: yes, by the tilt of "
+        "the pose. If the pose is unknown or exactly level, the tilt is estimated from the images; off: no",
     )
 
 

@@ -119,26 +119,26 @@ class Posterior(Settings):
         MAX_OUT_OF_MAP_PROBABILITY,
         ge=0,
         le=1,
-        description="maximum out-of-map probability (0 to 1) of an answer with a pose. Above this value, the answer "
-        "has the status out-of-map and no pose; 1: answers never have this status",
+        description="maximum out-of-map probability (0 to 1) of an answer that names a place. Above this value, the "
+        "answer has the status out-of-map and no pose; 1: answers never have this status",
     )
     calibrate: bool = Field(
         True,
-        description="true: the out-of-map probability is calibrated with the reference frames of each map; false: all "
-        "maps use the fitted parameters",
+        description="true: the out-of-map probability is calibrated with the reference frames of each map; false: it "
+        "depends only on the parameters in `posterior`",
     )
     query_distance_m: float = Field(
         1.0,
         gt=0,
-        description="typical distance (m) of a query from the nearest reference frame of its place. Only the "
-        "calibration uses it",
+        description="expected distance (m) between a query and the nearest reference frame of its place. Only used if "
+        "the map is calibrated (see `posterior.calibrate`)",
     )
     max_false_accept: float | None = Field(
         None,
         gt=0,
         lt=1,
-        description="maximum share of the out-of-map queries whose answers are accepted (0 to 1). A conformal test "
-        "with the reference frames of the map enforces it; null: no test",
+        description="maximum false accept rate (0 to 1): the share of out-of-map queries whose answers are accepted. "
+        "A conformal test with the reference frames of the map limits it; null: no test",
     )
 
     def contrast(self, scores: np.ndarray) -> float:

@@ -49,7 +49,7 @@ class NavigationConfig(Settings):
     budget: int = Field(
         60,
         ge=1,
-        description="maximum number of panoramas that the agent takes in an episode; the episode fails after them",
+        description="maximum number of panoramas that the agent takes in an episode. An episode that needs more fails",
     )
     arrival_m: float = Field(
         0.25, gt=0, description="maximum length (m) of the remaining path at which the agent reports its arrival"
@@ -63,7 +63,9 @@ class NavigationConfig(Settings):
     )
     turn_noise_deg: float = Field(2.0, ge=0, description="standard deviation (degrees) of the error of a turn")
     length_noise: float = Field(
-        0.05, ge=0, description="standard deviation of the error of the length of a move, relative to the length"
+        0.05,
+        ge=0,
+        description="standard deviation of the error of the length of a move, divided by the length (0.05: 5 %)",
     )
     slip_m: float = added(
         0.0,
@@ -77,7 +79,8 @@ class NavigationConfig(Settings):
     odometry_length_noise: float = Field(
         0.05,
         ge=0,
-        description="standard deviation of the error of odometry in the length of a move, relative to the length",
+        description="standard deviation of the error of odometry in the length of a move, divided by the length "
+        "(0.05: 5 %)",
     )
 
 

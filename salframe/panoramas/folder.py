@@ -28,7 +28,7 @@ class FolderDataset(Dataset):
 
     class Config(QueryView):
         root: Path | None = Field(
-            None, description="path of the folder that contains manifest.json; required. `--data FOLDER` sets it"
+            None, description="path of the folder that contains manifest.json; required (`--data FOLDER` sets it)"
         )
         hide_query_place: bool = hide_query_place_setting()
 

@@ -19,8 +19,9 @@ def hide_query_place_setting() -> Any:
     """Return the field of the setting `hide_query_place`. A dataset with this setting applies `add_hidden_places` to
     its folds."""
     help = (
-        "true: each query is localized twice, the second time in a map without the place of the query. The correct "
-        "second answer is out-of-map; false: each query is localized once, in the whole map"
+        "true: each query is localized twice, first in the whole map, then in a map without the place of "
+        "the query. The correct answer in the second map is out-of-map; false: each query is localized once, in the "
+        "whole map"
     )
     return match_only(False, description=help)
 

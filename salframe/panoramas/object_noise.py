@@ -22,16 +22,23 @@ class ObjectNoise(Settings):
     the frame and the object."""
 
     missed: float = Field(
-        0.0, ge=0, le=1, description="share of objects (0 to 1) that are removed, as if a detector had missed them"
+        0.0,
+        ge=0,
+        le=1,
+        description="probability (0 to 1) that an annotated object is removed, as if a detector had missed it",
     )
     mislabelled: float = Field(
-        0.0, ge=0, le=1, description="share of objects (0 to 1) whose label is replaced by another label of the dataset"
+        0.0,
+        ge=0,
+        le=1,
+        description="probability (0 to 1) that an annotated object has a wrong label, which is another label of "
+        "the dataset",
     )
     range_share: float = Field(
         0.0,
         ge=0,
-        description="standard deviation of a random factor (mean 1) for each object, which multiplies the range of "
-        "the object; 0: ranges do not change",
+        description="standard deviation of the error of the range of an annotated object, divided by the range (0.1: "
+        "10 %); 0: no error",
     )
 
 
@@ -42,8 +49,8 @@ class AnnotationNoise(ObjectNoise):
         0.0,
         ge=0,
         le=1,
-        description="number of false positives divided by the number of objects (0 to 1). A false positive is a copy "
-        "of an object at a random azimuth, with another label",
+        description="probability (0 to 1) that an annotated object causes a false positive: a copy of the object at a "
+        "random azimuth, with another label",
     )
 
 

@@ -19,34 +19,39 @@ class QueryImage(Settings):
     """Changes of a colour image. They are applied in the order of the settings, and are not random."""
 
     blur_px: float = Field(
-        0.0, ge=0, le=50, description="standard deviation (pixels of the panorama) of a Gaussian blur; 0: no blur"
+        0.0,
+        ge=0,
+        le=50,
+        description="standard deviation (pixels of the panorama) of a Gaussian blur of the query; 0: no blur",
     )
     exposure_ev: float = Field(
         0.0,
         ge=-10,
         le=10,
-        description="change of the exposure in stops (EV). For example, -2 leaves a quarter of the light. Pixels that "
-        "become too bright are white",
+        description="change of the exposure in stops (EV): the light of the query is multiplied by 2 to the power of "
+        "this value. For example, -2 leaves a quarter of the light. Pixels that become too bright are white; 0: no "
+        "change",
     )
     warmth_ev: float = Field(
         0.0,
         ge=-4,
         le=4,
         description="error of the white balance in stops (EV): the ratio of red to blue light is multiplied by 2 to "
-        "the power of this value. Positive: warm (yellow); negative: cool (blue)",
+        "the power of this value. Positive: the image is more yellow; negative: it is more blue; 0: no change",
     )
     scale: float = Field(
         1.0,
         gt=0,
         le=1,
-        description="share of the original resolution. The image is reduced to this share of its width and height, "
-        "and then enlarged to the original size; 1: no change",
+        description="loss of resolution: the width and height of the query are multiplied by this factor, and the "
+        "image is then enlarged to its original size. For example, 0.5 halves the resolution; 1: no change",
     )
     jpeg_quality: int | None = Field(
         None,
         ge=1,
         le=100,
-        description="JPEG quality (1 to 100) at which the image is compressed and decoded; null: no compression",
+        description="JPEG quality (1 to 100) at which the query is compressed; small values give visible artefacts; "
+        "null: no compression",
     )
 
 

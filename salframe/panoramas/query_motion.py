@@ -26,13 +26,13 @@ class OdometryErrors(OdometryNoise):
     scale_share: float = Field(
         0.0,
         ge=0,
-        description="standard deviation of a random factor (mean 1) for each query, which multiplies its travelled "
-        "distances; 0: distances have no scale error",
+        description="standard deviation of the scale error of odometry (0.1: 10 %). A query has one scale error for "
+        "all its travelled distances; 0: no error",
     )
     shuffled: bool = Field(
         False,
-        description="true: each view gets the measured motion of another view of the same query, as a control "
-        "experiment. Queries of fewer than three views do not change; false: each view has its own motion",
+        description="true: the measured motions are shuffled among the views of a query, as a control experiment. "
+        "Queries of one or two views do not change; false: each view has its own measured motion",
     )
 
 

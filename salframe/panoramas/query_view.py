@@ -39,15 +39,15 @@ class QueryView(ComponentConfig):
         match_only=True,
         gt=0,
         le=360,
-        description="horizontal field of view (degrees) of queries, centred on the heading of the camera. A query "
-        "shows all elevations; 360: the whole panorama",
+        description="horizontal field of view (degrees) of queries, centred on the forward direction of the camera. "
+        "The vertical field of view is always 180 deg; 360: queries are whole panoramas",
     )
     query_focal: float | None = added(
         None,
         match_only=True,
         gt=0,
-        description="focal length of perspective queries with the aspect ratio 4:3, divided by half the image width. "
-        "1: the view is 90 deg wide and 74 deg high; 2: 53 x 41 deg; 3: 37 x 28 deg; null: queries are panoramas",
+        description="focal length of queries that are perspective images with the aspect ratio 4:3, in units of half "
+        "the image width. 1: field of view of 90 x 74 deg; 2: 53 x 41 deg; 3: 37 x 28 deg; null: queries are panoramas",
     )
     query_noise: AnnotationNoise = added(
         AnnotationNoise(),
@@ -64,15 +64,15 @@ class QueryView(ComponentConfig):
         match_only=True,
         ge=1,
         le=100,
-        description="number of views of each query. Values over 1 simulate a moving camera, see `query_motion`; 1: "
-        "the views in the dataset, usually one",
+        description="number of views (images) of each query. Values over 1 simulate a moving camera, see "
+        "`query_motion`; 1: the views that the dataset has, usually one",
     )
     query_motion: Literal["turned", "driven"] = added(
         "turned",
         match_only=True,
-        description="motion of the camera between the views of a query. turned: the camera turns to the left on the "
-        "spot, by 60 % of the field of view per view; driven: the camera moves along a path. Only some datasets "
-        "support driven: house, matterport-annotations, and folders with sequences",
+        description="motion of the camera between the views of a query, if `query_views` is over 1. turned: the "
+        "camera turns to the left without moving, by 60 % of the field of view per view; driven: the camera moves "
+        "along a path, which only these datasets support: house, matterport-annotations, and folders with sequences",
     )
     query_odometry: OdometryErrors = added(
         OdometryErrors(),
@@ -82,8 +82,9 @@ class QueryView(ComponentConfig):
     query_errors: Literal["per-query", "per-view"] = added(
         "per-query",
         match_only=True,
-        description="whether all views of a query have the same simulated detection errors. per-query: an object has "
-        "the same errors in all views; per-view: an object has new errors in each view",
+        description="how the simulated errors of annotated objects (`query_noise`, and `noise` of the detector "
+        "`annotations`) differ between the views of a query. per-query: an object has the same errors in all views; "
+        "per-view: an object has other errors in each view",
     )
 
 

@@ -26,7 +26,7 @@ class OdometryNoise(Settings):
         ge=0,
         le=1,
         description="standard deviation of the position error of odometry along x and along y, divided by the "
-        "travelled distance",
+        "travelled distance (0.02: 2 cm per metre)",
     )
     heading_drift_deg: float = Field(
         1.0,

@@ -23,15 +23,14 @@ class DistantViews(Settings):
     near_m: float = Field(
         2.5,
         ge=0,
-        description="maximum distance (m) between the views of a group. In a map without floor masks, the views of a "
-        "query are divided into groups, and each group is assumed to be in one place. The distance is measured from "
-        "the last view of the group",
+        description="maximum distance (m) from a view to the last view of its group. In a map without floor masks, "
+        "the views of a query are divided into groups, and each group is assumed to be in one place",
     )
     window_m: float = Field(
         5.0,
         gt=0,
-        description="radius (m) around the reference frames of a place. All groups of views except the last are "
-        "compared with all objects in this radius, even with objects of other places",
+        description="radius (m) around the reference frames of a place. All groups of views except the last one are "
+        "compared with all objects within this radius, even with objects of other places",
     )
     same_place_m: float = Field(
         2.0,

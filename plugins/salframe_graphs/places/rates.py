@@ -21,16 +21,18 @@ class Rates(Settings):
         gt=0, lt=1, description="probability (0 to 1) that an object has the same label in the query and in the map"
     )
     position_error_m: float = Field(
-        gt=0, description="standard deviation (m) of the position of a query object along each axis, at a range of 0"
+        gt=0,
+        description="standard deviation (m) of the position error of a query object along each axis, at a range of 0",
     )
     range_error_share: float = Field(
         ge=0,
-        description="additional standard deviation of the position of a query object along its ray, divided by its "
-        "range",
+        description="additional standard deviation of the position error of a query object along its ray, divided by "
+        "the range of the object",
     )
     height_error_m: float = Field(
         gt=0,
-        description="standard deviation (m) of the height of the centroid of a query object, relative to the camera",
+        description="standard deviation (m) of the error of the height of a query object (its centroid), relative to "
+        "the camera",
     )
     length_error_log: float = Field(
         gt=0, description="standard deviation of ln(box length in the query / box length in the map)"
@@ -57,16 +59,20 @@ class BearingErrors(Settings):
     """Constants of the likelihood of query objects that have no range."""
 
     bearing_error_rad: float = Field(
-        0.016, gt=0, description="standard deviation (rad) of the bearing of an object, horizontally and vertically"
+        0.016,
+        gt=0,
+        description="standard deviation (rad) of the bearing error of an object, horizontally and vertically",
     )
     horizontal_error_m: float = Field(
         0.04,
         ge=0,
-        description="additional standard deviation (m) of the horizontal position of an object, perpendicular to its "
-        "bearing",
+        description="additional standard deviation (m) of the horizontal position error of an object, perpendicular "
+        "to its bearing",
     )
     vertical_error_m: float = Field(
-        0.05, ge=0, description="additional standard deviation (m) of the height of the centroid of an object"
+        0.05,
+        ge=0,
+        description="additional standard deviation (m) of the error of the height of an object (its centroid)",
     )
     side_error_share: float = Field(
         0.09,

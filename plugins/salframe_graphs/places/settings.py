@@ -84,8 +84,8 @@ class PlacesConfig(GraphLocalizerConfig, PanoramaScoresConfig):
         "scene-index",
         "by-size",
         match_only=True,
-        description="index that ranks the reference frames, in a map with more than `candidates` places. The places of "
-        "the first frames are compared with the query",
+        description="index that selects the places to compare, in a map with more than `candidates` places. It ranks "
+        "the reference frames; the places of the first frames are selected",
     )
     merged: bool = match_only(
         True,

@@ -32,8 +32,8 @@ class InvertedLists(SceneIndex):
         )
         size_scale: tuple[float, float] = match_only(
             (0.8, 0.5),
-            description="scales [a, b] of the differences in size. The similarity of two objects is halved if the "
-            "ratio of their box lengths is exp(a). It is also halved if the ratio of their box heights is exp(b)",
+            description="scales [a, b] of the differences in size. The similarity of two objects is halved if one box "
+            "is exp(a) times as long as the other, and also if one box is exp(b) times as high as the other",
         )
 
     def build(self, graphs: Iterable[SaliencyGraph], folder: Path) -> None:

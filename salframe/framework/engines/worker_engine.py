@@ -48,8 +48,8 @@ class WorkerEngine(Engine):
             None,
             ge=1,
             le=1024,
-            description="number of worker processes with one thread each; null: one per processor, or a single worker "
-            "if times are measured",
+            description="number of worker processes, with one thread each; null: one per core to render the images of "
+            "a dataset, and a single worker for other work",
         )
 
     @abstractmethod

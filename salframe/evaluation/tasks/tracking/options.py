@@ -48,8 +48,8 @@ class TrackingOptions(TaskOptions):
     views: tuple[NumViews, ...] = Field(
         (NUM_VIEWS,),
         min_length=1,
-        description="list of numbers of views. For each number, this many of the latest views are localized together; "
-        "each number is a row of the table",
+        description="list of numbers of views, such as [1, 5]. For each number, the latest views of this number are "
+        "localized together; each number is a row of the table",
     )
     odometry: dict[str, OdometryErrors] = Field(
         {"2 % and 1 degree a step": OdometryErrors()},
