@@ -61,8 +61,9 @@ def test_a_place_on_two_storeys_explains_that_there_is_no_pose():
     assert {answer.places[0].place for answer in answers} == {"bedroom"}
     for answer in answers:
         explained = (
-            "no pose: the frames of the place 'bedroom' lie at heights from 1.50 to 4.50 m, expected the frames of one "
-            "room: name the rooms of each storey differently"
+            "no pose: the reference frames of the place 'bedroom' lie on several storeys (z = 1.50 to 4.50 m), "
+            "expected "
+            "one: give the rooms of each storey other names"
         )
         assert answer.notes == (() if answer.status == "ok" else (explained,))
     assert "no-pose" in [answer.status for answer in answers]

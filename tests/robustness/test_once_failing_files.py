@@ -202,7 +202,7 @@ FAULTS: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
     "step of text": (
         json_file("reverie/answers.json", lambda answers: answers[0]["trajectory"][1].__setitem__(2, "north")),
         SCORE,
-        r"answer 0: a step has the heading and elevation \[0\.0, 'north'\], expected two numbers",
+        r"answer 1 of \d+: a step has the heading and elevation \[0\.0, 'north'\], expected two numbers",
     ),
     "stored row twice": (
         json_file(
