@@ -93,7 +93,9 @@ class MonocularDepth(RangeModel):
         import cv2
 
         if panorama.rgb is None:
-            raise InputMissing(f"panorama {panorama.id} has no colour image, which the range model {self.name!r} needs")
+            raise InputMissing(
+                f"{panorama.display_name} has no colour image, which the range model {self.name!r} needs"
+            )
         image, height = panorama.rgb, len(panorama.rgb)
         if panorama.valid is not None:
             image = np.where(panorama.valid[..., None], image, np.uint8(UNSEEN))

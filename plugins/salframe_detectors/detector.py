@@ -129,7 +129,7 @@ class OnnxDetector(Detector):
     def detect(self, panorama: Panorama) -> Detections:
         if panorama.rgb is None:
             raise InputMissing(
-                f"panorama {panorama.id} has no colour image, which the detector {self.name!r} needs: choose another "
+                f"{panorama.display_name} has no colour image, which the detector {self.name!r} needs: choose another "
                 "detector"
             )
         image = panorama.rgb

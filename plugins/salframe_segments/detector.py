@@ -151,7 +151,7 @@ class SegmentsDetector(Detector):
         """
         if panorama.rgb is None:
             raise InputMissing(
-                f"panorama {panorama.id} has no colour image, which the detector {self.name!r} needs: choose another "
+                f"{panorama.display_name} has no colour image, which the detector {self.name!r} needs: choose another "
                 "detector"
             )
         rgb = brighten_dark(panorama.rgb, panorama.valid) if self.config.exposure == "auto" else panorama.rgb

@@ -116,7 +116,7 @@ class TransformersDetector(Detector):
         """See Detector. Raises InputMissing if the panorama has no colour."""
         if panorama.rgb is None:
             raise InputMissing(
-                f"panorama {panorama.id} has no colour image, which the detector {self.name!r} needs: choose another "
+                f"{panorama.display_name} has no colour image, which the detector {self.name!r} needs: choose another "
                 "detector"
             )
         return self._objects.detect(panorama.rgb, panorama.valid, panorama.range_m)

@@ -77,7 +77,7 @@ class TextDetector(Detector):
         """See Detector. Raises InputMissing if the panorama has no colour."""
         if panorama.rgb is None:
             raise InputMissing(
-                f"panorama {panorama.id} has no colour image, which the detector {self.name!r} needs: choose another "
+                f"{panorama.display_name} has no colour image, which the detector {self.name!r} needs: choose another "
                 "detector"
             )
         return self._objects(self._read(panorama.rgb), panorama.range_m)

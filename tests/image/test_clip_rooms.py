@@ -164,7 +164,7 @@ def test_where_nothing_is_seen_there_is_no_answer(build):
 
 
 def test_a_panorama_without_colour_is_refused(build):
-    with pytest.raises(InputMissing, match="clip-rooms needs rgb, which dark does not have"):
+    with pytest.raises(InputMissing, match="the method 'clip-rooms' needs rgb, which panorama dark does not have"):
         build(ROOMS).localize(QueryFrame("dark", lambda: Panorama("dark", range_m=np.ones((64, 128), np.float32))))
 
 

@@ -145,7 +145,7 @@ def test_the_parabola_meets_the_peak_between_two_angles():
 
 
 def test_a_panorama_without_colour_is_refused(known):
-    with pytest.raises(InputMissing, match="image needs rgb, which dark does not have"):
+    with pytest.raises(InputMissing, match="the method 'image' needs rgb, which panorama dark does not have"):
         known.localize(query(Panorama("dark", range_m=np.ones((64, 128), np.float32))))
 
 
