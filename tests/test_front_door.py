@@ -97,7 +97,7 @@ def test_a_map_that_needs_more_says_what_to_build_instead(saved, monkeypatch, tm
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))  # no weights that somebody fetched
     seen = query_frames(PARTS - {"annotations"})[0].load()
     said = (
-        "^saliency-places needs annotations, which the panorama does not have: "
+        "^the method 'saliency-places' needs annotations, which the panorama does not have: "
         r"build the map with detector\.kind=panoseg, or pass annotations too$"
     )
     with pytest.raises(salframe.InputMissing, match=said):
@@ -116,7 +116,7 @@ def test_images_that_do_not_fit_are_told_in_one_line(saved):
     opened, seen = salframe.open_map(saved), query_frames()[0].load()
     with pytest.raises(salframe.DataError, match="range image is 100 x 50, expected 384 x 192 like the other images"):
         opened.localize(rgb=seen.rgb, range_m=np.ones((50, 100), np.float32))
-    with pytest.raises(salframe.DataError, match="received both bedroom-query and images of another panorama"):
+    with pytest.raises(salframe.DataError, match="received both the query bedroom-query and images"):
         opened.localize(seen, rgb=seen.rgb)
 
 

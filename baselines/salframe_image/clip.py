@@ -153,8 +153,8 @@ class ClipRooms(Localizer):
             names = [tensor.name for tensor in self._text_model.inputs]
             if not set(names) <= set(inputs):
                 raise WeightsError(
-                    f"{self._text_path} has the inputs {', '.join(names)}; "
-                    "expected input_ids and optionally attention_mask"
+                    f"the text network {self._text_path} has the input tensors {', '.join(names)}; expected input_ids, "
+                    "and optionally attention_mask"
                 )
             self._prompt_embeddings[prompt] = _unit(
                 self._text_model.run(*(inputs[name] for name in names))[0], self._text_path
@@ -171,8 +171,8 @@ def room_type(place: str) -> str:
 def _unit(embeddings: np.ndarray, path: Path) -> np.ndarray:
     if embeddings.ndim != 2:
         raise WeightsError(
-            f"{path} returned an array of shape {embeddings.shape}; expected (N, D), one vector for each image or "
-            "prompt"
+            f"the network {path} returned an array of shape {embeddings.shape}; expected shape (N, D), one vector for "
+            "each image or text"
         )
     return embeddings / np.maximum(np.linalg.norm(embeddings, axis=1, keepdims=True), 1e-9)
 
@@ -184,4 +184,6 @@ def _read_tokenizer(path: Path) -> Any:
     try:
         return Tokenizer.from_file(str(path))
     except Exception as error:  # tokenizers raises Exception itself
-        raise WeightsError(f"{path} is not a valid tokenizer file: {' '.join(str(error).split())[:200]}") from None
+        raise WeightsError(
+            f"{path} is not a tokenizer file (tokenizer.json of CLIP): {' '.join(str(error).split())[:200]}"
+        ) from None

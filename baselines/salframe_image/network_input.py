@@ -25,9 +25,7 @@ def cut_views(panorama: Panorama, rig: ViewRig) -> tuple[np.ndarray, np.ndarray]
         InputMissing: The panorama has no colour.
     """
     if panorama.rgb is None:
-        raise InputMissing(
-            f"panorama {panorama.id} has no colour image; expected rgb, from which the perspective views are cut"
-        )
+        raise InputMissing(f"{panorama.display_name} has no colour image (rgb), which the image network needs")
     views = rig.cut(panorama.rgb)
     if panorama.valid is None:
         return views, np.ones(rig.count, bool)

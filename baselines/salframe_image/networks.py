@@ -79,9 +79,9 @@ class OnnxImageNetwork(ImageNetwork):
         """See ImageNetwork."""
         features = self._model.run(as_batch(views, *self.colours()))[0]
         if features.ndim not in (2, 4):
-            received = f"{self._model.outputs[0]} {features.shape}"
             raise WeightsError(
-                f"the network {self._path} has the output {received}; expected features of shape (N, C, h, w) or (N, C)"
+                f"the output tensor {self._model.outputs[0]!r} of the network {self._path} has the shape "
+                f"{features.shape}; expected features of shape (N, C, h, w) or (N, C)"
             )
         return features
 
@@ -135,8 +135,8 @@ class OwnNetwork(OnnxImageNetwork):
     def path(cls, config: Any) -> Path:
         """See OnnxImageNetwork."""
         if config.model is None or not config.model.is_file():
-            received = "no model" if config.model is None else f"{config.model}, which is not a file"
-            raise WeightsError(f"the image network 'onnx' received {received}: set model to the path of an ONNX file")
+            received = "the setting model is null" if config.model is None else f"{config.model} is not a file"
+            raise WeightsError(f"{received}, expected the path of an ONNX file for the image network 'onnx'")
         return config.model
 
     def outputs(self) -> tuple[str, ...]:

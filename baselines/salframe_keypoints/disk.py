@@ -36,7 +36,7 @@ class DiskLightGlue(NetworkMatcher):
         features, matcher = self.paths(self.config)
         content = read_checkpoint(features)
         if not isinstance(content, Mapping) or "extractor" not in content:
-            raise WeightsError(f"{features} is not a DISK checkpoint; expected a mapping with the key extractor")
+            raise WeightsError(f"{features} is not a DISK checkpoint; expected a mapping with the key 'extractor'")
         self._extractor = feature.DISK().eval()
         load_strictly(self._extractor, content["extractor"], features)
         self._matcher = LightGlue("disk", matcher)

@@ -61,8 +61,8 @@ def require_multiples(name: str, view_size_px: tuple[int, int], multiple_px: int
     if any(side % multiple_px or (max_px is not None and side > max_px) for side in view_size_px):
         expected = f"multiples of {multiple_px}" + (f" up to {max_px}" if max_px else "")
         raise ConfigError(
-            f"{name} received views of {view_size_px[0]} x {view_size_px[1]} pixels, expected {expected}: "
-            "set view_width_px and view_height_px"
+            f"the settings view_width_px and view_height_px are {view_size_px[0]} and {view_size_px[1]}, expected "
+            f"{expected} for the feature matcher {name!r}"
         )
 
 
@@ -72,7 +72,5 @@ def decode(view: ViewFeatures) -> np.ndarray:
 
     image = cv2.imdecode(view.features, cv2.IMREAD_GRAYSCALE)
     if image is None:
-        raise DataError(
-            f"an image stored in the map has {len(view.features)} bytes that are not a JPEG: build the map again"
-        )
+        raise DataError(f"an image in the map ({len(view.features)} bytes) is not a readable JPEG: build the map again")
     return image

@@ -117,7 +117,7 @@ class Keypoints(Localizer):
         import cv2
 
         if panorama.rgb is None:
-            raise InputMissing(f"panorama {panorama.id} has no colour image, which the method {self.name} requires")
+            raise InputMissing(f"{panorama.display_name} has no colour image, which the method {self.name!r} needs")
         views = self._matcher.extract(self._rig.cut(panorama.rgb))
         if panorama.valid is not None:
             inside = cv2.erode(

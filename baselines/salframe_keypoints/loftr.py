@@ -103,7 +103,8 @@ def checkpoint_state(content: Any, path: Path) -> dict[str, Any]:
         name.removeprefix("matcher.").startswith("backbone.") for name in content
     ):
         raise WeightsError(
-            f"{path} is not a LoFTR checkpoint; expected a state_dict or model_state_dict with keys backbone.*"
+            f"{path} is not a LoFTR checkpoint; expected a state_dict or model_state_dict whose keys begin with "
+            "'backbone.'"
         )
     return {name.removeprefix("matcher."): value for name, value in content.items()}
 

@@ -111,7 +111,9 @@ def lightglue_state(content: Any, path: Path) -> dict[str, Any]:
     """
     if not isinstance(content, Mapping):
         raise WeightsError(
-            f"{path} is not a LightGlue checkpoint: it contains {type(content).__name__}, expected a mapping of tensors"
+            f"{path} is not a LightGlue checkpoint: the file contains {type(content).__name__}, expected a mapping "
+            "from names to "
+            "tensors"
         )
     if any(name.startswith("matcher.") for name in content):  # the file of XFeat also holds the feature network
         content = {

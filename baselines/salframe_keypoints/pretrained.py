@@ -38,7 +38,8 @@ class Pretrained:
         where = f"a folder with config.json and model.safetensors of {address}"
         if folder is None:
             raise WeightsError(
-                f"salframe does not ship {self.model_type}: set checkpoint to {where}", "checkpoint=FOLDER"
+                f"salframe does not include the weights of the network {self.model_type!r}: set checkpoint to {where}",
+                "checkpoint=FOLDER",
             )
         config, weights = folder / "config.json", folder / "model.safetensors"
         for path in (config, weights):
@@ -50,7 +51,7 @@ class Pretrained:
             raise WeightsError(str(error)) from None
         received = content.get("model_type") if isinstance(content, dict) else None
         if received != self.model_type:
-            raise WeightsError(f"{config} has model_type {received!r}, expected {self.model_type!r}")
+            raise WeightsError(f"{config} has the model_type {received!r}, expected {self.model_type!r}")
         return config, weights
 
     def load(self, folder: Path | None) -> Any:
@@ -63,6 +64,7 @@ class Pretrained:
             if report[key]:
                 keys = sorted(map(str, report[key]))[:3]
                 raise WeightsError(
-                    f"{weights} does not match the network {self.model_class}: {key.replace('_', ' ')} {keys}"
+                    f"{weights} does not match the network {self.model_class}: {key.replace('_', ' ')} "
+                    f"{', '.join(keys)}"
                 )
         return model

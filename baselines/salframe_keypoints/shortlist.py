@@ -105,8 +105,8 @@ def _split(description: Description, rows_name: str, counts_name: str) -> list[n
     rows, counts = description[rows_name], description[counts_name]
     if (counts < 0).any() or counts.sum() != len(rows):
         raise DataError(
-            f"{counts_name} is {counts.tolist()}, expected non-negative counts whose sum is {len(rows)}, the number "
-            f"of rows of {rows_name}: build the map again"
+            f"the array {counts_name} of the map is {counts.tolist()}, expected counts whose sum is {len(rows)}, the "
+            f"number of rows of the array {rows_name}: build the map again"
         )
     return np.split(rows, np.cumsum(counts)[:-1])
 

@@ -120,7 +120,7 @@ class Lines(Localizer):
         from the line, NaN where unknown.
         """
         if panorama.rgb is None:
-            raise InputMissing(f"panorama {panorama.id} has no colour image, which the method {self.name} requires")
+            raise InputMissing(f"{panorama.display_name} has no colour image, which the method {self.name!r} needs")
         ends = find_segments(panorama.rgb, panorama.valid)
         yaw_rad = principal_yaw(ends)
         arcs = arcs_along_axes(ends, yaw_rad, self.config.max_lines)

@@ -109,7 +109,8 @@ class AnnotationDetector(Detector):
         annotations = panorama.annotations
         if annotations is None:
             raise InputMissing(
-                f"{panorama.id} has no annotations, which the detector {self.name!r} needs: choose another detector"
+                f"{panorama.display_name} has no annotations, which the detector {self.name!r} needs: choose another "
+                "detector"
             )
         objects, seed = seen_objects(panorama), (self.config.seed, zlib.crc32(panorama.error_id.encode()))
         noise = self.config.noise

@@ -84,7 +84,7 @@ class MonocularDepth(RangeModel):
         """
         if not (self.metric or self.config.camera_height_m):
             raise ConfigError(
-                f"the range model {self.name!r} has no metric scale: choose {metric_network}, or set camera_height_m "
+                f"the range model {self.name!r} cannot output metres: choose {metric_network}, or set camera_height_m "
                 "to the height of the camera above the floor in metres"
             )
 
@@ -93,7 +93,9 @@ class MonocularDepth(RangeModel):
         import cv2
 
         if panorama.rgb is None:
-            raise InputMissing(f"{panorama.id} has no colour image, which the range model {self.name!r} needs")
+            raise InputMissing(
+                f"{panorama.display_name} has no colour image, which the range model {self.name!r} needs"
+            )
         image, height = panorama.rgb, len(panorama.rgb)
         if panorama.valid is not None:
             image = np.where(panorama.valid[..., None], image, np.uint8(UNSEEN))

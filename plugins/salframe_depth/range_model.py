@@ -94,7 +94,8 @@ class OnnxDepth(MonocularDepth):
         if width is None or height is None:
             example = "[1024, 512]" if settings.input == "equirectangular" else "[518, 518]"
             raise ConfigError(
-                f"{settings.model} has no fixed input size: set size_px to width and height, such as {example}"
+                f"the network {settings.model} has no fixed input size: set size_px to width and height, such as "
+                f"{example}"
             )
         if settings.input == "equirectangular" and width != 2 * height:
             raise ConfigError(

@@ -142,8 +142,8 @@ def _select_outputs(name: str, outputs: Sequence[np.ndarray], *shapes: tuple[int
         if not candidates:
             received = ", ".join(_format_shape(output.shape[1:]) for output in outputs)
             raise WeightsError(
-                f"the output of the network is {received} for each image, expected "
-                f"{', '.join(map(_format_shape, shapes))} for the decoder {name!r}"
+                f"the output arrays of the network have the shapes {received} for each image, expected "
+                f"{', '.join(map(_format_shape, shapes))} for the decoder {name!r} (* is any length)"
             )
         remaining.remove(candidates[0])
         matches.append(outputs[candidates[0]])

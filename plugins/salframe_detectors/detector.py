@@ -116,7 +116,7 @@ class OnnxDetector(Detector):
         )
         if width is None or height is None:
             raise ConfigError(
-                f"{self._path} has no fixed input size: set size_px to width and height, such as [640, 640]"
+                f"the network {self._path} has no fixed input size: set size_px to width and height, such as [640, 640]"
             )
         self._request = DecodeRequest(width, height, len(self._labels), self.config.min_score)
         self._rig = Rig(width, height, np.radians(self.config.fov_deg))
@@ -131,7 +131,8 @@ class OnnxDetector(Detector):
     def detect(self, panorama: Panorama) -> Detections:
         if panorama.rgb is None:
             raise InputMissing(
-                f"{panorama.id} has no colour image, which the detector {self.name!r} needs: choose another detector"
+                f"{panorama.display_name} has no colour image, which the detector {self.name!r} needs: choose another "
+                "detector"
             )
         image = panorama.rgb
         if panorama.valid is not None:

@@ -146,7 +146,7 @@ def read_class_names(path: Path) -> tuple[str, ...]:
         names = [names[number] for number in range(len(names))]
     if not (isinstance(names, list) and names and all(isinstance(name, str) for name in names)):
         raise ConfigError(
-            f"{path}: names is {shorten(str(names))}, expected a list of labels in the order of the network's outputs, "
-            "or a mapping from 0, 1, 2, ... to labels"
+            f"{path}: the key `names` contains {shorten(str(names))}, expected a list of labels in the order of the "
+            "network's outputs, or a mapping from 0, 1, 2, ... to labels"
         )
     return tuple(names)

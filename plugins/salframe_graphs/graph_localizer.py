@@ -106,9 +106,8 @@ class GraphLocalizer(DetectingLocalizer):
         if not graph_from_arrays(description).bearings_only:
             return None
         return (
-            "it has no range, and its objects cannot be triangulated from other panoramas of its place; take at "
-            "least 2 panoramas of each place, about 1 m apart, or add range, or use the method 'objects', which needs "
-            "labels only"
+            "the panorama has no range image, and no second panorama of the same place to triangulate the objects: add "
+            "range images, take at least 2 panoramas of each place, about 1 m apart, or use the method 'objects'"
         )
 
     def pack(self, description: Description) -> Description:
@@ -122,4 +121,4 @@ class GraphLocalizer(DetectingLocalizer):
 
     def note(self, description: Description) -> str | None:
         count = graph_from_arrays(description).out_of_reach
-        return f"{count} object(s) farther than {REACH_M} m are left out" if count else None
+        return f"{count} object(s) are left out: more than {REACH_M} m from the camera" if count else None

@@ -183,7 +183,7 @@ class NodeMatcher(GraphMatcher):
         with reading(folder / _RARITY, "an array of numpy"):
             rarity = map_array(folder / _RARITY)
         if rarity.shape != (len(graphs.labels) + 1,) or rarity.dtype != np.float64:
-            expected = f"float64 ({len(graphs.labels) + 1},)"
+            expected = f"float64 and ({len(graphs.labels) + 1},)"
             raise DataError(
                 f"{folder / _RARITY} has dtype {rarity.dtype} and shape {rarity.shape}, expected {expected}: build "
                 "the map again"

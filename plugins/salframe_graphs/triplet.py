@@ -68,7 +68,8 @@ class TripletMatcher(NodeMatcher):
         super().check(config)
         if config.structure == "node2vec" and importlib.util.find_spec("gensim") is None:
             raise RequirementMissing(
-                "structure=node2vec needs gensim, which is not installed: pip install 'salframe[node2vec]'"
+                "the setting structure=node2vec needs the package gensim, which is not installed: pip install "
+                "'salframe[node2vec]'"
             )
 
     @property

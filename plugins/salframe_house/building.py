@@ -189,7 +189,7 @@ def generate_building(style: Style, rooms: int, seed: int) -> Building:
         ConfigError: The style is unknown or `rooms` is less than 4.
     """
     if style not in get_args(Style):
-        raise ConfigError(f"unknown style '{style}'; expected one of {', '.join(get_args(Style))}")
+        raise ConfigError(f"unknown building style '{style}'; expected one of {', '.join(get_args(Style))}")
     if rooms < MIN_ROOMS:
         raise ConfigError(f"a building cannot have {rooms} rooms; expected at least {MIN_ROOMS}")
     layout = plan_layout(style, rooms, seed)
@@ -221,7 +221,7 @@ def change_building(
         ConfigError: `fraction` is not in [0, 1].
     """
     if not 0 <= fraction <= 1:
-        raise ConfigError(f"fraction of changed objects is {fraction}; expected 0 to 1")
+        raise ConfigError(f"the fraction of changed objects is {fraction}; expected 0 to 1")
     rng = np.random.default_rng((building.seed, seed, 5))
     total = round(fraction * len(building.objects))
     active_kinds = [kind for kind in CHANGE_KINDS if kind in kinds]

@@ -97,7 +97,9 @@ class MessageStore(ABC):
         expected = " or ".join(types)
         if name is not None:
             if name not in self.types:
-                raise DataError(f"{self.path} has no topic {name}, expected one of {_listed(candidates)}")
+                raise DataError(
+                    f"{self.path} has no topic {name}, expected a topic of the type {expected}: {_listed(candidates)}"
+                )
             if self.types[name] not in types:
                 raise DataError(f"the topic {name} has the type {self.types[name]}, expected {expected}")
             return name
@@ -128,8 +130,8 @@ class MessageStore(ABC):
                 raise DataError(f"the topic {topic} of {self.path} has no message, expected at least one")
             if min(times)[0] <= 0:
                 raise DataError(
-                    f"the topic {topic} of {self.path} has a message without a header stamp, expected its time in the "
-                    "header"
+                    f"the topic {topic} of {self.path} has a message whose header stamp is 0, expected the time of the "
+                    "measurement"
                 )
         return {topic: np.array(sorted(times), np.int64) for topic, times in rows.items()}
 
@@ -139,7 +141,9 @@ class MessageStore(ABC):
             if message.stamp_ns == stamp_ns:
                 return message.content
         raise DataError(
-            f"{self.path} no longer has the message of the topic {topic} at {stamp_ns / 1e9:.3f} s: import it again"
+            f"{self.path} no longer contains the message of the topic {topic} at {stamp_ns / 1e9:.3f} s: import the "
+            "bag "
+            "again"
         )
 
     def _all_topics(self) -> str:

@@ -80,7 +80,10 @@ def find_cameras(
             if topic is not None and shown[topic] != expects_depth:
                 received, expected = ("pictures", "depth images") if expects_depth else ("depth images", "pictures")
                 option = "depth" if expects_depth else "image"
-                raise DataError(f"the topic {topic} has {received}, expected {expected}: correct the setting {option}")
+                raise DataError(
+                    f"the topic {topic} contains {received}, expected {expected} in the setting {option}: pass --set "
+                    f"{option}=TOPIC"
+                )
     cameras = []
     for color, depth, info in zip(color_topics, depth_topics, info_topics, strict=True):
         images_of_color = _images(bag, color, info, projection)
@@ -91,8 +94,9 @@ def find_cameras(
             of_depth = _images(bag, depth, _info_topic(bag, depth) or fallback, projection)
             if (of_depth.camera is None) != (images_of_color.camera is None):
                 raise DataError(
-                    f"only one of the topics {color} and {depth} has intrinsics, expected both or neither: pass --set "
-                    "projection=pinhole or --set projection=equirectangular"
+                    f"only one of the topics {color} and {depth} has camera intrinsics ({CAMERA_INFO}), expected both "
+                    "or "
+                    "neither: pass --set projection=pinhole or --set projection=equirectangular"
                 )
         cameras.append(BagCamera(images_of_color, of_depth))
     return cameras
@@ -104,7 +108,9 @@ def _images(bag: MessageStore, topic: str, info_topic: str | None, projection: P
     width, height = image_size(message, topic)
     frame = frame_name(message.header.frame_id)
     if not frame:
-        raise DataError(f"the topic {topic} of {bag.path} has no frame_id, expected the name of the camera's frame")
+        raise DataError(
+            f"the topic {topic} of {bag.path} has an empty header.frame_id, expected the name of the camera's tf frame"
+        )
     info_topic = info_topic or _info_topic(bag, topic)
     info = None
     if info_topic is not None and projection != "equirectangular":
@@ -173,6 +179,6 @@ def _names(value: str | None) -> list[str]:
 def _check_count(option: str, topics: Sequence[object], images: Sequence[object]) -> None:
     if len(topics) != len(images):
         raise DataError(
-            f"the setting {option} names {len(topics)} topics and the setting image {len(images)}, expected one "
-            f"{option} topic for each image topic"
+            f"the number of topics in the setting {option} is {len(topics)}, expected {len(images)}: one for each "
+            "topic in the setting image"
         )

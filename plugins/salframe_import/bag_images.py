@@ -90,7 +90,7 @@ def depth_image(message: Any, topic: str, unit_m: float) -> np.ndarray:
         values = _decompress(message, topic)
         if values.dtype != np.uint16 or values.ndim != 2:
             raise DataError(
-                f"the topic {topic} has depth images of type {values.dtype} with {values.ndim} axes, expected uint16 "
+                f"the topic {topic} has depth images of type {values.dtype} and {values.ndim} axes, expected uint16 "
                 "with 2 axes"
             )
     else:

@@ -273,7 +273,9 @@ def find_poses(bag: MessageStore, tree: TransformTree, frame: str, topic: str | 
     if topic not in (None, TF_SOURCE):
         if world is not None:
             raise DataError(
-                f"received world={world} with poses={topic}: set poses={TF_SOURCE} to use world, or leave out world"
+                f"the setting world is {world!r}, but the poses are from the topic {topic}: remove the setting world, "
+                "or set "
+                f"poses={TF_SOURCE}"
             )
         return odometry_source(bag, tree, bag.choose("poses", topic, [ODOMETRY]))
     world = world or (MAP if MAP in above else tree.root(frame))

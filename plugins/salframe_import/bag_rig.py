@@ -111,7 +111,9 @@ class BagRig:
         ]
         if not shots:
             raise DataError(
-                f"{self.bag.path}: {notes[0]}, expected at least one match: compare the stamps, or increase tolerance_s"
+                f"{self.bag.path}: {notes[0]}, expected at least one match: check the header stamps, or increase the "
+                "setting "
+                "tolerance_s"
             )
         return shots, notes
 
@@ -202,14 +204,14 @@ class BagRig:
         )
         if axes != "auto":
             raise DataError(
-                f"{where}: with camera_axes={axes}, the z of their up direction is {up[axes]:.2f}, expected "
-                f"{MIN_UP:.2f} to 1: try --set camera_axes={best}"
+                f"{where}: with camera_axes={axes}, the z component of the images' up vector is {up[axes]:.2f}, "
+                f"expected {MIN_UP:.2f} to 1: try --set camera_axes={best}"
             )
         if up[best] < MIN_UP:
             raise DataError(
-                f"{where}: the z of their up direction is {up['optical']:.2f} with optical axes (x right, y down) "
-                f"and {up['body']:.2f} with body axes (x forward, z up), expected {MIN_UP:.2f} to 1: check whether "
-                "the transforms of this frame in /tf_static are inverted, and that quaternions are x, y, z, w"
+                f"{where}: the z component of the up vector is {up['optical']:.2f} with optical camera axes and "
+                f"{up['body']:.2f} with body axes, expected {MIN_UP:.2f} to 1 for one of them: check whether the "
+                "transforms of this frame in /tf_static are inverted, and that quaternions are x, y, z, w"
             )
         return replace(self, axes=best)
 
@@ -228,7 +230,8 @@ class BagRig:
                     T_world_camera = self._posed(images, T_world_frame, shot.stamp_ns).T_world_camera.copy()
                     T_world_camera[:3, 3] = 0
                     notes += [
-                        f"{images.topic}: {note}: check the transforms of the frame {images.frame} in /tf_static, and "
+                        f"the topic {images.topic}: {note}: check the transforms of the frame {images.frame} in "
+                        "/tf_static, and "
                         "whether they are inverted"
                         for note in replace(images.camera, T_base_camera=T_world_camera).notes
                     ]

@@ -90,7 +90,7 @@ class ColmapImporter(Importer):
         world, notes = self._world(model)
         images = _image_folder(None if self.config.images is None else Path(self.config.images), folder)
         if num_unused := _num_unused(images, model):
-            notes.append(f"{num_unused} pictures in {images} are left out: no pose in the model")
+            notes.append(f"{num_unused} pictures in {images} are left out: the COLMAP model has no pose for them")
         frames: dict[int, list[ModelPicture]] = {}
         for picture in model.pictures:
             frames.setdefault(picture.frame, []).append(picture)
@@ -200,7 +200,9 @@ class _Pictures:
         """Return a picture with its pose. Raises DataError if it is equirectangular, or if its depth is missing."""
         if picture.camera is None:
             raise DataError(
-                f"the picture {picture.name} is equirectangular, expected a perspective picture: set group_by=frame"
+                f"the picture {picture.name} is equirectangular, expected a perspective picture for group_by=motion: "
+                "set "
+                "group_by=frame"
             )
         path = self.folder / picture.name
         depth = self._depth_file(Path(picture.name), ("bin", "png"))

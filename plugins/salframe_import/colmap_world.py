@@ -77,7 +77,8 @@ def floor_height(points_z: np.ndarray, cameras_z: np.ndarray) -> float:
     is_level = is_dense & (density >= MIN_RELATIVE_SUPPORT * density[is_dense].max(initial=0))
     if not is_level.any():
         raise DataError(
-            "the points of the COLMAP model show no floor: pass --set scale=METRES_PER_UNIT instead of camera_height"
+            "the points of the COLMAP model contain no horizontal floor below the cameras: pass --set "
+            "scale=METRES_PER_UNIT instead of camera_height"
         )
     lowest = int(np.flatnonzero(is_level)[-1])
     candidates = np.flatnonzero(is_level & (below >= below[lowest] * (1 - BIN_SHARE)))

@@ -37,8 +37,8 @@ MIN_SEAM_AGREEMENT, MAX_SEAM_GREY = 0.8, 24.0
 """Minimum share of the points on the edges of the cube at which the two faces agree, and maximum difference of grey
 values that agree."""
 SEAMS = (
-    "the faces do not join at the edges of the cube: check their order and rotation (setting faces), and the unit and "
-    "kind of the depth"
+    "the faces do not join at the edges of the cube: check the order of the setting faces, the rotation of the face "
+    "images, and the settings depth_unit_m and depth_kind"
 )
 
 

@@ -123,7 +123,7 @@ class PerspectiveImporter(Importer):
         path = source / self.config.transforms if source.is_dir() else source
         content: _Transforms = read_as(path, _Transforms)
         if not content.frames:
-            raise DataError(f"{path} has no frames, expected at least one")
+            raise DataError(f"{path}: the list `frames` is empty, expected at least one frame")
         raw = [self._matrix(path, frame) for frame in content.frames]
         self._check_axes(raw)
         folders = {Path(frame.file_path).parent for frame in content.frames}

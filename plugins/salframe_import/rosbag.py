@@ -169,7 +169,7 @@ class RosBagImporter(Importer):
         poses of the views come from the setting `poses`. They are unknown if this source is the odometry itself.
         """
         if self.config.group_by == "motion":
-            raise ConfigError("group_by is motion, expected time for a sequence of views: set group_by=time")
+            raise ConfigError("the setting group_by is motion, but a sequence of views needs time: set group_by=time")
         bag, rig = self._open(source)
         poses = find_poses(bag, rig.tree, rig.frame, self.config.poses, self.config.world)
         motion = self._motion(bag, poses)
@@ -210,13 +210,14 @@ class RosBagImporter(Importer):
         config = self.config
         if config.num_views and config.group_by == "motion":
             raise ConfigError(
-                f"num_views is {config.num_views} with group_by=motion: set group_by=time to make sequences, or "
-                "num_views=0"
+                f"the setting num_views is {config.num_views} with group_by=motion, expected 0: set num_views=0, or "
+                "set "
+                "group_by=time to make sequences of views"
             )
         if config.num_views >= config.sequence_period:
             raise ConfigError(
-                f"num_views is {config.num_views}, expected less than sequence_period, which is "
-                f"{config.sequence_period}"
+                f"the setting num_views is {config.num_views}, expected less than {config.sequence_period}, the value "
+                "of sequence_period"
             )
 
     def _kind(self, cameras: Sequence[BagCamera]) -> RangeKind:
@@ -224,16 +225,18 @@ class RosBagImporter(Importer):
         is_equirectangular = any(camera.color.camera is None for camera in cameras)
         if is_equirectangular and len(cameras) > 1:
             raise ConfigError(
-                f"the setting image names {len(cameras)} topics, and one of them is equirectangular, expected only the "
+                f"the setting image has {len(cameras)} topics, one of them equirectangular, expected only the "
                 "equirectangular topic"
             )
         if is_equirectangular and self.config.group_by == "motion":
-            raise ConfigError("group_by is motion, expected time for equirectangular images: set group_by=time")
+            raise ConfigError("the setting group_by is motion, but equirectangular images need time: set group_by=time")
         kinds = [RangeKind.RAY, RangeKind.CUBE] if is_equirectangular else [RangeKind.Z, RangeKind.RAY]
         kind = kinds[0] if self.config.depth_kind is None else RangeKind(self.config.depth_kind)
         if kind not in kinds:
             projection = "equirectangular" if is_equirectangular else "pinhole"
-            raise ConfigError(f"depth_kind is {kind} for {projection} images, expected {' or '.join(kinds)}")
+            raise ConfigError(
+                f"the setting depth_kind is {str(kind)!r}, expected {' or '.join(kinds)} for {projection} images"
+            )
         return kind
 
     def _motion(self, bag: Bag, poses: PoseSource) -> PoseSource:
@@ -287,11 +290,12 @@ def _posed(
     posed = [(shot, T) for shot in shots if (T := poses.pose(rig.frame, shot.stamp_ns, rig.tolerance_s)) is not None]
     if not posed:
         raise DataError(
-            f"none of the {len(shots)} pictures of {rig.bag.path} has a pose in {poses} at its time: check that the "
-            "header stamps are from the same clock"
+            f"none of the {len(shots)} pictures of {rig.bag.path} has a pose from {poses} within "
+            f"{rig.tolerance_s:g} s: check that the header stamps are from the same clock"
         )
     missing = len(shots) - len(posed)
-    return posed, [f"{missing} of {len(shots)} pictures are left out: no pose at their time"] if missing else []
+    note = f"{missing} of {len(shots)} pictures are left out: no pose at the time of the picture"
+    return posed, [note] if missing else []
 
 
 def _delay_notes(shots: Sequence[BagShot], poses: PoseSource) -> list[str]:
@@ -300,9 +304,9 @@ def _delay_notes(shots: Sequence[BagShot], poses: PoseSource) -> list[str]:
     if abs(delay_s - poses.delay_s) <= MAX_DELAY_S:
         return []
     return [
-        f"the pictures were recorded {delay_s:.2f} s after their stamps, but the poses of {poses} {poses.delay_s:.2f} "
-        f"s after their stamps, expected a difference of at most {MAX_DELAY_S:g} s: the stamps may be from different "
-        "clocks"
+        f"the delay from header stamp to recording is {delay_s:.2f} s for the pictures and {poses.delay_s:.2f} s for "
+        f"the poses from {poses}, expected a difference of at most {MAX_DELAY_S:g} s: check that both stamps are from "
+        "the same clock"
     ]
 
 

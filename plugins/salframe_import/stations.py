@@ -31,9 +31,11 @@ MAX_IMAGE_TILT_DEG, LEVEL_TILT_DEG = 60.0, 35.0
 """Maximum median tilt of the images; a larger tilt is an error. The error suggests another convention if the median
 tilt under that convention is at most LEVEL_TILT_DEG."""
 DISAGREES = (
-    "the depth images of one place contradict each other: check the convention of the poses, the extrinsics, the "
-    "times, and the unit and kind of the depth"
+    "the depth images of one place contradict each other: check the pose convention, the extrinsics, the times, the "
+    "unit of the depth, and whether depth is measured along the ray or along the optical axis"
 )
+LEFT_OUT = "an image is left out: "
+"""Start of the note on an image that cannot be read."""
 _FULL_TURN_DEG = 360
 
 
@@ -176,7 +178,7 @@ def group_by_station(images: Sequence[PosedImage]) -> dict[str, list[PosedImage]
 def group_by_time(images: Sequence[PosedImage], max_gap_s: float) -> dict[str, list[PosedImage]]:
     """Split images into groups at gaps of more than `max_gap_s` seconds. Raises DataError if an image has no time."""
     if without := [image.name for image in images if image.t_s is None]:
-        raise DataError(f"the image {without[0]} has no time, expected a time for every image")
+        raise DataError(f"the image {without[0]} has no time stamp, expected one for every image")
     groups: list[list[PosedImage]] = []
     for image in sorted(images, key=lambda image: image.t_s or 0.0):
         if not groups or (image.t_s or 0.0) - (groups[-1][-1].t_s or 0.0) > max_gap_s:
@@ -215,16 +217,16 @@ def group_by_motion(
     groups = [run for run, view in zip(runs, views, strict=True) if view.sum() >= config.min_view_deg]
     if not groups:
         raise DataError(
-            f"the images at one place show at most {max(int(view.sum()) for view in views)} deg, expected at least "
-            f"{config.min_view_deg:g} deg within {config.max_move_m:g} m: turn the camera at each place, decrease "
-            "min_view_deg, or increase max_move_m"
+            f"the images taken within {config.max_move_m:g} m of one point cover at most "
+            f"{max(int(view.sum()) for view in views)} deg of azimuth, expected at least {config.min_view_deg:g} deg: "
+            "turn the camera at each place, decrease min_view_deg, or increase max_move_m"
         )
     num_unused = len(images) - sum(map(len, groups))
     if not num_unused:
         return _numbered(groups), None
     return _numbered(groups), (
-        f"{num_unused} of {len(images)} images are left out, because the camera did not turn enough where they were "
-        f"taken (min_view_deg {config.min_view_deg:g}, max_move_m {config.max_move_m:g})"
+        f"{num_unused} of {len(images)} images are left out: within {config.max_move_m:g} m (max_move_m), the camera "
+        f"turned less than {config.min_view_deg:g} deg (min_view_deg)"
     )
 
 
@@ -258,7 +260,7 @@ def check_upright(poses: Sequence[np.ndarray], others: Mapping[str, Sequence[np.
         else "check the axes of the cameras and of the world, and whether the poses map the camera to the world"
     )
     raise DataError(
-        f"according to their poses, the images are {tilt_deg:.0f} deg from upright (median of {len(poses)} images), "
+        f"the images are tilted by {tilt_deg:.0f} deg according to their poses (median of {len(poses)} images), "
         f"expected at most {MAX_IMAGE_TILT_DEG:g} deg: {cause}"
     )
 
@@ -312,7 +314,7 @@ def _stitch(
             camera = _fitted(image.name, image.camera, rgb)
             depth_camera = None if depth_m is None else _fitted(image.name, image.depth_camera or image.camera, depth_m)
         except DataError as error:
-            notes.append(f"left out: {error}")
+            notes.append(f"{LEFT_OUT}{error}")
             continue
         pictures.append(rgb)
         cameras.append(camera)
@@ -320,7 +322,8 @@ def _stitch(
             depths_m.append(depth_m)
             depth_cameras.append(depth_camera)
     if not pictures:
-        raise DataError(f"none of the {len(images)} images of {id} can be read: {notes[0]}")
+        first = notes[0].removeprefix(LEFT_OUT)
+        raise DataError(f"none of the {len(images)} images of the panorama {id} can be read; the first error: {first}")
     range_m = np.full((height, 2 * height), np.nan, np.float32)
     if has_depth:
         range_m = stitch_range(depths_m, depth_cameras, T_world_pano, height)

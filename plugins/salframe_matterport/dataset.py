@@ -119,8 +119,8 @@ class MatterportAnnotations(NavigableDataset):
         def _one_way_to_leave_out(self) -> MatterportAnnotations.Config:
             if self.map_share is not None and self.leave_out > 1:
                 raise ValueError(
-                    f"leave_out is {self.leave_out} and map_share is {self.map_share}, expected leave_out=1 or no "
-                    "map_share"
+                    f"received leave_out={self.leave_out} with map_share={self.map_share}, expected leave_out=1 or "
+                    "map_share=null"
                 )
             return self
 

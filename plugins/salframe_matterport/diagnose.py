@@ -31,7 +31,9 @@ def diagnose(run: Run, method: str) -> dict[str, list[str]]:
     """
     config = run.data()
     if not isinstance(config, MatterportAnnotations.Config):
-        raise DataError(f"{run.directory} is a run on the dataset {config.kind}, expected {MatterportAnnotations.name}")
+        raise DataError(
+            f"the run in {run.directory} used the dataset {config.kind}, expected {MatterportAnnotations.name}"
+        )
     dataset = MatterportAnnotations(config)
     answers = {(row.fold, row.query): row.places for row in run.rows(method, AnswerRow)}
     scenes = dataset.scenes()
@@ -40,7 +42,8 @@ def diagnose(run: Run, method: str) -> dict[str, list[str]]:
         for query in fold.queries:
             if (fold.id, query.id) not in answers:
                 raise DataError(
-                    f"{run.directory} has no answer of {method!r} to {query.id}, expected a complete run: "
+                    f"{run.directory} has no answer of the method {method!r} to the query {query.id}, expected a "
+                    "complete run: "
                     "resume the run"
                 )
             places = answers[fold.id, query.id]

@@ -122,7 +122,8 @@ def read_floor(root: Path, scan: str, resolution_m: float) -> FloorMasks:
     if region.shape != category.shape:
         shapes = [f"{picture.shape[1]} x {picture.shape[0]}" for picture in (region, category)]
         raise DataError(
-            f"{maps_path(root, scan)}: region.png is {shapes[0]} and cat.png {shapes[1]}, expected the same size"
+            f"{maps_path(root, scan)}: region.png is {shapes[0]} pixels and cat.png is {shapes[1]}, expected the same "
+            "size"
         )
     house = read_house(root / "house" / f"{scan}.house")
     label, pixel_m, origin_m = _locate_regions(region, house, maps_path(root, scan))
@@ -163,9 +164,9 @@ def _locate_regions(
     matched, pixel_m, origin_m, misfit_m = max(fits, key=lambda fit: len(fit[0]))
     if len(matched) < 2 or misfit_m > _MISFIT_M:
         raise DataError(
-            f"{source}/region.png does not match the .house file: {len(matched)} of {len(patches)} patches match a "
-            f"region, expected at least two, and the median distance of the edges is {misfit_m:.2f} m, expected at "
-            f"most {_MISFIT_M} m"
+            f"{source}/region.png does not match the .house file: {len(matched)} of {len(patches)} coloured areas "
+            "match "
+            f"a region (expected at least 2), and the edges differ by {misfit_m:.2f} m (expected at most {_MISFIT_M} m)"
         )
     table = np.zeros(number.max() + 1, np.int32)
     for patch, region in matched.items():

@@ -45,7 +45,9 @@ class Matterport3DImporter(Importer):
         scan = self.config.scan or next(iter(buildings))
         if scan not in buildings or (self.config.scan is None and len(buildings) > 1):
             received = "no scan" if self.config.scan is None else f"the scan {scan}"
-            raise DataError(f"received {received} for {source}: set scan to one of {', '.join(buildings)}")
+            raise DataError(
+                f"received {received} for {source}: set scan to the id of one building: {', '.join(buildings)}"
+            )
         house, viewpoints = read_house(house_path(buildings[scan])), read_viewpoints(buildings[scan])
         regions = {name: panorama.region for name, panorama in house.panoramas.items()}
         records = tuple(

@@ -106,7 +106,7 @@ class ViewpointWorld(World):
         inside = [number for number, node in enumerate(self._viewpoints.map.nodes) if node.regions]
         if not inside:
             raise DataError(
-                f"{self.id} has no viewpoint in any region, expected at least one for the start of an episode"
+                f"building {self.id} has no viewpoint in any region, expected at least one for the start of an episode"
             )
         return self._pose_at(int(rng.choice(inside)), rng.uniform(-np.pi, np.pi))
 

@@ -140,7 +140,8 @@ def read_ways(path: Path) -> set[tuple[str, str]]:
             )
         if len(viewpoint.unobstructed) != len(listed):
             raise DataError(
-                f"{path}: 'unobstructed' of {viewpoint.image_id} has {len(viewpoint.unobstructed)} values, "
+                f"{path}: the key 'unobstructed' of the viewpoint {viewpoint.image_id} has "
+                f"{len(viewpoint.unobstructed)} values, "
                 f"expected one for each of {len(listed)} viewpoints"
             )
         free = zip(listed, viewpoint.unobstructed, strict=True)
@@ -167,7 +168,7 @@ def read_boxes(path: Path, viewpoint: str) -> dict[int, Boxes]:
     """Read the objects visible from a viewpoint, by object id. Ids are unique within the building."""
     content: dict[str, dict[int, _Annotation]] = read_as(path, dict[str, dict[int, _Annotation]])
     if viewpoint not in content:
-        raise DataError(f"{path} has no key {viewpoint!r}, expected the viewpoint of the file name")
+        raise DataError(f"{path} has no key {viewpoint!r}, expected the viewpoint id in the file name as a key")
     return {
         number: Boxes(
             annotation.name.replace("#", " ").strip().lower(),
@@ -190,7 +191,9 @@ def read_room_types(path: Path) -> dict[str, dict[int, str]]:
         types[scan] = {}
         for region in viewpoints.values():
             if region.label is None:
-                raise DataError(f"{path} has no label for region {region.region_index} of {scan}, expected a label")
+                raise DataError(
+                    f"{path} has no label for the region {region.region_index} of the building {scan}, expected a label"
+                )
             if region.label != NO_LABEL:
                 word = content.label_info.label_name.get(region.label, region.label)
                 types[scan][region.region_index] = word.partition(" (")[0]

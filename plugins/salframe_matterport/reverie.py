@@ -55,15 +55,17 @@ class Reverie(Scorer):
         answer_by_id = read_answers(content, answers)
         scored = {split: episodes for split, episodes in splits.items() if not answer_by_id.keys().isdisjoint(episodes)}
         if not scored:
-            available = ", ".join(f"{len(episodes)} of {split}" for split, episodes in splits.items())
-            raise DataError(f"{answers} has no answer to the instructions of {root}, expected answers to {available}")
+            available = ", ".join(f"{split} ({len(episodes)} instructions)" for split, episodes in splits.items())
+            raise DataError(
+                f"{answers} has no answer to the instructions of {root}, expected answers to a split: {available}"
+            )
         for split, episodes in scored.items():
             missing = [name for name in episodes if name not in answer_by_id]
             if missing:
                 listed = ", ".join(missing[:NAMED]) + (", ..." if len(missing) > NAMED else "")
                 raise DataError(
-                    f"{answers} has no answer to {len(missing)} of the {len(episodes)} instructions of {split}, "
-                    f"expected an answer to each; missing: {listed}"
+                    f"{answers} has no answer to {len(missing)} of the {len(episodes)} instructions of the split "
+                    f"{split}, expected an answer to each; missing: {listed}"
                 )
         buildings = {
             scan: BuildingGraph(root, scan)
@@ -236,14 +238,16 @@ def score_episode(name: str, episode: ReverieEpisode, answer: Answer, building: 
     """
     for viewpoint in (*answer.path, episode.path[-1]):
         if viewpoint not in building.number:
-            raise DataError(f"{name}: the viewpoint {viewpoint!r} is not in building {episode.scan}")
+            raise DataError(f"the answer {name}: the viewpoint {viewpoint!r} is not in the building {episode.scan}")
     if answer.path[0] != episode.path[0]:
-        raise DataError(f"{name}: the trajectory begins at {answer.path[0]}, expected the start {episode.path[0]}")
+        raise DataError(
+            f"the answer {name}: the trajectory begins at the viewpoint {answer.path[0]}, expected {episode.path[0]}"
+        )
     walked_m = sum(building.distance_m(a, b) for a, b in zip(answer.path, answer.path[1:], strict=False))
     if not np.isfinite(walked_m):
         raise DataError(
-            f"{name}: the trajectory jumps between viewpoints of {episode.scan} that no path connects, "
-            "expected connected viewpoints"
+            f"the answer {name}: the trajectory jumps between viewpoints of the building {episode.scan} that no path "
+            "connects, expected connected viewpoints"
         )
     shortest_m = building.distance_m(episode.path[0], episode.path[-1])
     directness = shortest_m / max(walked_m, shortest_m, MIN_LENGTH_M)
@@ -324,21 +328,24 @@ def read_answers(content: Any, path: Path) -> dict[str, Answer]:
         try:
             name, walked = item["instr_id"], tuple(viewpoints(item["trajectory"]))
             named = item.get("predObjId", item.get("pred_objid"))
-            answers.setdefault(name, Answer(walked, _object_id(named, f"{path}: {name}")))
+            answers.setdefault(name, Answer(walked, _object_id(named, f"{path}: the answer {name}")))
             keyless += "predObjId" not in item and "pred_objid" not in item
             unnamed += named is None
         except (AttributeError, KeyError, TypeError) as error:
             reason = f"no key {error}" if isinstance(error, KeyError) else str(error)
-            raise DataError(f"{path}: answer {position}: {reason}; expected {expected}") from None
+            raise DataError(f"{path}: answer {position + 1} of {len(content)}: {reason}; expected {expected}") from None
         if not walked:
-            raise DataError(f"{path}: {name} has an empty trajectory, expected at least its start")
+            raise DataError(f"{path}: the answer {name} has an empty trajectory, expected at least the first viewpoint")
     if keyless:
         _log.warning(
-            "%s: %d of %d answers have neither predObjId nor pred_objid, and count as answers without an object",
+            "%s: %d of %d answers have no key predObjId (or pred_objid), and count as answers without an object",
             *(path, keyless, len(content)),
         )
     elif 0 < unnamed < len(content):
-        _log.warning("%s: %d of %d answers name no object; they count as failures in RGS", path, unnamed, len(content))
+        _log.warning(
+            "%s: %d of %d answers name no object, and count as failures in RGS (remote grounding success)",
+            *(path, unnamed, len(content)),
+        )
     return answers
 
 

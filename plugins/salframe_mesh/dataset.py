@@ -94,7 +94,9 @@ class MeshDataset(RenderedDataset[FrameSpec]):
             return self._source / self.config.mesh
         meshes = sorted(path for path in self._source.iterdir() if path.suffix.lower() in SUFFIXES)
         if len(meshes) != 1:
-            names = ", ".join(path.name for path in meshes) or "none"
+            if not meshes:
+                raise DataError(f"{self._source} has no mesh, expected a file with the suffix {', '.join(SUFFIXES)}")
+            names = ", ".join(path.name for path in meshes)
             raise DataError(
                 f"{self._source} has {len(meshes)} meshes ({names}), expected one: set data.mesh to the file to use"
             )
@@ -152,9 +154,8 @@ class MeshDataset(RenderedDataset[FrameSpec]):
         houses = sorted(self._source.glob("*.house"))
         if len(houses) != 1:
             raise DataError(
-                f"{self._source} has neither frames.csv ({', '.join(_COLUMNS)}) nor exactly one .house "
-                "file (from house_segmentations of the Matterport3D release), expected one of the two, with the "
-                "positions of the panoramas"
+                f"{self._source} has no frames.csv and {len(houses)} .house files, expected the positions of the "
+                f"panoramas in frames.csv ({', '.join(_COLUMNS)}) or in one .house file of Matterport3D"
             )
         references = []
         for name, point in read_house(houses[0]).panoramas.items():

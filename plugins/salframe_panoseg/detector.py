@@ -88,7 +88,9 @@ class PanoSegDetector(Detector):
         if panorama.rgb is None or panorama.range_m is None:
             missing = " and ".join(sorted({"rgb", "range"} - panorama.provides))
             raise InputMissing(
-                f"{panorama.id} has no {missing}, which the detector {self.name!r} needs: choose the detector 'onnx', "
+                f"{panorama.display_name} has no {missing}, which the detector {self.name!r} needs: choose the "
+                "detector "
+                "'onnx', "
                 "which needs only colour"
             )
         range_m = smaller(panorama.range_m)

@@ -152,7 +152,8 @@ class SegmentsDetector(Detector):
         """
         if panorama.rgb is None:
             raise InputMissing(
-                f"{panorama.id} has no colour image, which the detector {self.name!r} needs: choose another detector"
+                f"{panorama.display_name} has no colour image, which the detector {self.name!r} needs: choose another "
+                "detector"
             )
         rgb = brighten_dark(panorama.rgb, panorama.valid) if self.config.exposure == "auto" else panorama.rgb
         return classify(rgb, panorama.valid, self._views, self._classes.names, self._view_probabilities)

@@ -51,7 +51,7 @@ class SegmentationNetwork(ABC):
             if scores.ndim != 4 or scores.shape[-1] != len(self.card.labels):
                 raise WeightsError(
                     f"{self.path} returned an output of shape {' x '.join(map(str, scores.shape))} (channels last), "
-                    f"expected 4 axes and {len(self.card.labels)} channels, the number of labels on its card"
+                    f"expected 4 axes and {len(self.card.labels)} channels, the number of labels in the model card"
                 )
             yield _softmax(scores[0]) if output.values == "logits" else scores[0]
 
@@ -105,7 +105,8 @@ class TfliteNetwork(SegmentationNetwork):
             self._interpreter.allocate_tensors()
         except _NoTensor:
             raise WeightsError(
-                f"{path} has no tensor {card.output.name!r}, expected the output that its card names"
+                f"the network {path} has no tensor {card.output.name!r}, expected the tensor that the setting "
+                "output.name of the model card names"
             ) from None
         except Exception as error:  # the runtime raises ValueError, RuntimeError, and struct.error on other files
             raise WeightsError(
@@ -123,8 +124,8 @@ class TfliteNetwork(SegmentationNetwork):
             )
         if self._output["dtype"] is not np.float32 and not self._output["quantization"][0]:
             raise WeightsError(
-                f"the output of {path} has the type {_dtype(self._output)} without quantization, expected class "
-                "scores: set output.name in the model card to the name of the tensor with the scores"
+                f"the output of {path} has the type {_dtype(self._output)} without quantization parameters, expected "
+                "class scores: set output.name in the model card to the name of the tensor with the scores"
             )
         self._input = inputs[0]["index"]
 

@@ -89,8 +89,8 @@ class TransformersDetector(Detector):
         zero_shot = any(known.get(name) is NetworkTask.ZERO_SHOT for name in content.get("architectures") or ())
         if self.config.labels is not None and not zero_shot:
             raise ConfigError(
-                f"received labels for the network in {folder}, which has fixed labels: set labels=null, or use a "
-                "zero-shot network"
+                f"received the setting labels, but the network in {folder} has fixed labels: set labels=null, or use a "
+                "zero-shot network (a network that takes labels as input)"
             )
         takes_text = zero_shot or content.get("model_type") in TEXT_MODELS
         model = PretrainedModel(folder, known, self.config.device, self.config.size_px, takes_text=takes_text)
@@ -117,7 +117,8 @@ class TransformersDetector(Detector):
         """See Detector. Raises InputMissing if the panorama has no colour."""
         if panorama.rgb is None:
             raise InputMissing(
-                f"{panorama.id} has no colour image, which the detector {self.name!r} needs: choose another detector"
+                f"{panorama.display_name} has no colour image, which the detector {self.name!r} needs: choose another "
+                "detector"
             )
         return self._objects.detect(panorama.rgb, panorama.valid, panorama.range_m)
 
@@ -184,10 +185,11 @@ def _labels(labels: tuple[str, ...] | UserFile | None) -> tuple[str, ...]:
         return vocabulary_names()
     names = map_labels(labels) if isinstance(labels, UserFile) else labels
     if not names or not all(name.strip() for name in names) or len(set(names)) < len(names):
-        raise ConfigError(
-            f"received {len(names)} labels, {len({name for name in names if name.strip()})} of them distinct and not "
-            "empty, expected at least one label, and no repeated or empty label"
-        )
+        bad = "no label"
+        if names:
+            wrong = next(name for name in names if not name.strip() or names.count(name) > 1)
+            bad = f"the label {wrong!r} twice" if wrong.strip() else f"the empty label {wrong!r}"
+        raise ConfigError(f"the setting labels has {bad}, expected one or more different labels that are not empty")
     return names
 
 

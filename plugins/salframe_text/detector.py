@@ -60,8 +60,8 @@ class TextDetector(Detector):
         def _views_cover_the_horizon(self) -> Any:
             if self.views * self.fov_deg < 360:
                 raise ValueError(
-                    f"views={self.views} of fov_deg={self.fov_deg:g} cover {self.views * self.fov_deg:g} deg, "
-                    "expected at least 360 deg: increase views or fov_deg"
+                    f"received views={self.views} and fov_deg={self.fov_deg:g}, which together cover "
+                    f"{self.views * self.fov_deg:g} deg, expected at least 360 deg: increase views or fov_deg"
                 )
             return self
 
@@ -77,7 +77,8 @@ class TextDetector(Detector):
         """See Detector. Raises InputMissing if the panorama has no colour."""
         if panorama.rgb is None:
             raise InputMissing(
-                f"{panorama.id} has no colour image, which the detector {self.name!r} needs: choose another detector"
+                f"{panorama.display_name} has no colour image, which the detector {self.name!r} needs: choose another "
+                "detector"
             )
         return self._objects(self._read(panorama.rgb), panorama.range_m)
 

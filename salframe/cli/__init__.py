@@ -88,9 +88,9 @@ class Commands(TyperGroup):
             if ctx.invoked_subcommand not in self.commands:  # a plugin's command may end the process
                 raise
             *_, last = traceback.extract_tb(stop.__traceback__)
-            where = f"{last.filename} line {last.lineno}"
+            where = f"the code in {last.filename}, line {last.lineno},"
             raise SalframeError(
-                f"{where} ended the process ({describe_error(stop)}); raise an exception such as SalframeError instead"
+                f"{where} ended the process ({describe_error(stop)}): raise an exception such as SalframeError instead"
             ) from stop
 
 
@@ -111,7 +111,10 @@ def _load_plugin_commands() -> dict[str, Any]:
 
     commands, failures = load_commands()
     for failure in failures:
-        print(f"{failure.plugin} of {failure.package}: commands failed to load: {failure.reason}", file=sys.stderr)
+        print(
+            f"the commands of the plugin {failure.plugin} (package {failure.package}) failed to load: {failure.reason}",
+            file=sys.stderr,
+        )
     return {name: _as_click(name, command) for name, (command, _) in commands.items()}
 
 
@@ -207,7 +210,7 @@ def main() -> None:
     except _UsageError as error:
         _fail_usage(error)
     except typer.Abort:
-        _fail("aborted: the input ended before an answer")
+        _fail("aborted: the standard input ended before the question was answered")
     except SalframeError as error:
         if _debug:
             raise

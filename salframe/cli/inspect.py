@@ -79,7 +79,7 @@ def plugins(verbose: Verbose = False, as_json: Json = False) -> None:
         print(f"{folder} of {package}" if folder == "commands" else f"presets: {folder} of {package}")
         print(textwrap.fill(names, 78, initial_indent="  ", subsequent_indent="  ", break_on_hyphens=False))
     for failure in failures:
-        print(f"{failure.plugin} of {failure.package} failed to load: {failure.reason}")
+        print(f"the plugin {failure.plugin} (package {failure.package}) failed to load: {failure.reason}")
 
 
 def show(

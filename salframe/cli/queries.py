@@ -82,8 +82,9 @@ class QueryOptions:
         for option, files in (("--range", self.ranges), ("--instances", self.instances)):
             if files and len(files) != self._num_views:
                 raise ConfigError(
-                    f"received {len(files)} {option} for {self._num_views} views, expected {option} once for "
-                    "each view, in the order of the views"
+                    f"the number of options {option} is {len(files)}, expected {self._num_views}: one for each view, "
+                    "in "
+                    "the order of the views"
                 )
 
     @property

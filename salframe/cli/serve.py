@@ -71,7 +71,7 @@ def serve(
     ]:
         verb = "is" if len(missing) == 1 else "are"
         raise RequirementMissing(
-            f"serve needs {' and '.join(missing)}, which {verb} not installed: pip install 'salframe[serve]'"
+            f"salframe serve needs {' and '.join(missing)}, which {verb} not installed: pip install 'salframe[serve]'"
         )
     from salframe.serving.access import is_loopback
     from salframe.serving.limits import ServiceLimits

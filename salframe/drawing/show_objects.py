@@ -279,14 +279,19 @@ class _Stages:
         if missing:
             hint = " (--range FILE)" if missing == ["range"] else ""
             raise InputMissing(
-                f"the detector {self._detector.name} needs {' and '.join(missing)}{hint}, which {panorama.id} does not "
-                "have"
+                f"the detector {self._detector.name!r} needs {' and '.join(missing)}{hint}, which the image "
+                f"{panorama.id} "
+                "does not have"
             )
         start = time.perf_counter()
         detections = self._detector.detect(panorama)
         seconds = time.perf_counter() - start
         if not isinstance(detections, Detections):
-            raise InvalidAnswer(f"detect returned {type(detections).__name__}, expected Detections")
+            raise InvalidAnswer(
+                f"the function `detect` of the detector {self._detector.name!r} returned {type(detections).__name__}, "
+                "expected "
+                "Detections"
+            )
         return detections, seconds
 
     def link(self, detections: Detections) -> tuple[np.ndarray | None, SaliencyGraph | None]:

@@ -44,7 +44,9 @@ def annotated_objects(panorama: Panorama) -> list[Annotated]:
         InputMissing: The panorama has no annotations, or the range of the annotated objects is unknown.
     """
     if panorama.annotations is not None and not has_points(panorama):
-        raise InputMissing(f"{panorama.id} has an instance image but no range image, expected both")
+        raise InputMissing(
+            f"{panorama.display_name} has an instance image (annotations) but no range image, expected both"
+        )
     return seen_objects(panorama)
 
 
@@ -56,7 +58,9 @@ def seen_objects(panorama: Panorama) -> list[Annotated]:
         InputMissing: The panorama has no annotations.
     """
     if panorama.annotations is None:
-        raise InputMissing(f"{panorama.id} has no annotations, expected an instance image or a list of objects")
+        raise InputMissing(
+            f"{panorama.display_name} has no annotations, expected an instance image or a list of objects"
+        )
     if panorama.annotations.instance_id is not None:
         return _objects_in_image(panorama.annotations.instance_id, panorama.annotations.labels, panorama.range_m)
     return _objects_in_list(panorama.annotations)

@@ -29,8 +29,8 @@ class WordVectors:
     def reason(self) -> str:
         """The reason why `nearest` returned None, as the end of a sentence."""
         if self.is_installed:
-            return " and resembles no word of the vocabulary"
-        return f"; similar words need the package {PACKAGE}, not installed: {PIP_COMMAND}"
+            return " and resembles no word in the vocabulary"
+        return f"; to search for similar words, install the package {PACKAGE}: {PIP_COMMAND}"
 
     def nearest(self, word: str) -> str | None:
         """Return the most similar word of the vocabulary; None if its similarity is below MIN_SIMILARITY, or the

@@ -124,7 +124,7 @@ def unknown_labels_note(labels: Collection[str]) -> str:
     """Return a note on labels of a query that no object of the map has. It names at most MAX_LABELS of these labels."""
     named = ", ".join(repr(label) for label in sorted(labels)[:MAX_LABELS])
     more = f" and {len(labels) - MAX_LABELS} more" if len(labels) > MAX_LABELS else ""
-    return f"no object of the map has the label {named}{more}"
+    return f"no object of the map has the {'label' if len(labels) == 1 else 'labels'} {named}{more}"
 
 
 def _singular_forms(words: str) -> Iterator[str]:

@@ -170,8 +170,8 @@ class Localization:
         probability = self.out_of_map_probability or 0.0
         certainty = "is probably" if probability > MAX_OUT_OF_MAP_PROBABILITY else "may be"
         return (
-            f"not accepted, because the query {certainty} out-of-map: {probability:.1%}, "
-            f"expected at most {100 * self.max_accepted_probability:.3g}%"
+            f"not accepted, because the query {certainty} out-of-map (probability {probability:.1%}, "
+            f"accepted up to {100 * self.max_accepted_probability:.3g}%)"
         )
 
     def _repr_html_(self) -> str:

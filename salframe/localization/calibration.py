@@ -166,8 +166,8 @@ def acceptance_limit(posterior: Posterior, calibration: MapCalibration | None) -
         return MAX_OUT_OF_MAP_PROBABILITY
     if calibration is None:
         raise DataError(
-            f"max_false_accept is {level:g} and the map is not calibrated, expected a calibrated map: run "
-            "salframe map calibrate, or omit max_false_accept"
+            f"max_false_accept is {level:g}, but the map is not calibrated: run `salframe map calibrate MAP`, or omit "
+            "max_false_accept"
         )
     return calibration.max_out_of_map_probability(level)
 
@@ -208,8 +208,9 @@ def calibrate_posterior(
     posterior = localizer.posterior
     if posterior is None:
         raise DataError(
-            f"the answers of {localizer.name} have no probabilities to calibrate: use another method, such as "
-            "proposed, or set `posterior` to a file that `salframe fit` wrote"
+            f"the answers of the method {localizer.name!r} have no probabilities to calibrate: use another method, "
+            "such "
+            "as proposed, or set `posterior` to a file that `salframe fit` wrote"
         )
     answers = localize_frames(localizer, posterior, descriptions, frames, floors)
     head = calibrate_head(posterior, answers)

@@ -58,7 +58,8 @@ def check_parts(localizer: Localizer, panorama: Panorama, remedy: Callable[[], s
     """Raise InputMissing if a panorama lacks a part that the localizer requires. The error message ends with the text
     that `remedy` returns."""
     if missing := required_parts(localizer, panorama.provides) - panorama.provides:
-        reason = f"{localizer.name} needs {' and '.join(sorted(missing))}, which {panorama.id} does not have"
+        parts = " and ".join(sorted(missing))
+        reason = f"the method {localizer.name!r} needs {parts}, which {panorama.display_name} does not have"
         raise InputMissing(reason if remedy is None else f"{reason}: {remedy()}")
 
 

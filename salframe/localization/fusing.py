@@ -21,7 +21,7 @@ MIN_PROBABILITY = 1e-6
 """Lower bound of a probability in a product over views, so that a single view cannot exclude a place."""
 
 
-FUSED = "views localized one by one and fused"
+FUSED = "views were localized one by one, and the answers were fused"
 """Text in the note of an answer whose views should have been joined, but had to be fused."""
 
 

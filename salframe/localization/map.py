@@ -258,7 +258,8 @@ class LocalizationMap:
         posterior = self.localizer.posterior
         if posterior is None:
             raise DataError(
-                f"max_false_accept is {max_false_accept:g}, but the answers of {self.localizer.name} have no "
+                f"max_false_accept is {max_false_accept:g}, but the answers of the method {self.localizer.name!r} have "
+                "no "
                 "probabilities: build the map with another method, such as proposed, or omit max_false_accept"
             )
         settings = {**posterior.model_dump(), "max_false_accept": max_false_accept}
@@ -389,8 +390,9 @@ class LocalizationMap:
         """
         if not isinstance(self.localizer, DetectingLocalizer):
             raise InputMissing(
-                f"received detections, which {self.localizer.name} does not use: pass a panorama, or build the map "
-                "with a method that uses detections, such as proposed"
+                f"received detections, which the method {self.localizer.name!r} does not use: pass a panorama, or "
+                "build the "
+                "map with a method that uses detections, such as proposed"
             )
         panorama = Panorama("the detections")
         description = self.localizer.describe_detections(detections, panorama)
@@ -430,9 +432,9 @@ class LocalizationMap:
                 joined = self.localizer.join(flat, level_motions(T_last_view, rotations), self.localizer.odometry)
                 if joined is not None:
                     return self._answer_level(joined, rotations[-1])
-            reason = f"{self.localizer.name} cannot join them"
+            reason = f"the method {self.localizer.name!r} cannot localize several views together"
             if T_last_view is None:
-                reason = "the motion between them is unknown"
+                reason = "the motion between the views is unknown"
         answers = [self.answer(description) for description in descriptions]
         notes = dict.fromkeys(remark for answer in answers for remark in answer.notes)
         if reason:
@@ -464,7 +466,7 @@ class LocalizationMap:
                 self._is_checked = True
             answer = self.localizer.match(description)
         if not isinstance(answer, Localization):
-            raise InvalidAnswer(f"match returned {type(answer).__name__}, expected a Localization")
+            raise InvalidAnswer(f"the function `match` returned {type(answer).__name__}, expected a Localization")
         if labels := self.localizer.unknown_labels(description):
             answer = replace(answer, notes=(*answer.notes, unknown_labels_note(labels)))
         shown = self.localizer.shown_directions(description)
@@ -601,5 +603,5 @@ def _convert_array_errors(folder: Path | None, localizer: Localizer) -> Iterator
         names = [] if folder is None else find_not_finite(folder)
         hint = f" (not finite: {', '.join(names)})" if names else ""
         raise DataError(
-            f"{where} is damaged: {localizer.name} cannot use its arrays{hint}: build the map again"
+            f"{where} is damaged: the method {localizer.name!r} cannot read the arrays{hint}; build the map again"
         ) from error

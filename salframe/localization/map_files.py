@@ -143,7 +143,7 @@ class MapParts:
         """
         saved = self._read_method().localizer
         if not isinstance(kind := saved.get("kind"), str):
-            raise DataError(f"{self.folder / METHOD} does not name the method of the map: build the map again")
+            raise DataError(f"{self.folder / METHOD} has no key 'kind' with the name of a method: build the map again")
         config: ComponentConfig = validate(registry().get(Localizer.role, kind).Config, saved, f"{self.folder.parent}:")
         return config
 
@@ -154,11 +154,15 @@ class MapParts:
         kind = saved.localizer.get("kind")
         if (kind, saved.version) != (name, version):
             raise DataError(
-                f"{directory} was built with {kind} {saved.version}, expected {name} {version}: build the map again"
+                f"{directory} was built with version {saved.version} of the method {kind!r}, expected version "
+                f"{version} of "
+                f"{name!r}: build the map again"
             )
         if saved.described_by != digest(localizer.describe_identity()):
             raise DataError(
-                f"{directory} was built with other settings, weights or files than {name} has now: build the map again"
+                f"{directory} was built with other settings, weights or files than the method {name!r} has now: build "
+                "the "
+                "map again"
             )
 
     def index_folder(self, localizer: Localizer) -> Path:
@@ -194,8 +198,8 @@ class MapParts:
     def _read_method(self) -> _SavedMethod:
         if not self.has(METHOD):
             raise DataError(
-                f"{self.folder.parent} cannot localize, because its data had no reference frames: build the map "
-                "from data with reference frames"
+                f"the map {self.folder.parent} cannot localize: no reference frame (panorama with pose and place); "
+                "build the map from data with reference frames"
             )
         return self.read_json(METHOD, _SavedMethod)
 

@@ -90,13 +90,13 @@ def complete_references(
     changed = [number for number, description in enumerate(after) if description is not before[number]]
     total, placed = (sum(localizer.count_objects(part[number]) for number in changed) for part in (before, after))
     notes = (
-        f"{total - placed} of {total} objects in {len(changed)} reference frames without range are left out, because "
-        "no second panorama gives their position"
+        f"{total - placed} of {total} objects in {len(changed)} reference frames without range are left out: their "
+        "position cannot be triangulated from a second panorama"
     )
     unusable_frames: dict[str, DataError | InputMissing] = {}
     for frame, description in zip(frames, after, strict=True):
         if reason := localizer.unfit_for_map(description):
-            unusable_frames[frame.id] = InputMissing(f"{frame.id} cannot be a reference frame: {reason}")
+            unusable_frames[frame.id] = InputMissing(f"panorama {frame.id} cannot be a reference frame: {reason}")
     rows = [number for number, frame in enumerate(frames) if frame.id not in unusable_frames]
     tilted = {number: {R_LEVEL_PANO: rotation} for number, (_, rotation) in enumerate(level) if rotation is not None}
     return CompletedReferences(

@@ -82,7 +82,9 @@ class SavedFrames(Sequence[ReferenceFrame]):
         for low in range(0, len(self), _CHUNK):
             if not (rigid := self._are_rigid(low, min(low + _CHUNK, len(self)))).all():
                 frame = self._columns["id"][low + int(np.argmin(rigid))].item()
-                raise DataError(f"{rows.folder}: the pose of {frame} is not a rigid motion: build the map again")
+                raise DataError(
+                    f"{rows.folder}: the pose of the frame {frame} is not a rigid motion: build the map again"
+                )
 
     def _are_rigid(self, low: int, high: int) -> np.ndarray:
         """Return whether each pose of the frames from `low` to `high` - 1 is a rigid motion, (high - low,) bool."""

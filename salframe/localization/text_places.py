@@ -127,7 +127,8 @@ class MapWords:
         descriptions = [map.reference(frame.id)[1] for frame in self._frames]
         if not all(description.keys() >= GRAPH_ARRAYS for description in descriptions):
             raise InputMissing(
-                f"the map was built with {map.localizer.name}, which stores no objects, expected a method that "
+                f"the map was built with the method {map.localizer.name!r}, which stores no objects, expected a method "
+                "that "
                 "detects objects, such as proposed"
             )
         self._graphs = [graph_from_arrays(description) for description in descriptions]

@@ -154,12 +154,12 @@ class _Reader:
                 if start:
                     self.notes.append(f"ignored words: {' '.join(words[:start])!r} in {' '.join(words)!r}")
                 if label not in self._labels and is_object(label) is False:
-                    self.notes.append(f"{word!r} is not an object")
+                    self.notes.append(f"{word!r} is not an object that maps contain")
                 return Mention(word, label, count, is_absent)
         word = " ".join(words)
         nearest = self._vectors.nearest(word)
         if nearest is None:
-            self.notes.append(f"{word!r} is not known{self._vectors.reason}")
+            self.notes.append(f"{word!r} is ignored: the word is not in the vocabulary{self._vectors.reason}")
             return Mention(word, None, count, is_absent)
         label = object_label(nearest)
         self.notes.append(f"{word!r} is not in the vocabulary; its nearest word is {nearest!r}")

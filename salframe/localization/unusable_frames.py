@@ -30,7 +30,7 @@ def check_unusable(unusable_frames: Mapping[str, DataError | InputMissing], num_
         raise type(first)(str(first))
     message = (
         f"{len(unusable_frames)} of {num_frames} reference frames cannot be used, expected at most "
-        f"{MAX_UNUSABLE_SHARE:.0%}; complete or remove them; the first: {first}"
+        f"{MAX_UNUSABLE_SHARE:.0%}: complete or remove these frames; the first error: {first}"
     )
     raise InputMissing(message) if missing else DataError(message)
 
@@ -39,4 +39,6 @@ def unusable_note(unusable_frames: Mapping[str, DataError | InputMissing]) -> st
     """Return a note on the reference frames that were left out of a map; None if no frame was left out."""
     if not unusable_frames:
         return None
-    return f"{len(unusable_frames)} reference frame(s) left out, the first: {next(iter(unusable_frames.values()))}"
+    return (
+        f"{len(unusable_frames)} reference frame(s) left out; the first error: {next(iter(unusable_frames.values()))}"
+    )

@@ -93,7 +93,8 @@ def draw_episodes(sites: Mapping[str, Site], count: int, seed: int) -> tuple[lis
     for world, site in sites.items():
         if _draw(site, np.random.default_rng([seed, 0]), 0) is None:
             left_out.append(
-                f"{world} allows no episode: expected a scene node in another region than the start, and a path to it"
+                f"the building {world} allows no episode: expected a start and a node in different rooms, and a path "
+                "between them"
             )
         else:
             worlds.append(world)
@@ -168,7 +169,7 @@ def place_episodes(
         except (DataError, NoRoute, UnknownName) as error:
             left_out.append(f"episode {number}: {error}")
     if not episodes:
-        raise DataError(left_out[0] if left_out else "received no episode, expected at least one")
+        raise DataError(left_out[0] if left_out else "the file of episodes is empty, expected at least one episode")
     return episodes, left_out
 
 
@@ -177,7 +178,7 @@ def _place(request: EpisodeRequest, sites: Mapping[str, Site], rng: np.random.Ge
         raise DataError(f"the episode has no `world` (building), expected one of {', '.join(sites)}")
     name = next(iter(sites)) if request.world is None else request.world
     if name not in sites:
-        raise DataError(f"unknown world {name!r}, expected one of {', '.join(sites)}")
+        raise DataError(f"the episode has the unknown `world` (building) {name!r}, expected one of {', '.join(sites)}")
     world, guide = sites[name]
     yaw_rad = rng.uniform(-np.pi, np.pi) if request.yaw_deg is None else np.radians(request.yaw_deg)
     goal = world.node(request.goal)
@@ -188,7 +189,8 @@ def _place(request: EpisodeRequest, sites: Mapping[str, Site], rng: np.random.Ge
     )
     if not world.is_reachable(start, world.stand_at(goal, 0.0)):
         raise DataError(
-            f"obstacles in the world {name} block every path from the start to {goal.id}: choose another start or goal"
+            f"obstacles in the building {name} block every path from the start to {goal.id}: choose another start or "
+            "goal"
         )
     return Episode(
         number, name, tuple(start.ravel().tolist()), goal.id, guide.shortest_path(start[:3, 3], goal.id).length_m

@@ -49,7 +49,7 @@ class World(ABC):
             UnknownName: There is no such node. The message suggests the most similar name.
         """
         if name not in self._nodes:
-            raise UnknownName(f"{self.id}: {unknown('node', name, list(self._nodes))}")
+            raise UnknownName(f"building {self.id}: {unknown('node', name, list(self._nodes))}")
         return self._nodes[name]
 
     @abstractmethod
@@ -156,16 +156,19 @@ class FloorWorld(World):
     def stand(self, x_m: float, y_m: float, yaw_rad: float, floor: int | None = None) -> np.ndarray:
         count = len(self._floors)
         if floor is None and count > 1:
-            raise DataError(f"{self.id} has {count} floors, and the start names none: set `floor` from 1 to {count}")
+            raise DataError(
+                f"building {self.id} has {count} floors, but the start has no floor: set `floor` to a number from 1 to "
+                f"{count}"
+            )
         if floor is not None and not 1 <= floor <= count:
-            raise DataError(f"{self.id} has no floor {floor}, expected a number from 1 to {count}")
+            raise DataError(f"building {self.id} has no floor {floor}, expected a number from 1 to {count}")
         return self._stand((x_m, y_m), yaw_rad, 0 if floor is None else floor - 1)
 
     def _stand(self, xy_m: Sequence[float], yaw_rad: float, number: int) -> np.ndarray:
         x_m, y_m = xy_m
         if not self._is_free(np.array([xy_m]), number).all():
             raise DataError(
-                f"{self.id}: the position ({x_m:.2f}, {y_m:.2f}) m is in a wall or obstacle, or less than "
+                f"building {self.id}: the position ({x_m:.2f}, {y_m:.2f}) m is in a wall or obstacle, or less than "
                 f"{self._radius_m:g} m from one, expected free floor"
             )
         return pose_2d(x_m, y_m, yaw_rad, self._camera_z_m[number])
@@ -192,7 +195,9 @@ class FloorWorld(World):
         ]
         ends = np.cumsum([len(one) for one in pixels])
         if not ends[-1]:
-            raise DataError(f"{self.id} has no free floor in any room, expected free floor for the start of an episode")
+            raise DataError(
+                f"building {self.id} has no free floor in any room, expected free floor for the start of an episode"
+            )
         drawn = int(rng.integers(ends[-1]))
         number = int(np.searchsorted(ends, drawn, "right"))
         x_m, y_m = self._grids[number].to_metres(np.concatenate(pixels)[drawn] + 0.5)

@@ -12,6 +12,8 @@ from salframe.framework.arrays import as_array, check_array, check_mask
 from salframe.framework.errors import DataError
 from salframe.panoramas.range_encoding import RangeEncoding
 
+UNNAMED_ID = "the panorama"
+"""Id of a panorama that was passed as arrays or uploaded, without an id."""
 PARTS = frozenset({"rgb", "range", "annotations"})
 """Parts that a panorama may provide and a component may need."""
 VISIBLE_PIXELS = 50
@@ -245,6 +247,11 @@ class Panorama:
             length = float(np.linalg.norm(check_array(self, "up", np.float64, 3)))
             if not (np.isfinite(length) and length > 0):
                 raise DataError(f"{self.id}: up is {self.up.tolist()}, expected a vector with a finite length above 0")
+
+    @property
+    def display_name(self) -> str:
+        """Name of the panorama in messages: "panorama" and the id, or "the panorama" without an id."""
+        return self.id if self.id == UNNAMED_ID else f"panorama {self.id}"
 
     @property
     def error_id(self) -> str:

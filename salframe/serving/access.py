@@ -94,8 +94,8 @@ class AccessRules:
         if origin is not None and origin not in self.origins and (urlsplit(origin).netloc or None) != host:
             raise Problem(
                 HTTPStatus.FORBIDDEN,
-                f"the header Origin is {origin!r}, which is not an allowed site: start the server with "
-                "--allow-origin for this site",
+                f"the header Origin is {origin!r}, which the server does not allow: start the server with "
+                f"--allow-origin {origin}",
             )
         is_public = path in PUBLIC_PATHS or path.startswith(PUBLIC_FOLDER)
         if not (is_public or is_websocket or self.accepts_header(headers)):

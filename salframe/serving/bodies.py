@@ -35,7 +35,7 @@ class BodyLimits:
         if encoding.lower() != "identity":
             raise Problem(
                 HTTPStatus.UNSUPPORTED_MEDIA_TYPE,
-                f"the header Content-Encoding is {encoding!r}, expected a body that is not compressed",
+                f"the header Content-Encoding is {encoding!r}, expected a request body without compression",
             )
         length = headers.get("content-length", "0")
         if length.isdecimal() and int(length[:20]) > self._limits.max_body_bytes:
@@ -44,7 +44,7 @@ class BodyLimits:
     def _too_large(self, received: object) -> Problem:
         return Problem(
             HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
-            f"the body has {received} bytes, expected at most {self._limits.max_body_bytes}: reduce the images",
+            f"the request body has {received} bytes, expected at most {self._limits.max_body_bytes}: reduce the images",
         )
 
     def _limited(self, receive: Receive) -> Receive:
@@ -60,7 +60,8 @@ class BodyLimits:
                 is_complete = True
                 raise Problem(
                     HTTPStatus.REQUEST_TIMEOUT,
-                    f"the body did not arrive within the time limit of {self._limits.body_s:g} s: send smaller images",
+                    f"the request body did not arrive within the time limit of {self._limits.body_s:g} s: send smaller "
+                    "images",
                     headers={"Connection": "close"},
                 ) from None
             num_bytes += len(message.get("body", b""))

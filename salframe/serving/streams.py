@@ -46,7 +46,9 @@ async def stream_belief(
             await socket.close(POLICY, problem.detail.partition(":")[0])
             return
         if len(session.listeners) >= limits.max_listeners:
-            await socket.close(TRY_AGAIN, f"the session has {len(session.listeners)} streams, the maximum number")
+            await socket.close(
+                TRY_AGAIN, f"the session has {len(session.listeners)} streams, the maximum number: close one"
+            )
             return
         await _send_beliefs(socket, session)
     except WebSocketDisconnect:

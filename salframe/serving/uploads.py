@@ -21,7 +21,7 @@ from salframe.framework.validation import Settings, describe_faults
 from salframe.graphs.detections import Detections
 from salframe.panoramas.camera import Camera
 from salframe.panoramas.camera_file import CameraFile
-from salframe.panoramas.panorama import Panorama
+from salframe.panoramas.panorama import UNNAMED_ID, Panorama
 from salframe.panoramas.panorama_files import load_panorama
 from salframe.panoramas.range_encoding import MILLIMETRE, RangeEncoding, RangeKind
 from salframe.panoramas.shot import missing_depth_note, open_photograph
@@ -122,7 +122,7 @@ async def read_json_body(request: Request, model: type[_Model], limits: ServiceL
             content is invalid.
     """
     if content_type(request) != JSON:
-        raise Problem(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, f"the body is {MULTIPART}, expected {JSON}")
+        raise Problem(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, f"the header Content-Type is {MULTIPART!r}, expected {JSON!r}")
     body = bytearray()
     async for chunk in request.stream():
         body += chunk
@@ -206,7 +206,7 @@ def _read_images(fields: UploadFields, image: Path | None, range_image: Path | N
     kind = fields.range_kind or (RangeKind.Z if is_photograph else RangeKind.RAY)
     encoding = RangeEncoding(fields.range_unit_m, tuple(fields.range_missing), kind)
     if not is_photograph:
-        panorama = load_panorama("the panorama", rgb=image, range_image=range_image, encoding=encoding)
+        panorama = load_panorama(UNNAMED_ID, rgb=image, range_image=range_image, encoding=encoding)
         return ServedQuery(panorama, rgb=panorama.rgb, notes=panorama.notes)
     if image is None:
         raise DataError(
@@ -236,7 +236,8 @@ def _store(source: BinaryIO, path: Path, limits: ServiceLimits) -> Path:
     if width * height > limits.max_pixels:
         raise Problem(
             HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
-            f"{path.name} is {width} x {height}, expected at most {limits.max_pixels} pixels: reduce the image",
+            f"{path.name} has {width} x {height} pixels, expected at most {limits.max_pixels} in total: reduce the "
+            "image",
         )
     return path
 

@@ -93,7 +93,7 @@ def _check_fold(dataset: Dataset, fold: Fold) -> None:
     )
     ids = [*(frame.id for frame in fold.references), *(frame.id for frame in fold.queries)]
     repeated = [id for id, count in Counter(ids).items() if count > 1]
-    expect(not repeated, checked, f"more than one frame {', '.join(repeated)}", "a unique id for each frame")
+    expect(not repeated, checked, f"the repeated frame ids {', '.join(repeated)}", "a unique id for each frame")
     for frame in fold.references:
         expect(isinstance(frame, ReferenceFrame), f"reference frame {frame.id}", type(frame).__name__, "ReferenceFrame")
         expect(

@@ -155,7 +155,7 @@ def _check_detections(checked: str, detections: Detections) -> None:
         expect(
             fits and len(points),
             checked,
-            f"points_m of shape {np.shape(points)} for a {label}",
+            f"points_m of shape {np.shape(points)} for the object {label!r}",
             "floats of shape (n, 3), n at least 1",
         )
 
@@ -188,7 +188,7 @@ def _check_turn(detector: Detector, panorama: Panorama, detections: Detections, 
     other_label = np.array(detections.labels)[:, None] != np.array(after.labels)[None]
     rows, partners = linear_sum_assignment(distance_m + 1e3 * other_label)
     for i, j in zip(rows, partners, strict=True):
-        subject = f"a {detections.labels[i]} that"
+        subject = f"an object {detections.labels[i]!r} that"
         expect(
             np.array_equal(np.isnan(detections.centroid_m[i]), np.isnan(after.centroid_m[j]))
             and distance_m[i, j] <= tolerance_m,

@@ -118,7 +118,7 @@ class SceneIndexRules(Rules[SceneIndex]):
         try:
             self.make().build(cut_short(), folder)
         except EOFError:
-            expect(not folder.exists(), "build from a stream that raises", "a folder", "no folder")
+            expect(not folder.exists(), "build from a stream that raises", "an incomplete folder", "no folder")
         else:
             expect(False, "build from a stream that raises", "no error", "the exception of the stream")
         self._expect_error("open of a folder that does not exist", DataError, self.make().open, folder)

@@ -55,7 +55,7 @@ def build_topology(
             floor has free floor; two nodes have the same name.
     """
     if not floors:
-        raise DataError("a topology needs floor masks, but the dataset has none")
+        raise DataError("a topology (graph for routes) needs floor masks, but the dataset has none")
     settings = settings or TopologySettings()
     floors = sorted(floors, key=lambda floor: floor.z_m)
     references = list(frames)
@@ -125,7 +125,7 @@ class _FloorMap:
         else:
             self._add_scenes(scenes)
         for doorway in narrow:
-            notes.append(f"{self._describe(doorway)} is dropped: it is narrower than {settings.min_doorway_m:g} m")
+            notes.append(f"{self._describe(doorway)} is left out: narrower than {settings.min_doorway_m:g} m")
         self._add_transitions(doorways)
         self._assign_transition_frames([frame for frame in frames if frame.kind is FrameKind.TRANSITION])
         self.edges: list[MapEdge] = []
@@ -166,9 +166,11 @@ class _FloorMap:
         reason = f"frame {frame.id} at ({x:.2f}, {y:.2f}) m is inside a wall or obstacle, or too near to one"
         distance_m = np.inf if pixel is None else float(np.linalg.norm(pixel - position)) * grid.floor.resolution_m
         if distance_m > max_distance_m:
-            self._notes.append(f"{reason}; it is left out: no free floor of its region within {max_distance_m:g} m")
+            self._notes.append(
+                f"{reason}; the frame is left out: its region has no free floor within {max_distance_m:g} m"
+            )
             return None
-        self._notes.append(f"{reason}; its node is {distance_m:.2f} m from it")
+        self._notes.append(f"{reason}; the node is {distance_m:.2f} m from the frame")
         return pixel
 
     def _choose_scenes(self, frames: Sequence[ReferenceFrame]) -> None:
@@ -178,7 +180,7 @@ class _FloorMap:
         for label, name in self._names.items():
             clearance_m = np.where(self._grid.label == label, clear, -1.0)
             if clearance_m.max() < 0:
-                self._notes.append(f"{name} has no scene node: it has no space that is wide enough for the robot")
+                self._notes.append(f"the region {name} has no node: no part of the region is wide enough for the robot")
                 continue
             pixel = np.array(np.unravel_index(clearance_m.argmax(), clearance_m.shape)) + 0.5
             self._add(name, NodeKind.SCENE, pixel, (name,), tuple(frame.id for frame in frames if frame.place == name))
@@ -211,7 +213,7 @@ class _FloorMap:
             xy = frame.T_world_pano[:2, 3]
             distance_m = [float(np.hypot(*(xy - self.nodes[door].xyz_m[:2]))) for door in doors]
             if not doors or min(distance_m) > self._settings.doorway_reach_m:
-                reach = f"no transition node within {self._settings.doorway_reach_m:g} m"
+                reach = f"no node of a doorway is within {self._settings.doorway_reach_m:g} m"
                 self._notes.append(f"frame {frame.id} at ({xy[0]:.2f}, {xy[1]:.2f}) m belongs to no node: {reach}")
                 continue
             door = doors[int(np.argmin(distance_m))]
@@ -244,11 +246,11 @@ class _FloorMap:
         for name in self._names.values():
             if name not in parts[main]:
                 reason = (
-                    "its doors do not lead to them"
+                    "no path leads from its doors to the other regions"
                     if name in with_door
-                    else "it has no door that the robot fits through"
+                    else "no door of the region is wide enough for the robot"
                 )
-                self._notes.append(f"{name} cannot be reached from the other regions of the floor: {reason}")
+                self._notes.append(f"the region {name} cannot be reached from the other regions: {reason}")
         for node, c in zip(self.nodes, component, strict=True):
             if c != main and parts[main].issuperset(node.regions):
-                self._notes.append(f"node {node.id} cannot be reached: obstacles block every path to it")
+                self._notes.append(f"the node {node.id} cannot be reached: obstacles block every path to the node")

@@ -124,7 +124,7 @@ def build_map(
             if not plan.floors:
                 plan = plan_floors(dataset, frames, localizer, progress, space)
             elif space is not None:
-                tell(f"warning: {floor_map} is not used: the data have floor masks")
+                tell(f"warning: the floor map {floor_map} is not used, because the data have floor masks")
             topological_map = _build_topology(plan, TopologySettings(choose=central_nodes), dataset.connections())
         except (DataError, RequirementMissing) as error:
             if central_nodes or space is not None or not frames:
@@ -233,7 +233,7 @@ def ask_map(
     answer = localization.localize(frame, warn=warn)
     map_answer = MapAnswer(answer, heading_rad=None if answer.T_world_query is None else pose_yaw(answer.T_world_query))
     if answer.accepted is False:
-        reason = f"{frame.id} was not localized ({answer.summary})"
+        reason = f"the query {frame.id} was not localized ({answer.summary})"
         return map_answer if goal is None else replace(map_answer, no_route=f"no route to {goal}: {reason}")
     if topology is None:
         reason = "the map has no topology: build it from data with floor masks or range"

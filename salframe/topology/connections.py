@@ -92,7 +92,10 @@ def connect_by_walks(topology: TopologicalMap, frames: Sequence[ReferenceFrame])
         with suppress(UnknownName, DataError):
             topology = connect_storeys(topology, [connection])
             joined.add(places)
-            note = f"the frames {walk.start.id} to {walk.end.id} show {walk.kind} of {walk.length_m:.1f} m"
+            note = (
+                f"two floors are connected by {walk.kind} of {walk.length_m:.1f} m, recorded from the frame "
+                f"{walk.start.id} to the frame {walk.end.id}"
+            )
             topology = replace(topology, notes=(*topology.notes, note))
     return topology
 
@@ -103,7 +106,7 @@ def restore_connections(topology: TopologicalMap, connections: Iterable[Connecti
         try:
             topology = connect_storeys(topology, [connection])
         except (UnknownName, DataError) as error:
-            note = f"the {connection.kind} from {connection.start} to {connection.end} are dropped: {error}"
+            note = f"the connection ({connection.kind}) from {connection.start} to {connection.end} is dropped: {error}"
             topology = replace(topology, notes=(*topology.notes, note))
     return topology
 
@@ -117,8 +120,8 @@ def disconnected_note(floors: Sequence[FloorMasks], edges: Sequence[MapEdge]) ->
     heights = ", ".join(f"{floor.z_m:.2f}" for floor in floors)
     all_floors = f"the {len(floors)} floors at z = {heights} m are"
     if count == len(floors):
-        return f"{all_floors} not connected: no edge leads from one to another"
-    return f"{all_floors} in {count} parts that neither stairs nor a lift connects"
+        return f"{all_floors} not connected: add stairs or lifts with `salframe map connect`"
+    return f"{all_floors} in {count} parts without a connection: add stairs or lifts with `salframe map connect`"
 
 
 def _edge(topology: TopologicalMap, connection: Connection) -> MapEdge:
@@ -135,8 +138,8 @@ def _edge(topology: TopologicalMap, connection: Connection) -> MapEdge:
     pairs = [pair for pair in product(starts, ends) if storey(pair[0]) != storey(pair[1])]
     if not pairs:
         raise DataError(
-            f"{connection.start} and {connection.end} are both on floor {storey(starts[0])}, expected the ends of "
-            f"{connection.kind} on two floors"
+            f"the connection ({connection.kind}) starts at {connection.start} and ends at {connection.end}, both on "
+            f"floor {storey(starts[0])}, expected two different floors"
         )
     start, end = min(pairs, key=lambda pair: float(np.hypot(*offset_m(pair))))
     storeys = storey(start), storey(end)

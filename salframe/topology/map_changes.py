@@ -256,14 +256,18 @@ def _check_alike(first: Localizer, folder: Path, other: Localizer, other_folder:
         DataError: Methods, settings or weights differ.
     """
     if first.name != other.name:
-        raise DataError(f"{other_folder} is a map of {other.name}, expected a map of {first.name} like {folder}")
+        raise DataError(
+            f"the map {other_folder} was built with the method {other.name!r}, expected {first.name!r}, the method of "
+            f"{folder}"
+        )
     identity, other_identity = first.describe_identity(), other.describe_identity()
     if identity != other_identity:
         settings, other_settings = identity.get("settings", {}), other_identity.get("settings", {})
         differing = [key for key in settings if settings[key] != other_settings.get(key)]
+        names = f"values of the setting {', '.join(differing)}" if differing else "weights of networks"
         raise DataError(
-            f"{other_folder} and {folder} were built with different {', '.join(differing) or 'weights'}, "
-            f"expected the same settings of {first.name} in all maps to merge"
+            f"the maps {other_folder} and {folder} were built with different {names}, expected the same settings and "
+            f"weights of the method {first.name!r} in all maps to merge"
         )
 
 

@@ -113,4 +113,6 @@ def _require() -> None:
 
     if find_spec("skimage") is None:
         command = "pip install 'salframe[floors]'"
-        raise RequirementMissing(f"regions of free space need scikit-image, which is not installed: {command}", command)
+        raise RequirementMissing(
+            f"regions of free space need the package scikit-image, which is not installed: {command}", command
+        )

@@ -97,7 +97,8 @@ def test_commands_that_cannot_be_loaded_are_told_once_and_stop_nothing(fakes, mo
     monkeypatch.setenv("SALFRAME_PLUGINS", "fake_plugin,broken_commands,salframe_engines")
     registry.cache_clear()
     done = run("--help")
-    told = "broken_commands of broken_commands: commands failed to load: SystemExit: no commands today\n"
+    plugin = "the commands of the plugin broken_commands (package broken_commands)"
+    told = f"{plugin} failed to load: SystemExit: no commands today\n"
     assert (done.code, done.err) == (0, told)
     assert run("compare", "--methods", "reader", "--data", "rooms", "--engine", "inline").code == 0
 
@@ -186,7 +187,7 @@ def test_a_faulty_preset_is_told_and_ends_no_listing(shipped, tmp_path):
     listed = [entry["name"] for entry in run("data", "list", "--json").json]
     assert "large" in listed
     assert "odd" not in listed
-    assert "data/odd.yaml of shipped_presets failed to load: " in run("plugins").out
+    assert "the plugin data/odd.yaml (package shipped_presets) failed to load: " in run("plugins").out
     assert run("doctor").code == 1
     done = run("compare", "--methods", "odd", "--data", "rooms")
     assert (done.code, done.err.count("\n")) == (2, 1)

@@ -114,7 +114,7 @@ def test_loose_images_are_localized(loose):
 
 def test_images_without_what_the_map_needs_are_one_line(loose):
     assert run("localize", "map", *loose[:4]).err.endswith(
-        "error: saliency-places needs annotations, which a.jpg does not have: "
+        "error: the method 'saliency-places' needs annotations, which panorama a.jpg does not have: "
         "build the map with detector.kind=panoseg, or pass annotations too\n"
     )
     assert "received neither a frame nor images" in run("localize", "map").err
@@ -125,7 +125,9 @@ def test_no_answer_is_ok_where_out_of_map_is_the_most_probable(capsys):
     places = tuple(RankedPlace(f"f{i}", f"room-{i}", -float(i), p) for i, p in enumerate([0.4, *[0.01] * 7]))
     print_answer(Localization(places, np.eye(4), "ok", out_of_map_probability=0.53))
     printed = capsys.readouterr().out.splitlines()
-    assert printed[0] == ("status: not accepted, because the query is probably out-of-map: 53.0%, expected at most 50%")
+    assert printed[0] == (
+        "status: not accepted, because the query is probably out-of-map (probability 53.0%, accepted up to 50%)"
+    )
     assert "      3.0%  other places (3)" in printed
     shares = [float(line.split("%")[0]) for line in printed[1:] if "%" in line]
     assert sum(shares) == pytest.approx(100)

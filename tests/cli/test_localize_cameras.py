@@ -126,7 +126,7 @@ def test_an_unusual_camera_is_reported_once(photographs):
         (("0.jpg", "--range", "0.depth.png"), "received both a frame and images"),
         (
             ("--views", "0.jpg", "1.jpg", "--fov", "90", *parts(0)),
-            "received 1 --range for 2 views, expected --range once for each view",
+            "the number of options --range is 1, expected 2: one for each view",
         ),
         (
             ("small.jpg", "--camera", "camera.json"),

@@ -30,7 +30,7 @@ def test_views_with_motion_are_joined(tiny, tmp_path):
 
 def test_views_without_motion_are_fused(tiny):
     printed = run("localize", "map", "--views", tiny, tiny, "--data", "tiny").out
-    assert "note: 2 views localized one by one and fused, because the motion between them is unknown" in printed
+    assert "note: 2 views were localized one by one, and the answers were fused, because the motion between" in printed
 
 
 @pytest.mark.parametrize(

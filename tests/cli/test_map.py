@@ -72,14 +72,16 @@ def test_a_map_is_added_to_merged_and_taken_from(built):
         "removed": [],
         "places": 10,
         "frames": 10,
-        "notes": ["the 2 floors at z = 0.00, 3.00 m are not connected: no edge leads from one to another"],
+        "notes": [
+            "the 2 floors at z = 0.00, 3.00 m are not connected: add stairs or lifts with `salframe map connect`"
+        ],
     }
     done = run("map", "remove", "new", *(f"upper-room-{room}" for room in range(5)), "room-3")
     assert done.out.splitlines()[:2] == [
         "removed: room-3, upper-room-0, upper-room-1, upper-room-2, upper-room-3, upper-room-4",
         "new: 4 places, 4 frames",
     ]
-    assert "  room-4 cannot be reached from the other regions of the floor: it has no door" in done.out
+    assert "  the region room-4 cannot be reached from the other regions: no door" in done.out
 
 
 def test_route_prints_lengths_azimuths_and_turns(built):
@@ -128,7 +130,7 @@ def test_a_query_that_is_not_localized_is_told(rooms):
     assert done.out.splitlines() == [
         "status: low-score",
         "nearest node: unknown",
-        "no route to room-3: query-1-0 was not localized (low-score)",
+        "no route to room-3: the query query-1-0 was not localized (low-score)",
     ]
 
 
@@ -223,8 +225,8 @@ def test_a_dataset_without_frames_has_one_scene_node_a_region_and_no_localizer(r
     assert run("map", "route", "map", "room-0", "room-4", "--json").json["nodes"][0] == "room-0"
     done = run("map", "query", "map", "query-1-0", "--data", "doored")
     message = (
-        "error: map cannot localize, because its data had no reference frames: build the map from data with "
-        "reference frames\n"
+        "error: the map map cannot localize: no reference frame (panorama with pose and place); build the map from "
+        "data with reference frames\n"
     )
     assert (done.code, done.err) == (2, message)
 
@@ -232,7 +234,7 @@ def test_a_dataset_without_frames_has_one_scene_node_a_region_and_no_localizer(r
 def test_rooms_without_doors_are_built_and_said_to_be_apart(rooms):
     done = run("map", "build", "rooms", "-o", "map", "--method", "reader")
     assert (
-        "room-1 cannot be reached from the other regions of the floor: it has no door that the robot fits through"
+        "the region room-1 cannot be reached from the other regions: no door of the region is wide enough for the robot"
         in done.out
     )
     done = run("map", "route", "map", "room-0", "room-1")
@@ -243,7 +245,7 @@ def test_floors_above_each_other_are_said_to_be_apart(rooms):
     done = run("map", "build", "storeys", "-o", "map", "--method", "reader")
     assert done.code == 0
     assert (
-        "  the 2 floors at z = 0.00, 3.00 m are not connected: no edge leads from one to another"
+        "  the 2 floors at z = 0.00, 3.00 m are not connected: add stairs or lifts with `salframe map connect`"
         in done.out.splitlines()
     )
 
@@ -312,7 +314,10 @@ def test_what_a_user_gets_wrong_is_one_line(built, tmp_path, arguments, message)
 def test_floor_masks_have_priority_over_a_map_file(built, tmp_path):
     assert run("map", "export", "map", "robot.yaml").code == 0
     done = run("map", "build", "doored", "-o", "new", "--method", "reader", "--floor-map", "robot.yaml")
-    assert (done.code, done.err) == (0, "warning: robot.yaml is not used: the data have floor masks\n")
+    assert (done.code, done.err) == (
+        0,
+        "warning: the floor map robot.yaml is not used, because the data have floor masks\n",
+    )
     assert open_topology(tmp_path / "new") == open_topology(tmp_path / "map")
 
 

@@ -88,7 +88,7 @@ def test_what_is_needed_follows_what_is_there(network):
     assert required_parts(method, frozenset({"rgb", "range", "annotations"})) == {"annotations"}
     assert required_parts(method, frozenset({"rgb", "annotations"})) == {"annotations", "rgb"}
     colourless = without_range(query_frames({"range", "rgb", "annotations"})[0])
-    with pytest.raises(InputMissing, match=r"saliency-graph needs rgb, which .* does not have"):
+    with pytest.raises(InputMissing, match=r"'saliency-graph' needs rgb, which .* does not have"):
         describe_frame(method, type(colourless)(colourless.id, lambda: _without_colour(colourless.load())))
 
 

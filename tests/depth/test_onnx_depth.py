@@ -167,7 +167,7 @@ def test_another_content_of_the_file_is_another_model(network):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({}, "the range model 'onnx-depth' has no metric scale: choose metric: true .* or set camera_height_m"),
+        ({}, "the range model 'onnx-depth' cannot output metres: choose metric: true .* or set camera_height_m"),
         ({"metric": True, "size_px": (64, 64)}, r"takes image float32 \(1, 3, 128, 128\), .*\(\*, 3, 64, 64\)"),
         (
             {"metric": True, "gives": "points"},

@@ -207,7 +207,9 @@ def test_without_range_labels_and_bearings_are_known(network, detector):
     )
     assert built.localize(QueryFrame("query", lambda: turned(lounge, 100))).places[0].place == "lounge"
     frames = [ReferenceFrame("kitchen", "kitchen", np.eye(4), load=lambda: kitchen)]
-    with pytest.raises(InputMissing, match=r"kitchen cannot be a reference frame: it has no range, .* 'objects'"):
+    with pytest.raises(
+        InputMissing, match=r"kitchen cannot be a reference frame: the panorama has no range image, .* 'objects'"
+    ):
         LocalizationMap.build(localizer("saliency-graph", network), frames)
 
 
@@ -255,12 +257,14 @@ def test_a_network_of_any_size_is_given_the_declared_one(tmp_path):
         (
             {"decoder": "yolov8"},
             WeightsError,
-            r"colours.onnx: the output of .* is \(3, 8\) for each image, expected \(7, \*\) for the decoder 'yolov8'",
+            r"colours.onnx: the output arrays of .* have the shapes \(3, 8\) for each image, expected \(7, \*\) for "
+            r"the decoder 'yolov8'",
         ),
         (
             {"labels": ["red"]},
             WeightsError,
-            r"the output of the network is \(3, 8\) for each image, expected \(\*, 6\) for the decoder 'yolov5'",
+            r"the output arrays of the network have the shapes \(3, 8\) for each image, expected \(\*, 6\) for the "
+            r"decoder 'yolov5'",
         ),
         (
             {"size_px": [640, 640]},
@@ -330,6 +334,8 @@ def test_class_labels_from_a_file(network, tmp_path, names):
 def test_a_file_without_class_labels_is_one_line(network, tmp_path, names):
     path = tmp_path / "data.yaml"
     path.write_text(f"names: {names}\n")
-    with pytest.raises(ConfigError, match=r"data.yaml: names is .*, expected a list of labels in the order") as caught:
+    with pytest.raises(
+        ConfigError, match=r"data.yaml: the key `names` contains .*, expected a list of labels in the order"
+    ) as caught:
         build(network, labels=str(path))
     assert "\n" not in str(caught.value)

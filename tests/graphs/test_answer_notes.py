@@ -45,7 +45,7 @@ def test_labels_that_the_map_lacks_are_named_as_they_are_written(method, tmp_pat
     built, panorama = rooms_map(method), renamed(query_frames()[0].load(), {"bed": "Bett", "chair": "Stuhl 2"})
     built.save(tmp_path / "map")
     for one in (built, open_map(tmp_path / "map")):
-        assert one.localize(panorama).notes == ("no object of the map has the label 'Bett', 'Stuhl 2'",)
+        assert one.localize(panorama).notes == ("no object of the map has the labels 'Bett', 'Stuhl 2'",)
 
 
 def test_a_place_on_two_storeys_explains_that_there_is_no_pose():
@@ -61,8 +61,9 @@ def test_a_place_on_two_storeys_explains_that_there_is_no_pose():
     assert {answer.places[0].place for answer in answers} == {"bedroom"}
     for answer in answers:
         explained = (
-            "no pose: the frames of the place 'bedroom' lie at heights from 1.50 to 4.50 m, expected the frames of one "
-            "room: name the rooms of each storey differently"
+            "no pose: the reference frames of the place 'bedroom' lie on several storeys (z = 1.50 to 4.50 m), "
+            "expected "
+            "one: give the rooms of each storey other names"
         )
         assert answer.notes == (() if answer.status == "ok" else (explained,))
     assert "no-pose" in [answer.status for answer in answers]

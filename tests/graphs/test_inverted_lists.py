@@ -66,7 +66,7 @@ def test_an_index_that_is_not_whole_is_refused(graphs, tmp_path):
     manifest = tmp_path / "index" / "index.json"
     content = json.loads(manifest.read_text())
     manifest.write_text(json.dumps({**content, "scenes": 7}))
-    with pytest.raises(DataError, match="is damaged, its lists have other lengths than"):
+    with pytest.raises(DataError, match="is damaged: its arrays do not have the lengths stated in"):
         InvertedLists().open(tmp_path / "index")
     manifest.write_text(json.dumps({**content, "format": 0}))
     with pytest.raises(DataError, match="format 0, expected 1"):

@@ -157,14 +157,16 @@ def test_failing_is_a_status(mapped):
 
 
 def test_bad_input_is_one_clear_line(mapped, tmp_path):
-    with pytest.raises(InputMissing, match="saliency-graph needs annotations, which q does not have"):
+    with pytest.raises(
+        InputMissing, match="the method 'saliency-graph' needs annotations, which panorama q does not have"
+    ):
         mapped.localize(QueryFrame("q", lambda: Panorama("q", range_m=np.ones((4, 8), np.float32))))
     with pytest.raises(DataError, match="received no reference frame"):
         LocalizationMap.build(graph_localizer(), [])
     with write_map(tmp_path) as parts:
         content = {"version": "0", "localizer": {"kind": "objects"}, "described_by": ""}
         parts.write_json("method.json", content)
-    with pytest.raises(DataError, match="was built with objects 0, expected saliency-graph"):
+    with pytest.raises(DataError, match="was built with version 0 of the method 'objects', expected version"):
         LocalizationMap.open(tmp_path, graph_localizer())
 
 

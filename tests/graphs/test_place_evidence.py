@@ -60,16 +60,17 @@ def test_the_weights_are_those_of_the_columns_listed():
     [
         (
             {"evidence": ["outline"], "weights": {"panorama": 1.0}},
-            "received a weight for 'panorama', expected weights for the columns of the evidence: outline",
+            "received a weight for the unknown column 'panorama', expected weights for these columns of the setting "
+            "`evidence`: outline",
         ),
         (
             {"evidence": ["paint"]},
-            "received no weight for zero, expected one for each column of the evidence: set weights.zero, "
-            "or fit all weights with `salframe fit`",
+            "received no weight for the column zero, expected one for each column of the setting `evidence`: "
+            "set weights.zero, or fit all weights with `salframe fit`",
         ),
         (
             {"evidence": ["repainted", "paint"]},
-            "two components of evidence have the column 'paint', expected each column once",
+            "two components in the setting `evidence` have the column 'paint', expected each column once",
         ),
         ({"weights": None}, "received None, expected a dictionary"),
         ({"weights": {"outline": "heavy"}}, "received 'heavy', expected a number"),
@@ -87,10 +88,10 @@ def test_a_file_has_the_weights_of_all_columns(tmp_path):
     path = tmp_path / "fitted.yaml"
     path.write_text(yaml.safe_dump({"weights": {"outline": 0.5, "paint": 2.0}}))
     assert config(evidence=["repainted", "outline"], weights=str(path)).weights == {"paint": 2.0, "outline": 0.5}
-    with pytest.raises(ConfigError, match="received a weight for 'paint'"):
+    with pytest.raises(ConfigError, match="received a weight for the unknown column 'paint'"):
         config(evidence=["outline"], weights=str(path))
     with pytest.raises(
-        ConfigError, match="received no weight for detected_labels, labels_shared, bearing_detected_labels"
+        ConfigError, match="received no weight for the column detected_labels, labels_shared, bearing_detected_labels"
     ):
         config(evidence=["repainted", "outline", "labels"], weights=str(path))
 

@@ -164,7 +164,7 @@ def test_where_nothing_is_seen_there_is_no_answer(build):
 
 
 def test_a_panorama_without_colour_is_refused(build):
-    with pytest.raises(InputMissing, match="clip-rooms needs rgb, which dark does not have"):
+    with pytest.raises(InputMissing, match="the method 'clip-rooms' needs rgb, which panorama dark does not have"):
         build(ROOMS).localize(QueryFrame("dark", lambda: Panorama("dark", range_m=np.ones((64, 128), np.float32))))
 
 
@@ -178,7 +178,7 @@ def test_without_clip_the_row_says_how_to_get_it(monkeypatch, tmp_path):
 
 def test_a_file_that_is_no_tokenizer_is_one_line(folder, build):
     (folder / "tokenizer.json").write_text("{}")
-    with pytest.raises(WeightsError, match=r"tokenizer\.json is not a valid tokenizer file: ."):
+    with pytest.raises(WeightsError, match=r"tokenizer\.json is not a tokenizer file .*: ."):
         build(ROOMS)
 
 
@@ -188,7 +188,7 @@ def test_another_text_encoder_is_one_line(folder, build, write_network):
     write_network("onnx/text_model.onnx", [helper.make_node("Identity", ["pixel_values"], ["y"])], taken="pixel_values")
     with pytest.raises(
         WeightsError,
-        match=r"text_model\.onnx has the inputs pixel_values; expected input_ids and optionally attention_mask",
+        match=r"text_model\.onnx has the input tensors pixel_values; expected input_ids, and optionally attention_mask",
     ):
         build(ROOMS)
 
@@ -198,7 +198,7 @@ def test_another_image_encoder_is_one_line(folder, build, write_network):
 
     write_network("onnx/vision_model.onnx", [helper.make_node("Identity", ["x"], ["y"])])
     with pytest.raises(
-        WeightsError, match=r"vision_model\.onnx returned an array of shape \(4, 3, 224, 224\); expected \(N, D\)"
+        WeightsError, match=r"vision_model\.onnx returned an array of shape \(4, 3, 224, 224\); expected shape \(N, D\)"
     ):
         build(ROOMS)
 

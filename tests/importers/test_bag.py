@@ -30,7 +30,7 @@ def test_a_message_is_read_by_its_stamp(tmp_path):
     message = bag.read("/left", start_ns + 5 * 10**8, start_ns + 6 * 10**8)
     assert message.header.stamp.sec == START_S
     assert message.header.stamp.nanosec == 5 * 10**8
-    with pytest.raises(DataError, match=r"no longer has the message of the topic /left at 1700000000\.500 s"):
+    with pytest.raises(DataError, match=r"no longer contains the message of the topic /left at 1700000000\.500 s"):
         bag.read("/left", start_ns + 5 * 10**8, start_ns + 5 * 10**8)
 
 
@@ -63,7 +63,7 @@ def test_topics_are_chosen(tmp_path):
         DataError, match=r"2 topics .*Image \(/left, /right\), expected one: select it with --set image=TOPIC"
     ):
         bag.choose("image", None, [IMAGE])
-    with pytest.raises(DataError, match=r"has no topic /up, expected one of /left, /right"):
+    with pytest.raises(DataError, match=r"has no topic /up, expected a topic of the type .*: /left, /right"):
         bag.choose("image", "/up", [IMAGE])
     with pytest.raises(DataError, match=r"the topic /odom has the type nav_msgs/msg/Odometry, expected sensor_msgs"):
         bag.choose("image", "/odom", [IMAGE])
@@ -74,7 +74,7 @@ def test_topics_are_chosen(tmp_path):
 def test_stamps_of_zero_are_named(tmp_path):
     with BagWriter(tmp_path / "a") as writer:
         writer.image("/left", -START_S, "left", PIXELS, "rgb8", delay_s=START_S)
-    with pytest.raises(DataError, match=r"the topic /left of .* has a message without a header stamp"):
+    with pytest.raises(DataError, match=r"the topic /left of .* has a message whose header stamp is 0"):
         Bag(tmp_path / "a", "humble").stamps(["/left"])
 
 

@@ -226,7 +226,7 @@ def test_pictures_without_a_pose_are_counted(tmp_path):
             writer.image("/pano", t_s, "camera_optical", np.zeros((128, 256, 3), np.uint8), "rgb8")
     recording = read(tmp_path / "a")
     assert len(recording.records) == 2
-    assert recording.notes == ("1 of 3 pictures are left out: no pose at their time",)
+    assert recording.notes == ("1 of 3 pictures are left out: no pose at the time of the picture",)
 
 
 def write_drive(path: Path) -> Path:
@@ -308,7 +308,7 @@ def test_missing_intrinsics_are_named(tmp_path):
 def test_inverted_extrinsics_are_named(tmp_path):
     inverse = (0.5, -0.5, 0.5, 0.5)
     (note,) = read(write_pinhole(tmp_path / "a", xyzw=inverse), "depth=none").notes
-    assert note.startswith("/camera/image_raw: the image is rolled: its x axis has an elevation of ")
+    assert note.startswith("the topic /camera/image_raw: the image is rolled: its x axis has an elevation of ")
     assert note.endswith("the frame camera_optical in /tf_static, and whether they are inverted")
     with pytest.raises(
         DataError, match=r"frame camera_optical\) are not upright according to their poses: .* are inverted"
@@ -318,7 +318,9 @@ def test_inverted_extrinsics_are_named(tmp_path):
 
 def test_an_optical_frame_with_the_axes_of_the_body_is_named(tmp_path):
     (note,) = read(write_pinhole(tmp_path / "a", xyzw=IDENTITY), "depth=none").notes
-    assert note.startswith("/camera/image_raw: the optical axis points up by 90 deg; expected T_base_camera to map")
+    assert note.startswith(
+        "the topic /camera/image_raw: the optical axis points up by 90 deg; expected T_base_camera to map"
+    )
 
 
 def test_the_quaternion_of_an_optical_frame_in_the_order_w_x_y_z_is_harmless(tmp_path):
@@ -329,25 +331,24 @@ def test_the_quaternion_of_an_optical_frame_in_the_order_w_x_y_z_is_harmless(tmp
 
 def test_clocks_that_differ_by_half_a_second_are_named(tmp_path):
     (note,) = read(write_pinhole(tmp_path / "a", clock_s=0.5), "depth=none").notes
-    assert note.startswith(
-        "the pictures were recorded 0.00 s after their stamps, but the poses of /odom, in the frame odom"
-    )
-    assert note.endswith("the stamps may be from different clocks")
+    assert note.startswith("the delay from header stamp to recording is 0.00 s for the pictures and ")
+    assert " s for the poses from /odom, in the frame odom, expected" in note
+    assert note.endswith("check that both stamps are from the same clock")
 
 
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        (["depth_kind=cube"], "depth_kind is cube for pinhole images, expected z or ray"),
+        (["depth_kind=cube"], "the setting depth_kind is 'cube', expected z or ray for pinhole images"),
         (["projection=equirectangular"], "images of 640 x 480 without intrinsics, expected width = 2 x height"),
-        (["depth=/camera/image_raw"], "the topic /camera/image_raw has pictures, expected depth"),
-        (["image=/camera/depth/image"], "the topic /camera/depth/image has depth images, expected pictures"),
+        (["depth=/camera/image_raw"], "the topic /camera/image_raw contains pictures, expected depth"),
+        (["image=/camera/depth/image"], "the topic /camera/depth/image contains depth images, expected pictures"),
         (["camera_info=/camera/image_raw"], "has the type sensor_msgs/msg/Image, expected sensor_msgs/msg/CameraInfo"),
-        (["num_views=20"], "num_views is 20, expected less than sequence_period, which is 20"),
-        (["num_views=3", "group_by=motion"], "num_views is 3 with group_by=motion: set group_by=time"),
+        (["num_views=20"], "num_views is 20, expected less than 20, the value of sequence_period"),
+        (["num_views=3", "group_by=motion"], "num_views is 3 with group_by=motion, expected 0: set num_views=0"),
         (["num_views=3"], "too few views for a sequence, expected 20 views that are 0.5 m or 45 deg apart"),
         (["world=map"], "has no frame map in /tf and /tf_static, expected a frame of the bag: base_link"),
-        (["poses=/odom", "world=odom"], "received world=odom with poses=/odom"),
+        (["poses=/odom", "world=odom"], "the setting world is 'odom', but the poses are from the topic /odom"),
     ],
 )
 def test_wrong_settings_are_named(tmp_path, settings, message):

@@ -41,7 +41,7 @@ def test_a_wrong_unit_or_kind_is_named(import_home, tmp_path, format, settings, 
 
 @pytest.mark.parametrize("convention", ["ros", "opencv", "opengl", "unity", "ned", "opencv-world-to-camera"])
 def test_the_right_axes_of_posed_images_are_named(import_home, convention):
-    expected = "from upright .*: try --set pose_convention=opengl-z-up$"
+    expected = "images are tilted by .*: try --set pose_convention=opengl-z-up$"
     with pytest.raises(salframe.DataError, match=expected):
         import_home("perspective", f"pose_convention={convention}")
 

@@ -272,7 +272,7 @@ def test_an_unknown_matcher_is_named_with_the_known_ones():
 
 def test_views_that_a_matcher_cannot_take_are_refused_at_construction():
     with pytest.raises(
-        ConfigError, match="loftr-compact received views of 640 x 480 pixels, expected multiples of 8 up to 512"
+        ConfigError, match="view_width_px and view_height_px are 640 and 480, expected multiples of 8 up to 512"
     ):
         Keypoints(Keypoints.Config(features="loftr-compact", view_width_px=640, view_height_px=480))
 

@@ -128,9 +128,7 @@ def test_a_network_of_another_layout_is_one_clear_line(tmp_path):
 
 @pytest.mark.parametrize("size", [(324, 240), (320, 520)])
 def test_views_of_another_kind_of_size_are_one_clear_line(size, make_matcher):
-    with pytest.raises(
-        ConfigError, match=rf"received views of {size[0]} x {size[1]} pixels, expected multiples of 8 up to 512"
-    ):
+    with pytest.raises(ConfigError, match=rf"height_px are {size[0]} and {size[1]}, expected multiples of 8 up to 512"):
         make_matcher("loftr-compact", size)
 
 

@@ -218,7 +218,7 @@ def test_another_model_a_damaged_file_and_another_architecture_are_one_clear_lin
 
     refused(r"config\.json does not exist, expected a folder with")
     shutil.copytree(checkpoints / "superpoint-superglue", tmp_path / "model")
-    refused("has model_type 'superglue', expected 'superpoint'")
+    refused("has the model_type 'superglue', expected 'superpoint'")
     shutil.copy(checkpoints / "superpoint-nn" / "config.json", tmp_path / "model")
     refused("model.safetensors does not match the network SuperPointForKeypointDetection: ")
     (tmp_path / "model" / "model.safetensors").write_bytes(b"hello")
@@ -230,7 +230,7 @@ def test_another_model_a_damaged_file_and_another_architecture_are_one_clear_lin
 def test_views_that_efficient_loftr_cannot_take_are_refused(checkpoints, configure):
     config = configure("efficient-loftr", {"checkpoint": checkpoints / "efficient-loftr"}, view_width_px=240)
     with pytest.raises(
-        ConfigError, match="efficient-loftr received views of 240 x 352 pixels, expected multiples of 32: "
+        ConfigError, match="are 240 and 352, expected multiples of 32 for the feature matcher 'efficient-loftr'"
     ):
         Keypoints(config)
 

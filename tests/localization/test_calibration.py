@@ -310,7 +310,7 @@ def test_a_setting_and_a_method_without_probabilities_leave_a_map_uncalibrated()
         Spy(), [{"value": np.array([1.0])}], [ReferenceFrame("a", "a", np.eye(4))], calibrate=True
     )
     assert plain.calibration is None
-    with pytest.raises(DataError, match="the answers of spy have no probabilities to calibrate"):
+    with pytest.raises(DataError, match="the answers of the method 'spy' have no probabilities to calibrate"):
         plain.calibrate()
 
 
@@ -343,7 +343,9 @@ def test_build_calibrates_and_the_map_shows_it(fakes):
     assert (refused.code, len(refused.err.splitlines())) == (2, 1)
     assert "needs at least 20 calibration frames" in refused.err
     assert run("build", "rooms", "--method", "reader", "-o", "bare").code == 0
-    assert "the answers of reader have no probabilities to calibrate" in run("map", "calibrate", "bare").err
+    assert (
+        "the answers of the method 'reader' have no probabilities to calibrate" in run("map", "calibrate", "bare").err
+    )
 
 
 def test_a_frame_that_the_localizer_fails_on_is_left_out(fakes):

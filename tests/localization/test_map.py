@@ -78,7 +78,7 @@ def test_frames_that_stand_askew_are_refused(turn, tmp_path):
         (parts := tmp_path / str(count)).mkdir()
         MapParts(parts).write_scenes(({} for _ in range(count)), frames[:count])
     assert len(MapParts(tmp_path / "2").read_scenes()[1]) == 2
-    with pytest.raises(DataError, match="the pose of map-2 is not a rigid motion: build the map again"):
+    with pytest.raises(DataError, match="the pose of the frame map-2 is not a rigid motion: build the map again"):
         MapParts(tmp_path / "3").read_scenes()
 
 
@@ -127,11 +127,19 @@ def test_a_folder_of_something_else_is_not_overwritten(saved, tmp_path):
 @pytest.mark.parametrize(
     ("changes", "error", "message"),
     [
-        ({"version": "0"}, DataError, "was built with reader 0, expected reader 1: build the map again"),
+        (
+            {"version": "0"},
+            DataError,
+            "was built with version 0 of the method 'reader', expected version 1 of 'reader': build the map again",
+        ),
         ({"localizer": {"kind": "raeder"}}, UnknownName, "unknown localizer 'raeder', did you mean 'reader'"),
         ({"localizer": {"kind": "reader", "ofset": 1}}, ConfigError, "unknown key .*ofset"),
         ({"localizer": None}, DataError, r"method\.json: localizer: received None, expected a dictionary"),
-        ({"localizer": {}}, DataError, r"method\.json does not name the method of the map: build the map again"),
+        (
+            {"localizer": {}},
+            DataError,
+            r"method\.json has no key 'kind' with the name of a method: build the map again",
+        ),
         ({"described_by": "0"}, DataError, "was built with other settings, weights or files .*: build the map again"),
     ],
 )
@@ -157,7 +165,9 @@ def test_a_map_described_with_another_file_is_not_asked(fakes):
     LocalizationMap.build(Noting(), reference_frames(Rooms())).save("map")
     LocalizationMap.open("map", Noting())
     Path("note.txt").write_text("two")
-    with pytest.raises(DataError, match=r"was built with other .* files than noting has now: build the map again"):
+    with pytest.raises(
+        DataError, match=r"was built with other .* files than the method 'noting' has now: build the map again"
+    ):
         LocalizationMap.open("map", Noting())
 
 
@@ -323,7 +333,7 @@ def test_a_map_needs_a_frame(fakes):
 
 def test_what_a_method_needs_is_named(fakes):
     localizer = registry().build("localizer", registry().get("localizer", "ranger").Config())
-    with pytest.raises(InputMissing, match="ranger needs range, which map-0 does not have"):
+    with pytest.raises(InputMissing, match="the method 'ranger' needs range, which panorama map-0 does not have"):
         LocalizationMap.build(localizer, reference_frames(Rooms()))
 
 

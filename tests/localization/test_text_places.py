@@ -123,7 +123,7 @@ def test_a_method_without_objects_is_refused(fakes):
     map = LocalizationMap.from_descriptions(
         Reader(), [{"room": np.array([0.0])}], [ReferenceFrame("a", "a", pose_2d(0, 0, 0))]
     )
-    with pytest.raises(InputMissing, match="built with reader, which stores no objects"):
+    with pytest.raises(InputMissing, match="built with the method 'reader', which stores no objects"):
         ask(map, "sofa")
 
 

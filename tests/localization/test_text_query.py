@@ -72,8 +72,8 @@ def test_without_the_package_a_word_is_reported_with_the_command(monkeypatch):
     assert [mention.label for mention in query.mentions] == [None, "sofa"]
     (note,) = query.notes
     assert note == (
-        "'espresso maker' is not known; similar words need the package no_such_package, not installed: "
-        "pip install 'salframe[words]'"
+        "'espresso maker' is ignored: the word is not in the vocabulary; to search for similar words, install the "
+        "package no_such_package: pip install 'salframe[words]'"
     )
 
 

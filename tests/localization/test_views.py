@@ -101,10 +101,13 @@ def test_a_localizer_without_join_says_so(fakes):
     panorama = frames[0].load()
     alone = built.localize(panorama)
     fused = built.localize(views=[View(panorama, pose_2d(0, 0, 0)), View(panorama)])
-    assert fused.notes[0] == "2 views localized one by one and fused, because reader cannot join them"
+    assert fused.notes[0] == (
+        "2 views were localized one by one, and the answers were fused, because the method 'reader' cannot localize "
+        "several views together"
+    )
     np.testing.assert_allclose(fused.T_world_query, alone.T_world_query)
     unknown = built.localize(views=[View(panorama), View(panorama)])
-    assert "because the motion between them is unknown" in unknown.notes[0]
+    assert "because the motion between the views is unknown" in unknown.notes[0]
     assert built.localize(views=[View(panorama)]).places == alone.places
     moved = built.localize(views=[View(panorama, position_m=[0.5, 0, 1])])
     expected = alone.T_world_query @ np.vstack([np.eye(4)[:3] - [[0, 0, 0, 0.5], [0] * 4, [0, 0, 0, 1]], [0, 0, 0, 1]])

@@ -134,5 +134,5 @@ def test_a_share_of_the_viewpoints_is_the_map_of_all_queries(row):
 
 
 def test_a_shared_map_is_refused_with_leave_out(row):
-    with pytest.raises(ConfigError, match=r"leave_out is 2 and map_share is 0\.5, expected leave_out=1"):
+    with pytest.raises(ConfigError, match=r"leave_out=2 with map_share=0\.5, expected leave_out=1"):
         opened(row, map_share=0.5, leave_out=2)

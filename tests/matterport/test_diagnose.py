@@ -88,4 +88,7 @@ def test_command_says_what_is_missing(run, tmp_path, capsys):
     assert "is not a run folder" in capsys.readouterr().err
     (run.folder("objects") / ROWS).write_text("")
     assert main([str(run.directory), "objects"]) == 2
-    assert "has no answer of 'objects' to fake/a/query, expected a complete run" in capsys.readouterr().err
+    assert (
+        "has no answer of the method 'objects' to the query fake/a/query, expected a complete run"
+        in capsys.readouterr().err
+    )

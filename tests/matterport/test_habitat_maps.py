@@ -101,7 +101,9 @@ def test_bad_input_is_one_clear_line(drawn):
     with pytest.raises(DataError, match=r"cat\.png is not a readable image \(200 bytes\)"):
         read_floor(drawn, "drawn", 0.05)
     cv2.imwrite(str(folder / "cat.png"), np.zeros((10, 20, 3), np.uint8))
-    with pytest.raises(DataError, match=r"region\.png is 500 x 300 and cat\.png 20 x 10, expected the same size"):
+    with pytest.raises(
+        DataError, match=r"region\.png is 500 x 300 pixels and cat\.png is 20 x 10, expected the same size"
+    ):
         read_floor(drawn, "drawn", 0.05)
     (folder / "cat.png").unlink()
     with pytest.raises(DataError, match=r"cat\.png is missing, expected the top-down map of the categories of objects"):
@@ -109,7 +111,7 @@ def test_bad_input_is_one_clear_line(drawn):
     (folder / "cat.png").write_bytes(whole)
     house = drawn / "house" / "drawn.house"
     house.write_text("R  0 0  0 0  b  0 0 0  0 0 0  1 9 2.5  2.5\nR  1 0  0 0  b  0 0 0  1 0 0  2 0.5 2.5  2.5")
-    with pytest.raises(DataError, match=r"does not match the \.house file: 0 of 3 patches"):
+    with pytest.raises(DataError, match=r"does not match the \.house file: 0 of 3 coloured areas"):
         read_floor(drawn, "drawn", 0.05)
     house.write_text("R  0 0  0 0  b")
     with pytest.raises(DataError, match=r"drawn\.house is not a \.house file: the line 'R 0' has 6 words"):

@@ -115,7 +115,7 @@ def test_no_object_named_is_a_wrong_one_and_a_missing_key_is_told(root, caplog):
     assert score(root, unnamed) == [row]
     assert (row["SR"], row["RGS"], row["RGSPL"]) == (66.67, 0, 0)
     (message,) = caplog.messages
-    assert "answers.json: 3 of 3 answers have neither predObjId" in message
+    assert "answers.json: 3 of 3 answers have no key predObjId" in message
 
 
 def test_an_answer_without_an_object_among_others_is_a_warning(root, caplog):
@@ -123,7 +123,9 @@ def test_an_answer_without_an_object_among_others_is_a_warning(root, caplog):
     answers[0]["predObjId"] = None
     score(root, answers)
     (message,) = caplog.messages
-    assert message.endswith("answers.json: 1 of 3 answers name no object; they count as failures in RGS")
+    assert message.endswith(
+        "answers.json: 1 of 3 answers name no object, and count as failures in RGS (remote grounding success)"
+    )
 
 
 def test_a_target_that_the_end_of_the_path_does_not_show_is_a_warning(root, caplog):
@@ -142,7 +144,9 @@ def test_a_target_that_the_end_of_the_path_does_not_show_is_a_warning(root, capl
 def test_a_step_without_two_angles_is_refused(root, angles):
     answers = official(ANSWERS)
     answers[0]["trajectory"][0] = [answers[0]["trajectory"][0][0], *angles]
-    with pytest.raises(DataError, match=r"answer 0: a step has the heading and elevation .*, expected two numbers"):
+    with pytest.raises(
+        DataError, match=r"answer 1 of 3: a step has the heading and elevation .*, expected two numbers"
+    ):
         score(root, answers)
 
 
@@ -187,14 +191,20 @@ def test_ways_are_shortest_in_3d(root):
     [
         (
             {"1_8_1": None},
-            r"answers.json has no answer to 1 of the 3 instructions of val_seen, expected an answer to each; "
+            r"answers.json has no answer to 1 of the 3 instructions of the split val_seen, expected an answer to each; "
             r"missing: 1_8_1$",
         ),
-        (dict.fromkeys(ANSWERS), r"has no answer to the instructions of .*, expected answers to 3 of val_seen"),
-        ({"1_8_0": ("abz", 8)}, "1_8_0: the viewpoint 'z' is not in building fake"),
-        ({"1_8_0": ("afd", 8)}, "1_8_0: the viewpoint 'f' is not in building fake"),
-        ({"1_8_0": ("bc", 8)}, "1_8_0: the trajectory begins at b, expected the start a"),
-        ({"1_8_0": ("abe", 8)}, "1_8_0: the trajectory jumps between viewpoints of fake that no path connects"),
+        (
+            dict.fromkeys(ANSWERS),
+            r"has no answer to the instructions of .*, expected answers to a split: val_seen \(3 instr",
+        ),
+        ({"1_8_0": ("abz", 8)}, "the answer 1_8_0: the viewpoint 'z' is not in the building fake"),
+        ({"1_8_0": ("afd", 8)}, "the answer 1_8_0: the viewpoint 'f' is not in the building fake"),
+        ({"1_8_0": ("bc", 8)}, "1_8_0: the trajectory begins at the viewpoint b, expected a"),
+        (
+            {"1_8_0": ("abe", 8)},
+            "1_8_0: the trajectory jumps between viewpoints of the building fake that no path connects",
+        ),
         ({"1_8_0": ("", 8)}, "1_8_0 has an empty trajectory"),
     ],
 )
@@ -209,11 +219,11 @@ def test_what_is_wrong_with_an_answer_is_one_line(root, change, message):
     [
         ("[{", "is not JSON"),
         ("3", "contains int, expected a list of"),
-        ("[3]", "answer 0: 'int' object is not subscriptable; expected a list of"),
-        ('[{"instr_id": "1_8_0"}]', "answer 0: no key 'trajectory'; expected a list of"),
+        ("[3]", "answer 1 of 1: 'int' object is not subscriptable; expected a list of"),
+        ('[{"instr_id": "1_8_0"}]', "answer 1 of 1: no key 'trajectory'; expected a list of"),
         (
             '[{"instr_id": "1_8_0", "trajectory": [["a", 0, 0], 7]}]',
-            "answer 0: the trajectory is int, expected a list; expected a list of",
+            "answer 1 of 1: the trajectory is int, expected a list; expected a list of",
         ),
     ],
 )
@@ -225,7 +235,7 @@ def test_a_file_that_is_no_submission_is_told_in_one_line(root, content, message
 
 def test_an_episode_that_ends_outside_its_building_is_told_in_one_line(root):
     write(root / "reverie" / "REVERIE_val_seen.json", [{**task, "path": ["a", "z"]} for task in TASKS])
-    with pytest.raises(DataError, match="1_8_0: the viewpoint 'z' is not in building fake"):
+    with pytest.raises(DataError, match="1_8_0: the viewpoint 'z' is not in the building fake"):
         score(root, official(ANSWERS))
 
 

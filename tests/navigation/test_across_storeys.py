@@ -114,7 +114,9 @@ def test_an_agent_that_is_not_at_the_stairs_steps_aside(site):
 
 
 def test_the_floor_of_a_start_is_stated(site):
-    with pytest.raises(DataError, match="floor has 2 floors, and the start names none: set `floor` from 1 to 2"):
+    with pytest.raises(
+        DataError, match="floor has 2 floors, but the start has no floor: set `floor` to a number from 1 to 2"
+    ):
         place_episodes([EpisodeRequest(start=(3.0, 2.0), goal="up-b")], {"floor": site}, 0)
     with pytest.raises(DataError, match="floor has no floor 3, expected a number from 1 to 2"):
         site.world.stand(3.0, 2.0, 0.0, 3)
@@ -142,7 +144,7 @@ def test_at_a_blocked_end_of_the_stairs_the_agent_arrives_beside_it():
     ("ends", "error", "message"),
     [
         (("a", "attic"), UnknownName, "unknown node or place 'attic'"),
-        (("a", "b"), DataError, "a and b are both on floor 1, expected the ends of stairs on two floors"),
+        (("a", "b"), DataError, "starts at a and ends at b, both on floor 1, expected two different floors"),
     ],
 )
 def test_stairs_that_lead_nowhere_are_an_error(monkeypatch, ends, error, message):

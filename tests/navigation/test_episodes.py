@@ -65,11 +65,14 @@ def test_a_file_gives_starts_and_goals(sites):
     [
         (
             {"start": [4.1, 0.5], "goal": "b"},
-            r"episode 1: floor: the position \(4.10, 0.50\) m is in a wall or obstacle",
+            r"episode 1: building floor: the position \(4.10, 0.50\) m is in a wall or obstacle",
         ),
-        ({"start": "a-wets", "goal": "b"}, "episode 1: floor: unknown node 'a-wets', did you mean 'a-west'"),
-        ({"start": "b", "goal": "c"}, "episode 1: floor: unknown node 'c'"),
-        ({"start": "b", "goal": "a-west", "world": "attic"}, "episode 1: unknown world 'attic', expected one of floor"),
+        ({"start": "a-wets", "goal": "b"}, "episode 1: building floor: unknown node 'a-wets', did you mean 'a-west'"),
+        ({"start": "b", "goal": "c"}, "episode 1: building floor: unknown node 'c'"),
+        (
+            {"start": "b", "goal": "a-west", "world": "attic"},
+            "episode 1: the episode has the unknown `world` \(building\) 'attic', expected one of floor",
+        ),
     ],
 )
 def test_an_episode_that_cannot_be_walked_costs_only_itself(sites, entry, line):
@@ -88,7 +91,9 @@ def test_goals_that_what_was_moved_shuts_off_are_not_asked_for():
     sites = {"floor": Site(shut, Guide(shut.chart, Dijkstra.Config()))}
     with pytest.raises(DataError, match="floor allows no episode"):
         draw_episodes(sites, 5, 3)
-    with pytest.raises(DataError, match="episode 0: obstacles in the world floor block every path from the start to b"):
+    with pytest.raises(
+        DataError, match="episode 0: obstacles in the building floor block every path from the start to b"
+    ):
         place_episodes(read_episode_requests(write([{"start": "a-west", "goal": "b"}])), sites, 0)
 
 
@@ -108,7 +113,7 @@ def test_a_malformed_file_is_one_line(sites, content, line):
 
 
 def test_a_file_without_episodes_is_one_line(sites):
-    with pytest.raises(DataError, match="received no episode, expected at least one"):
+    with pytest.raises(DataError, match="the file of episodes is empty, expected at least one"):
         place_episodes(read_episode_requests(write([])), sites, 0)
 
 

@@ -202,7 +202,7 @@ FAULTS: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
     "step of text": (
         json_file("reverie/answers.json", lambda answers: answers[0]["trajectory"][1].__setitem__(2, "north")),
         SCORE,
-        r"answer 0: a step has the heading and elevation \[0\.0, 'north'\], expected two numbers",
+        r"answer 1 of \d+: a step has the heading and elevation \[0\.0, 'north'\], expected two numbers",
     ),
     "stored row twice": (
         json_file(
@@ -215,7 +215,7 @@ FAULTS: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
     "complex outlines": (
         array_file("building/parts-*/scenes/outline_mm.npy", lambda outlines: outlines.astype(np.complex64)),
         ("map", "query", "building", "kitchen-query", "--data", "./data"),
-        r"building/parts-\w+ is damaged: saliency-places cannot use its arrays",
+        r"building/parts-\w+ is damaged: the method 'saliency-places' cannot read the arrays",
     ),
     "base is a mapping": (text_file("study.yaml", "base: {a: 1}\n"), ("ablate", "study.yaml"), "base is .*name of a"),
     "set": (

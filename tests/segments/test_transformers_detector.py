@@ -441,7 +441,7 @@ def test_zero_shot_labels_are_a_list_or_the_vocabulary_and_other_networks_have_t
     with pytest.raises(ConfigError, match="has fixed labels: set labels=null"):
         build(models(tiny.detr), labels=["chair"])
     for labels in ([], ["chair", "chair"], [" "]):
-        with pytest.raises(ConfigError, match="expected at least one label, and no repeated or empty label"):
+        with pytest.raises(ConfigError, match="expected one or more different labels that are not empty"):
             build(models(tiny.owlv2), labels=labels)
 
 

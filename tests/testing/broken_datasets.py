@@ -94,9 +94,9 @@ class Late(FolderDataset):
 
 
 BROKEN_DATASETS = [
-    (Leaky, "more than one frame bedroom-map"),
+    (Leaky, "the repeated frame ids bedroom-map"),
     (Questionless, "received 3 reference frames and 0 queries, expected at least one of each"),
-    (Ambiguous, "received more than one frame bedroom-query"),
+    (Ambiguous, "received the repeated frame ids bedroom-query"),
     (Truthless, "truth of bedroom-query: received KeyError"),
     (Agreeable, "truth of an unknown query: received an answer, expected DataError"),
     (Promising, r"load of bedroom-map: received {.*}, expected all parts that the dataset provides"),

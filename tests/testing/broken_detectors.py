@@ -251,10 +251,10 @@ BROKEN_DETECTORS = [
     (Listing, "received list, expected Detections"),
     (Certain, r"received InvalidAnswer: Detections.scores contains 100.0, expected numbers from 0 to 1"),
     (Seamed, r"detect in the \w+ rolled by \d+ columns: received \["),
-    (Offset, r"rolled by 1 columns: received a \w+ that moved 0\.0\d+ m"),
+    (Offset, r"rolled by 1 columns: received an object '\w+' that moved 0\.0\d+ m"),
     (Strided, r"not multiples of column_step = 4: received \d+ of \d+ objects within 2 deg, expected at least 95%"),
-    (AxisAligned, r"rolled by \d+ columns: received a \w+ that changed its size by"),
-    (Unturned, r"received a \w+ that turned \d.* deg relative to the room"),
+    (AxisAligned, r"rolled by \d+ columns: received an object '\w+' that changed its size by"),
+    (Unturned, r"received an object '\w+' that turned \d.* deg relative to the room"),
     (
         Distracted,
         "identity with another steady: received another description, expected the same description: .* match_only",

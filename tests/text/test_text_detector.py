@@ -65,7 +65,9 @@ def test_min_length_and_min_score_leave_strings_out():
     settings = {"min_length": 5, "views": 5}
     longer = TextDetector(configure("detector", "text", settings)).detect(with_signs(SIGNS))
     assert longer.texts == ("Office 7",)
-    with pytest.raises(ConfigError, match=r"views=4 of fov_deg=80 cover 320 deg, expected at least 360"):
+    with pytest.raises(
+        ConfigError, match=r"views=4 and fov_deg=80, which together cover 320 deg, expected at least 360"
+    ):
         configure("detector", "text", {"views": 4})
     assert len(TextDetector(configure("detector", "text", {"min_score": 1.0})).detect(with_signs({20.0: "3.14"}))) == 0
 

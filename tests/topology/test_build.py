@@ -88,28 +88,25 @@ def test_a_scene_point_in_a_wall_moves_to_clear_floor_of_its_room_or_is_left_out
     assert across.regions == ("west",)
     assert across.xyz_m[0] == pytest.approx(-0.3, abs=RESOLUTION_M)
     notes = "\n".join(topology.notes)
-    assert "frame near at (-3.12, 0.00) m is inside a wall or obstacle, or too near to one; its node is 0.2" in notes
-    left_out = "frame inside at (1.00, 0.00) m is inside a wall or obstacle, or too near to one; it is left out"
-    assert f"{left_out}: no free floor of its region within 0.5 m" in notes
+    assert "frame near at (-3.12, 0.00) m is inside a wall or obstacle, or too near to one; the node is 0.2" in notes
+    left_out = "frame inside at (1.00, 0.00) m is inside a wall or obstacle, or too near to one; the frame is left out"
+    assert f"{left_out}: its region has no free floor within 0.5 m" in notes
 
 
 def test_frames_that_belong_nowhere_are_told():
     frames = [frame("a", -2.0, 0.0), frame("far", 40.0, 0.0), frame("t", -2.0, 1.0, "door", FrameKind.TRANSITION)]
     notes = build_topology([two_rooms()], frames).notes
     assert "frame far at (40.00, 0.00, 1.50) m is left out: no floor mask covers it" in notes
-    assert "frame t at (-2.00, 1.00) m belongs to no node: no transition node within 0.5 m" in notes
+    assert "frame t at (-2.00, 1.00) m belongs to no node: no node of a doorway is within 0.5 m" in notes
 
 
 def test_a_narrow_doorway_is_dropped_and_what_lies_behind_is_told():
     topology = build_topology([two_rooms(door_m=0.45, wall_m=0.2)], [frame("a", -2.0, 0.0)])
     assert [node.id for node in topology.nodes] == ["a"]
     dropped, reach = topology.notes
-    assert (
-        dropped == "a doorway of 0.45 m between west and east at (0.00, 0.00) m is dropped: it is narrower than 0.5 m"
-    )
-    assert (
-        reach
-        == "east cannot be reached from the other regions of the floor: it has no door that the robot fits through"
+    assert dropped == "a doorway of 0.45 m between west and east at (0.00, 0.00) m is left out: narrower than 0.5 m"
+    assert reach == (
+        "the region east cannot be reached from the other regions: no door of the region is wide enough for the robot"
     )
 
 
@@ -153,7 +150,10 @@ def test_floors_are_told_apart_by_height_and_said_to_be_apart():
         "loft/attic": 3.0,
     }
     assert [floor.z_m for floor in topology.floors] == [0.0, 3.0]
-    assert "the 2 floors at z = 0.00, 3.00 m are not connected: no edge leads from one to another" in topology.notes
+    assert (
+        "the 2 floors at z = 0.00, 3.00 m are not connected: add stairs or lifts with `salframe map connect`"
+        in topology.notes
+    )
     assert any(note.startswith("frame cellar at (-2.00, 0.00, -1.00) m is left out") for note in topology.notes)
 
 
@@ -172,7 +172,7 @@ def test_two_buildings_at_one_height_are_one_map_of_two_parts():
 @pytest.mark.parametrize(
     ("floors", "message"),
     [
-        ([], "a topology needs floor masks, but the dataset has none"),
+        ([], r"a topology \(graph for routes\) needs floor masks, but the dataset has none"),
         (
             [two_rooms(), two_rooms(0.6)],
             "two floors whose masks overlap or touch have z_m = 0, expected a different z_m for each floor",
@@ -204,7 +204,10 @@ def test_every_room_of_a_building_is_reachable(style, rooms, seed):
     for node in topology.nodes:
         for name in node.frames:
             assert np.hypot(*(at[name] - node.xyz_m[:2])) <= (0.3 if node.kind == "transition" else 1e-9)
-    pockets = [f"node {name} cannot be reached: obstacles block every path to it" for name in sorted(set(graph) - main)]
+    pockets = [
+        f"the node {name} cannot be reached: obstacles block every path to the node"
+        for name in sorted(set(graph) - main)
+    ]
     assert sorted(note for note in topology.notes if "these edges follow a shortest path" not in note) == pockets
     grid = FloorGrid(building.floor_masks(), 0.18)
     clear = ndimage.label(grid.clear)[0]

@@ -93,7 +93,7 @@ def test_a_connection_whose_end_was_removed_is_dropped_with_a_note():
     restored = restore_connections(build_topology([two_rooms()], [frame("a", -2.0, 0.0)]), [STAIRS])
     assert restored.connections == ()
     assert any(
-        "the stairs from east to up-east are dropped: unknown node or place 'up-east'" in note
+        "the connection (stairs) from east to up-east is dropped: unknown node or place 'up-east'" in note
         for note in restored.notes
     )
 

@@ -163,7 +163,9 @@ def test_two_floors_make_a_building(rooms):
     before = content(upstairs)
     change = merge_maps(map, [upstairs])
     assert (change.places, change.frames) == (10, 10)
-    assert change.notes == ("the 2 floors at z = 0.00, 3.00 m are not connected: no edge leads from one to another",)
+    assert change.notes == (
+        "the 2 floors at z = 0.00, 3.00 m are not connected: add stairs or lifts with `salframe map connect`",
+    )
     topology = open_topology(map)
     assert [floor.z_m for floor in topology.floors] == [0.0, 3.0]
     below, above = open_topology(build("below")), open_topology(upstairs)
@@ -178,7 +180,7 @@ def test_a_place_that_is_removed_is_off_the_way(rooms):
     assert (change.removed, change.places) == (("room-2",), 4)
     assert "room-2" not in places(map)
     assert not any("room-2" in node.regions for node in open_topology(map).nodes)
-    assert "room-3 cannot be reached from the other regions of the floor" in "".join(change.notes)
+    assert "the region room-3 cannot be reached from the other regions" in "".join(change.notes)
     add_to_map(map, "doored", overrides=("data.rooms=5",))
     assert content(map) == content(build("whole"))
 
@@ -239,11 +241,7 @@ def test_what_does_not_fit_is_one_line_and_changes_nothing(rooms):
     at_zero, same_ids = "data.z_m=0", "data.rename_frames=false"
     for change, error, message in (
         (lambda: add_to_map("absent", "nothing"), DataError, "absent contains no map: build one with salframe"),
-        (
-            lambda: add_to_map("bare", "doored"),
-            DataError,
-            "bare cannot localize, because its data had no reference frames",
-        ),
+        (lambda: add_to_map("bare", "doored"), DataError, "bare cannot localize: no reference frame"),
         (lambda: add_to_map("map", "frameless"), DataError, "received no reference frame, expected at least one"),
         (lambda: add_to_map("map", "doored", overrides=("offset=1",)), ConfigError, r"expected data\.KEY"),
         (
@@ -280,12 +278,13 @@ def test_what_does_not_fit_is_one_line_and_changes_nothing(rooms):
         (
             lambda: merge_maps("map", ["sharp-1"]),
             DataError,
-            "sharp-1 is a map of sharp, expected a map of reader like map",
+            "sharp-1 was built with the method 'sharp', expected 'reader', the method of map",
         ),
         (
             lambda: merge_maps("sharp-1", ["sharp-2"]),
             DataError,
-            "sharp-2 and sharp-1 were built with different sharpness, expected the same settings of sharp in all maps "
+            "sharp-2 and sharp-1 were built with different values of the setting sharpness, expected the same settings "
+            "and weights of the method 'sharp' in all maps "
             "to merge",
         ),
     ):
@@ -303,7 +302,7 @@ def test_a_map_that_holds_something_else_is_one_line(rooms):
         shutil.copytree(old, parts.folder, dirs_exist_ok=True)
         shutil.rmtree(parts.folder / "scenes")
         parts.write_table("scenes", [{"hall": np.array(number)} for number in range(5)])
-    with pytest.raises(DataError, match="is damaged: reader cannot use its arrays: build the map again"):
+    with pytest.raises(DataError, match="is damaged: the method 'reader' cannot read the arrays; build the map again"):
         remove_from_map(map, ["room-1"])
 
 

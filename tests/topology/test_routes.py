@@ -99,7 +99,7 @@ def test_a_place_whose_scene_nodes_are_shut_in_is_reached_at_its_door():
     ):
         floor = block(floor, low, high)
     topology = build_topology([floor], [frame("a", -2.0, 0.0), frame("shut", 1.5, 0.0, "east")])
-    assert "node shut cannot be reached: obstacles block every path to it" in topology.notes
+    assert "the node shut cannot be reached: obstacles block every path to the node" in topology.notes
     assert find_route(topology, "a", "east").nodes == ("a", "west/east")
     with pytest.raises(NoRoute, match="no route from a to shut"):
         find_route(topology, "a", "shut")

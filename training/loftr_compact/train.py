@@ -183,7 +183,7 @@ def _claim(folder: Path, config: Training) -> None:
     path = folder / SETTINGS
     if path.exists() and read_json(path) != config.model_dump(mode="json"):
         raise ConfigError(
-            f"{folder} contains a run with other settings ({SETTINGS}): use another folder, or the settings of this run"
+            f"{folder} contains a training run with other settings: use another folder, or the settings in {SETTINGS}"
         )
     write_json(path, config.model_dump(mode="json"))
 

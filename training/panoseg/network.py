@@ -153,7 +153,7 @@ class PanoSeg(nn.Module):
         if absent:
             raise WeightsError(
                 f"the checkpoint is not EfficientNet-Lite0: {len(absent)} of {len(encoder)} tensors are missing, "
-                f"the first is {absent[0]}"
+                f"such as {absent[0]}"
             )
         loaded = {name: state[name] for name in encoder}
         stem = torch.zeros_like(current["_conv_stem.weight"])

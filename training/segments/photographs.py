@@ -45,7 +45,7 @@ def read_views(folder: Path) -> Iterator[View]:
     """
     paths = sorted((folder / "labels13").glob("*.png"))
     if not paths:
-        raise DataError(f"{folder} has no labels13/*.png, expected a folder with views of NYU Depth v2")
+        raise DataError(f"{folder} has no file labels13/*.png, expected a folder with views of NYU Depth v2")
     for path in paths:
         labels = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
         depth_m = read_range(folder / "depth" / path.name)

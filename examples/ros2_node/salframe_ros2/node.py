@@ -89,7 +89,7 @@ class SalframeNode(Node):
         if update is None:
             return
         if update.step.error is not None:
-            self.get_logger().warning(f"an image cannot be used: {update.step.error}", throttle_duration_sec=LOG_S)
+            self.get_logger().warning(f"an image is left out: {update.step.error}", throttle_duration_sec=LOG_S)
         self._status.publish(update.status)
         self._objects.publish(update.markers)
         if update.pose is not None:

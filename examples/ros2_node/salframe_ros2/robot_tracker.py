@@ -209,13 +209,16 @@ class RobotTracker:
         default = RangeKind.RAY if is_equirectangular else RangeKind.Z
         kind = default if settings.depth_kind is None else RangeKind(settings.depth_kind)
         if is_equirectangular and kind is RangeKind.Z:
-            raise DataError("depth_kind is z for equirectangular images, expected ray or null")
+            raise DataError("the parameter depth_kind is 'z', expected 'ray' or null for equirectangular images")
         rig = BagRig(self._messages, tuple(cameras), tree, settings.tolerance_s, settings.depth_unit_m, kind)
         odometry = odometry_source(self._messages, tree, topics.odometry)
         poses = [odometry.pose(rig.frame, shot.stamp_ns, settings.tolerance_s) for shot in rig.find_shots()[0]]
         known = [pose for pose in poses if pose is not None]
         if not known:
-            raise DataError(f"no image of {topics.image} has odometry at its time, expected stamps of one clock")
+            raise DataError(
+                f"no image of the topic {topics.image} has a message of the topic {topics.odometry} within "
+                f"{settings.tolerance_s:g} s: check that the stamps of both topics are from the same clock"
+            )
         self._rig = rig.with_upright_axes(known[:1], settings.camera_axes)
         return self._rig
 

@@ -41,7 +41,7 @@ def test_a_file_says_what_objects_are_called(tmp_path):
     detector = HeightBands(HeightBands.Config(names=tmp_path / "names.txt"))
     assert detector.detect(hall()).labels == ("cupboard",)
     (tmp_path / "names.txt").write_text("stool\n")
-    with pytest.raises(salframe.ConfigError, match=r"names\.txt holds 1 lines, expected 3: low, middle, tall"):
+    with pytest.raises(salframe.ConfigError, match=r"names\.txt: number of lines is 1, expected 3 labels"):
         detector.detect(hall())
 
 

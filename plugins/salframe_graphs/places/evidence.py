@@ -43,8 +43,8 @@ def columns_of(evidence: Sequence[ComponentConfig]) -> dict[str, EvidenceColumn]
         for column in model.columns:
             if column.name in columns:
                 raise ValueError(
-                    f"two components of evidence have the column {column.name!r}, expected each column once: remove "
-                    "one of them from the setting `evidence`"
+                    f"two components in the setting `evidence` have the column {column.name!r}, expected each column "
+                    "once: remove one of the two components"
                 )
             columns[column.name] = column
     return columns
@@ -70,8 +70,8 @@ def weights_of(evidence: Sequence[ComponentConfig], value: Any) -> Any:
         return fitted
     if unknown := [name for name in fitted if name not in columns]:
         raise ValueError(
-            f"received a weight for {unknown[0]!r}, expected weights for the columns of the evidence: "
-            f"{', '.join(columns)}"
+            f"received a weight for the unknown column {unknown[0]!r}, expected weights for these columns of the "
+            f"setting `evidence`: {', '.join(columns)}"
         )
     weights = dict(fitted)
     if not isinstance(value, str | Path) and "kind" not in value:
@@ -79,8 +79,8 @@ def weights_of(evidence: Sequence[ComponentConfig], value: Any) -> Any:
         weights = {name: weight for name, weight in defaults.items() if weight is not None} | weights
     if missing := [name for name in columns if name not in weights]:
         raise ValueError(
-            f"received no weight for {', '.join(missing)}, expected one for each column of the evidence: "
-            f"set weights.{missing[0]}, or fit all weights with `salframe fit`"
+            f"received no weight for the column {', '.join(missing)}, expected one for each column of the setting "
+            f"`evidence`: set weights.{missing[0]}, or fit all weights with `salframe fit`"
         )
     return {name: weights[name] for name in columns}
 
@@ -177,7 +177,8 @@ class PlaceEvidence:
             arrays = arrays_of(model)
             if undeclared := arrays.keys() - set(model.arrays):
                 raise InvalidAnswer(
-                    f"the evidence {model.name!r} returned the array {min(undeclared)!r}, expected only the arrays in "
+                    f"the evidence component {model.name!r} returned the array {min(undeclared)!r}, expected only the "
+                    "arrays in "
                     f"its attribute `arrays`: {', '.join(model.arrays) or 'none'}"
                 )
             description = _merged(description, arrays, model.name)
@@ -188,7 +189,8 @@ def _merged(description: Description, arrays: Description, name: str) -> Descrip
     """Return a description extended by `arrays`. Raises InvalidAnswer if it already has an array of the same name."""
     if taken := arrays.keys() & description.keys():
         raise InvalidAnswer(
-            f"the evidence {name!r} returned the array {min(taken)!r}, but another component already returned an "
+            f"the evidence component {name!r} returned the array {min(taken)!r}, but another component already "
+            "returned an "
             "array of this name: choose another name"
         )
     return {**description, **arrays}
@@ -199,13 +201,13 @@ def _checked(model: EvidenceModel, columns: Mapping[str, np.ndarray], count: int
     names = [column.name for column in model.columns]
     if columns.keys() != set(names):
         raise InvalidAnswer(
-            f"the evidence {model.name!r} returned the columns {', '.join(columns) or 'none'}, "
+            f"the evidence component {model.name!r} returned the columns {', '.join(columns) or 'none'}, "
             f"expected {', '.join(names)}"
         )
     for name, values in columns.items():
         if values.shape != (count,) or values.dtype != np.float64 or not np.isfinite(values).all():
             raise InvalidAnswer(
-                f"the evidence {model.name!r} returned the column {name!r} as {values.dtype} of shape {values.shape}, "
-                f"expected finite float64 of shape ({count},)"
+                f"the evidence component {model.name!r} returned the column {name!r} as {values.dtype} of shape "
+                f"{values.shape}, expected finite float64 of shape ({count},)"
             )
     return columns

@@ -199,8 +199,8 @@ class LabelEvidence(EvidenceModel):
 def _with_objects(evidence: EvidenceModel, hypotheses: PlaceHypotheses) -> ObjectHypotheses:
     if not isinstance(hypotheses, ObjectHypotheses):
         raise ConfigError(
-            f"the evidence {evidence.name!r} works only with the localizer saliency-places, because it needs objects: "
-            "remove it from the setting `evidence` of the other localizer"
+            f"the evidence component {evidence.name!r} works only with the localizer saliency-places, which detects "
+            f"objects: remove {evidence.name!r} from the setting `evidence`"
         )
     return hypotheses
 

@@ -271,8 +271,8 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         heights_m = self._map.heights_m(name)
         divided = np.diff(heights_m).max(initial=0) > MAX_STEP_M
         note = (
-            f"no pose: the frames of the place {places[0].place!r} lie at heights from {heights_m[0]:.2f} to "
-            f"{heights_m[-1]:.2f} m, expected the frames of one room: name the rooms of each storey differently"
+            f"no pose: the reference frames of the place {places[0].place!r} lie on several storeys (z = "
+            f"{heights_m[0]:.2f} to {heights_m[-1]:.2f} m), expected one: give the rooms of each storey other names"
         )
         return Localization(places, None, LocalizationStatus.NO_POSE, notes=(note,) if divided else ())
 

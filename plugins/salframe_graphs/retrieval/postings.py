@@ -110,11 +110,14 @@ def read_postings(folder: Path) -> Postings:
         scene, code, weight = (np.asarray(map_array(folder / name)) for name in (_SCENE, _CODE, _WEIGHT))
         position = np.asarray(map_array(folder / _POSITION)) if index.positions else None
     except (OSError, ValueError) as error:
-        raise DataError(f"{folder} is incomplete ({error}): build the map again") from None
+        raise DataError(f"the scene index in {folder} is incomplete ({error}): build the map again") from None
     position_shape = (start[-1], 2) if position is None else position.shape
     shapes = (len(start), scene.shape, code.shape, weight.shape, position_shape)
     if shapes != (len(index.labels) + 1, (start[-1],), (start[-1], 3), (index.scenes,), (start[-1], 2)):
-        raise DataError(f"{folder} is damaged, its lists have other lengths than {_INDEX} states: build the map again")
+        raise DataError(
+            f"the scene index in {folder} is damaged: its arrays do not have the lengths stated in {_INDEX}; build the "
+            "map again"
+        )
     return Postings({name: i for i, name in enumerate(index.labels)}, start, scene, code, rarity, weight, position)
 
 

@@ -27,7 +27,7 @@ class HeightBands(salframe.Detector):
         if self.config.names is not None:
             names = self.config.names.read_text().splitlines()
         if len(names) != 3:
-            raise salframe.ConfigError(f"{self.config.names} holds {len(names)} lines, expected 3: low, middle, tall")
+            raise salframe.ConfigError(f"{self.config.names}: number of lines is {len(names)}, expected 3 labels")
         range_m, margin_m = np.nan_to_num(panorama.range_m), self.config.margin_m
         elevation_rad = row_elevation(len(range_m))[:, None]
         height_m, reach_m = range_m * np.sin(elevation_rad), range_m * np.cos(elevation_rad)

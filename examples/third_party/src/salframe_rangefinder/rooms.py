@@ -44,7 +44,7 @@ class BoxRooms(salframe.Dataset):
 
     def truth(self, query_id):
         if query_id not in self._queries:
-            raise salframe.DataError(f"{self.name} has no query {query_id!r}")
+            raise salframe.DataError(f"the dataset {self.name} has no query {query_id!r}")
         number = self._queries.index(query_id)
         rng = np.random.default_rng((self.config.seed, number, 1))
         x_m, y_m = rng.uniform(-self.config.shift_m, self.config.shift_m, 2)

@@ -121,7 +121,7 @@ def test_an_episode_that_crashes_costs_only_itself():
 @pytest.mark.parametrize(
     ("match", "reason"),
     [
-        (lambda self, description: {"status": "ok"}, "match returned dict, expected a Localization"),
+        (lambda self, description: {"status": "ok"}, "the function `match` returned dict, expected a Localization"),
         (lambda self, description: sys.exit("it leaves"), "SystemExit: it leaves"),
     ],
 )
@@ -199,8 +199,8 @@ def test_bad_episodes_are_told_and_the_others_walked():
         "navigate", "--data", "apartment", "--methods", "seer", "--episodes", "mixed.json", "--engine", "inline"
     )
     assert result.code == 0
-    assert "episode 0: floor: the position (4.10, 0.50) m is in a wall or obstacle" in result.out
-    assert "episode 2: floor: unknown node 'attic'." in result.out
+    assert "episode 0: building floor: the position (4.10, 0.50) m is in a wall or obstacle" in result.out
+    assert "episode 2: building floor: unknown node 'attic'." in result.out
 
 
 def episodes(successes, **given):
