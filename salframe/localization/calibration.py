@@ -38,6 +38,15 @@ FITTED_DISTANCE_M = 1.0
 mean distance in the tuning data."""
 ACCURACY_LIMITS = (0.01, 0.99)
 """Minimum and maximum accuracy of a calibrated `Head`."""
+BIAS_DEVIATION = 2.0
+"""Standard deviation of the normal prior of the change of the bias. Like DISTANCE_SPREAD, it was fitted on the tuning
+data of DISTANCE_EXPONENT."""
+DISTANCE_SPREAD = 0.5
+"""A correct answer at the distance d to the nearest reference frame has the weight exp(-x^2 / 2) in the change of the
+bias, with x = ln(d / query_distance_m) / DISTANCE_SPREAD. Answers at other distances than those of queries have little
+weight, because the contrast depends on the distance."""
+MAX_BIAS_CHANGE = 4.0
+"""Maximum magnitude of the change of the bias."""
 PROBABILITY_DIGITS = 4
 """Number of decimals of the stored probabilities. Few decimals keep maps small."""
 MIN_DISTANCE_M = 0.1
@@ -275,7 +284,7 @@ def calibrate_head(posterior: Posterior, answers: FrameAnswers) -> Head:
     The number of objects is the mean over the frames. The mean and the deviation of the contrast are computed from the
     absent frames and averaged with the values of the posterior, which have the weight of ABSENT_PRIOR answers. The
     accuracy is computed from the present frames, for the distance `query_distance_m`. The accuracy of the posterior has
-    the weight of ACCURACY_PRIOR answers at FITTED_DISTANCE_M.
+    the weight of ACCURACY_PRIOR answers at FITTED_DISTANCE_M. The bias is changed by `_bias_change`.
     """
     head = posterior.head
     if head.objects and answers.objects.any():
@@ -290,7 +299,33 @@ def calibrate_head(posterior: Posterior, answers: FrameAnswers) -> Head:
         deviation = float(np.sqrt(map_share * map_deviation**2 + (1 - map_share) * deviation**2))
     changes = {"absent_mean": mean, "absent_deviation": deviation}
     accuracy = _accuracy(present, head, posterior.query_distance_m)
-    return head.model_copy(update={**changes, "accuracy": accuracy})
+    head = head.model_copy(update={**changes, "accuracy": accuracy})
+    change = _bias_change(present.take(present.is_right), absent, head, posterior.query_distance_m)
+    return head.model_copy(update={"bias": head.bias + change})
+
+
+def _bias_change(right: FrameAnswers, absent: FrameAnswers, head: Head, query_distance_m: float) -> float:
+    """Return the change of the bias, estimated by maximum a posteriori.
+
+    With the change, the log-ratio of the head separates the correct answers to present frames from the answers to
+    absent frames by logistic regression. The correct answers have weights (DISTANCE_SPREAD), and the absent answers
+    have the same total weight. The change is 0 if all present frames are much farther from each other than queries are
+    from frames.
+    """
+    from scipy.optimize import minimize_scalar
+
+    if not len(right.contrast) or not len(absent.contrast):
+        return 0.0
+    distance = np.log(np.maximum(right.distance_m, MIN_DISTANCE_M) / query_distance_m) / DISTANCE_SPREAD
+    weight = np.exp(-(distance**2) / 2)
+    right_ratio, absent_ratio = (head.log_ratio(answers.contrast, answers.objects) for answers in (right, absent))
+
+    def loss(change: float) -> float:
+        of_right = float(weight @ np.logaddexp(0, -right_ratio - change))
+        of_absent = float(weight.sum() * np.logaddexp(0, absent_ratio + change).mean())
+        return of_right + of_absent + (change / BIAS_DEVIATION) ** 2 / 2
+
+    return float(minimize_scalar(loss, bounds=(-MAX_BIAS_CHANGE, MAX_BIAS_CHANGE), method="bounded").x)
 
 
 def _accuracy(present: FrameAnswers, head: Head, query_distance_m: float) -> float:

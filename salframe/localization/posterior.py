@@ -87,6 +87,12 @@ class Head(Settings):
         mean = self.absent_mean * np.exp(self.mean_effect * nu)
         return np.asarray((contrast - mean) / (self.absent_deviation * np.exp(self.deviation_effect * nu)))
 
+    def log_ratio(self, contrast: np.ndarray, objects: np.ndarray) -> np.ndarray:
+        """Return ln(r) (see the class), the logarithm of the likelihood ratio of a correct answer, (N,) float64.
+        Arguments are those of `in_map`."""
+        nu = self.relative_objects(objects)
+        return np.asarray(self.bias + self.bias_effect * nu + self.slope * self.standardize(contrast, nu))
+
     def in_map(self, contrast: np.ndarray, objects: np.ndarray) -> np.ndarray:
         """Return the probability that the query is in the map, (N,) float64.
 
@@ -94,10 +100,8 @@ class Head(Settings):
             contrast: (N,) contrasts of answers.
             objects: (N,) numbers of objects of the queries; 0: unknown.
         """
-        nu = self.relative_objects(objects)
-        log_ratio = self.bias + self.bias_effect * nu + self.slope * self.standardize(contrast, nu)
-        accuracy = shift_probability(self.accuracy, self.accuracy_effect * nu)
-        right = accuracy * np.exp(np.minimum(log_ratio, MAX_LOG_RATIO))
+        accuracy = shift_probability(self.accuracy, self.accuracy_effect * self.relative_objects(objects))
+        right = accuracy * np.exp(np.minimum(self.log_ratio(contrast, objects), MAX_LOG_RATIO))
         wrong = 1 - accuracy
         return np.asarray((right + wrong) / (right + wrong + 1))
 

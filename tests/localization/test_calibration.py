@@ -8,6 +8,7 @@ import json
 import numpy as np
 import pytest
 from command_line import run
+from scipy.special import expit
 from scipy.stats import norm
 
 import salframe
@@ -19,7 +20,9 @@ from salframe.localization.answers import Localization
 from salframe.localization.calibration import (
     ABSENT_PRIOR,
     ACCURACY_PRIOR,
+    BIAS_DEVIATION,
     DISTANCE_EXPONENT,
+    DISTANCE_SPREAD,
     OTHER_CALIBRATION,
     FrameAnswers,
     MapCalibration,
@@ -155,6 +158,33 @@ def test_calibrated_probabilities_are_those_of_the_distributions(mean, deviation
     density = [norm.pdf(contrast, mean + shift * deviation, deviation) for shift in (0, 2)]
     present = accuracy * density[1] + (1 - accuracy) * density[0]
     np.testing.assert_allclose(head.in_map(contrast, np.zeros(30)), present / (present + density[0]), atol=0.03)
+
+
+def test_a_wrong_bias_is_corrected_by_the_frames_of_the_map():
+    """Right answers whose contrasts exceed those of absent answers by two deviations have the log-ratio 2 z - 2."""
+    wrong = POSTERIOR.model_copy(update={"head": HEAD.model_copy(update={"bias": -4.0})})
+    assert calibrate_head(wrong, drawn(2000, 3, 2.0, 1.0, 0.75)).bias == pytest.approx(-2, abs=0.15)
+
+
+def test_the_change_of_the_bias_maximizes_the_likelihood_at_the_distance_of_queries():
+    """The same number from a grid, written out answer by answer."""
+    answers = drawn(60, 8, 2.0, 1.0, 0.6, np.linspace(0.3, 4, 120))
+    head = calibrate_head(POSTERIOR, answers)
+    z = (answers.contrast - head.absent_mean) / head.absent_deviation
+    grid = np.linspace(-4, 4, 8001)
+    loss = (grid / BIAS_DEVIATION) ** 2 / 2
+    total = 0.0
+    for one, distance in zip(z[answers.is_right], answers.distance_m[answers.is_right], strict=True):
+        weight = np.exp(-((np.log(distance) / DISTANCE_SPREAD) ** 2) / 2)
+        loss -= weight * np.log(expit(2 * one - 2 + grid))
+        total += weight
+    for one in z[answers.is_absent]:
+        loss -= total / answers.is_absent.sum() * np.log(expit(-(2 * one - 2 + grid)))
+    assert head.bias == pytest.approx(HEAD.bias + grid[loss.argmin()], abs=2e-3)
+
+
+def test_frames_that_are_far_from_each_other_do_not_change_the_bias():
+    assert calibrate_head(POSTERIOR, drawn(200, 3, 2.0, 1.0, 0.75, 30.0)).bias == pytest.approx(HEAD.bias, abs=1e-3)
 
 
 def test_cross_validation_measures_the_gain():

@@ -94,7 +94,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
     """
 
     name = "saliency-places"
-    version = "12"
+    version = "13"
     uses_floors = True
 
     class Config(PlacesConfig):
