@@ -63,7 +63,7 @@ class RobustPositioner(Positioner):
         group: Literal["SE(2)", "SE(3)"] = Field(
             "SE(2)",
             description="degrees of freedom of the pose. SE(2): x, y and yaw; SE(3): position and all three "
-            "rotations. A query without range always has x, y and yaw",
+            "rotations. No effect on a query without range, whose pose always consists of x, y and yaw",
         )
         tolerance_m: float = Field(
             0.8,
@@ -76,9 +76,9 @@ class RobustPositioner(Positioner):
             0.95,
             gt=0,
             le=1,
-            description="minimum ratio (0 to 1) of an ambiguous result, which has no pose. The ratio is the score of "
-            "the second-best pose, divided by the score of the best pose. Poses within 0.5 m and 30 deg of the best "
-            "pose do not count as second-best",
+            description="threshold (0 to 1) of ambiguity. The result is ambiguous and has no pose if the score of the "
+            "second-best pose, divided by the score of the best pose, is at least this threshold. Poses within 0.5 m "
+            "and 30 deg of the best pose do not count as second-best",
         )
 
     _separate_m: ClassVar[float] = 0.5

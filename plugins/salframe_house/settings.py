@@ -34,23 +34,24 @@ class HouseConfig(QueryView):
     frames_per_room: int | None = added(
         None,
         ge=1,
-        description="maximum number of camera positions of reference frames in each room. The queries do not depend "
-        "on this setting; null: as many positions as are needed so that every point of the floor is at most 3 m from "
-        "one of them",
+        description="maximum number of camera positions in each room. Each position has one reference frame, or a "
+        "group (see `frames_per_position`). The queries do not depend on this setting; null: as many positions as are "
+        "needed so that every point of the floor is at most 3 m from one of them",
     )
     frames_per_position: int = added(
         1,
         ge=1,
         le=16,
-        description="maximum number of reference frames at each camera position in a room: one at the position, and "
-        "the others around it, see `map_spacing_m`. The queries do not depend on this setting",
+        description="maximum number of reference frames in a group. Each camera position in a room has a group: the "
+        "first frame is at the position, and the others stand around it, see `map_spacing_m`. The queries do not "
+        "depend on this setting",
     )
     map_spacing_m: float = added(
         1.0,
         gt=0,
         le=3,
-        description="distance (m) between neighbouring reference frames at one camera position, if the room is large "
-        "enough. Only used if frames_per_position is over 1",
+        description="distance (m) between neighbouring reference frames of a group (see `frames_per_position`), if the "
+        "room is large enough. Only used if frames_per_position is over 1",
     )
     query_shift_m: float = added(
         0.7,

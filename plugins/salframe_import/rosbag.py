@@ -111,9 +111,9 @@ class RosBagImporter(Importer):
         sequence_period: int = Field(
             20,
             ge=2,
-            description="number of successive views that give one query: the last `num_views` of them are the query, "
-            "and the views before are reference frames. It must be larger than num_views. Only used if num_views is "
-            "over 0",
+            description="number of successive views that give one query: the last `num_views` of them are the query. "
+            "Images between the views of the query are left out, and all other images are reference frames. It must be "
+            "larger than num_views. Only used if num_views is over 0",
         )
         view_distance_m: float = Field(
             0.5,

@@ -101,8 +101,10 @@ class MatterportAnnotations(NavigableDataset):
         )
         one_map: bool = match_only(
             False,
-            description="true: a map contains all buildings, 1 km apart along x. The queries of a map are one "
-            "viewpoint of each building, which the map does not contain; false: a map contains one building",
+            description="true: each map contains all buildings, 1 km apart along x. It has at most one query in each "
+            "building, and the viewpoints of these queries are removed from the map (see `leave_out`). With "
+            "`map_share`, there is a single map; false: each map contains one building. If the dataset has a single "
+            "building, true and false give the same maps",
         )
         map_share: float | None = added(
             None,

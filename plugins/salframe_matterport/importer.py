@@ -19,8 +19,10 @@ from salframe_matterport.release import Color, Viewpoint, cameras_path, find_bui
 
 
 class Matterport3DImporter(Importer):
-    """A building of the Matterport3D release: the 18 colour and depth images of each viewpoint, stitched to one RGB-D
-    panorama.
+    """A building of the Matterport3D release: the images of each viewpoint, stitched to one RGB-D panorama.
+
+    The range comes from the 18 depth images of the viewpoint. The colour comes from the six skybox images or from the
+    18 colour images (setting `color`).
 
     The objects of the .house file are the annotations, and its regions are the places. Viewpoints outside all regions
     are left out.

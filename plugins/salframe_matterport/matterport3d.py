@@ -31,7 +31,10 @@ from salframe_matterport.scenes import generator
 
 
 class Matterport3D(Dataset):
-    """Real buildings of Matterport3D: the 18 colour and depth images of each viewpoint, stitched to one RGB-D panorama.
+    """Real buildings of Matterport3D: the images of each viewpoint, stitched to one RGB-D panorama.
+
+    The range comes from the 18 depth images of the viewpoint. The colour comes from the six skybox images or from the
+    18 colour images (setting `color`).
 
     The annotations are the objects of the .house file: a pixel shows the object whose oriented box contains its 3D
     point. The places are the regions of the .house file. Viewpoints outside all regions are left out. Each query has a

@@ -54,7 +54,7 @@ def ablate(
     file: Annotated[
         Path,
         typer.Argument(
-            metavar="FILE", help="YAML file with the keys `method` and `vary`, or a built-in name such as departures"
+            metavar="FILE", help="YAML file with the keys `method` and `vary`, or the name of an included ablation"
         ),
     ],
     *,
@@ -64,6 +64,10 @@ def ablate(
 
     FILE states the method (key `method`), and a list of values for each setting (key `vary`). Runs the method with each
     combination of the values. Prints a table with a row for each combination.
+
+    FILE can also be the name of an included ablation. For example, `salframe ablate departures` measures the effect of
+    the four largest differences between the method `saliency-graph` and the paper that introduced the saliency graph.
+    `salframe docs ablate` lists the included ablations.
     """
     from salframe.evaluation.studies.study import ablate as run
     from salframe.evaluation.studies.study import read_study

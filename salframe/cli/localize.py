@@ -113,7 +113,8 @@ def localize(
     With --views, several images form one query. List the images in the order in which they were taken. The answer has
     the pose of the last image.
 
-    With --trajectory, the file has no poses if the answer has no pose.
+    With --trajectory, the pose of the answer is also written to a file. If the answer has no pose, the file contains
+    only comments.
     """
     from salframe.cli.output import warn
     from salframe.cli.queries import QueryOptions

@@ -160,7 +160,8 @@ class Role(Component):
 
     Attributes:
         role: The name of the role in configurations.
-        presets: The folder in preset collections with the presets of this role, None for none.
+        presets: Name of the folder with the presets of this role, such as "methods". Each plugin can have a collection
+            of presets with this folder. None: the role has no presets.
         word: The word for a component of this role in messages. If it is empty, messages use the name of the role.
         conformance: The conformance test of the role, as "module:function" or "module:class". The function is called
             with a factory that creates the component. The class is a subclass of salframe.testing.Rules, and each of

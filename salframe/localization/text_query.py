@@ -46,7 +46,8 @@ class Mention:
         label: The object label; None if the words are not known.
         count: Number of such objects; None: at least one.
         is_absent: Whether the description says that there is no such object.
-        is_nearest: Whether `label` is the nearest word of the vocabulary, and not a synonym.
+        is_nearest: Whether `label` is a guess. The words are then neither in the vocabulary nor among the labels of the
+            map, and `label` is the word of the vocabulary with the most similar word vector.
     """
 
     word: str

@@ -113,7 +113,8 @@ class Folder:
         All views of a sequence form one query, in the order of time. The id of the query is the id of the last view.
 
         Args:
-            contents: The `content` of frames by id. Frames that are missing here have the content "".
+            contents: Id of a frame -> cache key of its content, such as a hash of its images (see
+                `QueryFrame.content`). Frames that are missing here have the content "".
 
         Raises:
             DataError: The odometry cannot be read.

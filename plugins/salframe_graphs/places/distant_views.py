@@ -24,13 +24,15 @@ class DistantViews(Settings):
         2.5,
         ge=0,
         description="maximum distance (m) from a view to the last view of its group. In a map without floor masks, "
-        "the views of a query are divided into groups, and each group is assumed to be in one place",
+        "successive views of a query form groups, and each group is assumed to be in one place",
     )
     window_m: float = Field(
         5.0,
         gt=0,
-        description="radius (m) around the reference frames of a place. All groups of views except the last one are "
-        "compared with all objects within this radius, even with objects of other places",
+        description="radius (m) of the window of a candidate place. The window contains all objects within this radius "
+        "around the reference frames of the place, even objects of other places. If a query has several groups of "
+        "views, its pose is computed with the windows: all groups together are matched with the window of each "
+        "candidate place",
     )
     same_place_m: float = Field(
         2.0,

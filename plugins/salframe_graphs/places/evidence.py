@@ -107,7 +107,13 @@ class PlaceEvidence:
         return self._added(description, lambda model: model.describe(panorama, description))
 
     def join(self, joined: Description, descriptions: Sequence[Description], T_last_view: np.ndarray) -> Description:
-        """Return the joined description of views with the arrays of each component."""
+        """Return the description of a query of V views, extended by the arrays of each component.
+
+        Args:
+            joined: The description of all views together, without the arrays of the components.
+            descriptions: The V descriptions of the single views. Each component computes its arrays from them.
+            T_last_view: (V, 4, 4) transforms from the frame of each view to the frame of the last view.
+        """
         return self._added(joined, lambda model: model.join(descriptions, T_last_view))
 
     def pack(self, packed: Description, description: Description) -> Description:

@@ -96,11 +96,12 @@ class BearingErrors(Settings):
     )
     detection_logit: float = Field(
         -0.76,
-        description="constant a of the log-odds of detection of an object without range. At a distance of 2 m, they "
-        "are a + b x. x are the log-odds of the same object with range, which `rates` determines",
+        description="constant a of the log-odds of detection at a distance of 2 m, for a query without range. They "
+        "are a + b x. Here, x is the log-odds of detection of the same object at 2 m, for a query with range (see "
+        "`rates.detection_logit`)",
     )
     detection_per_logit: float = Field(
-        1.62, description="factor b of the log-odds a + b x (see `likelihood.bearings.detection_logit`)"
+        1.62, description="factor b of the log-odds of detection a + b x (see `likelihood.bearings.detection_logit`)"
     )
     detection_per_distance: float = Field(
         -1.09, description="change of the log-odds of detection if ln(distance from the camera) increases by 1"

@@ -48,8 +48,9 @@ class WorkerEngine(Engine):
             None,
             ge=1,
             le=1024,
-            description="number of worker processes, with one thread each; null: one per core to render the images of "
-            "a dataset, and a single worker for other work",
+            description="number of worker processes, with one thread each; null: one worker per core to render the "
+            "images of a dataset. For other work, a single worker, whose threads use all cores (with the engine ray: "
+            "one core)",
         )
 
     @abstractmethod
