@@ -111,7 +111,10 @@ def test_methods_and_data_may_be_files(fakes):
     assert "/small-" in done.json["run"]
     Path("odd.yaml").write_text("offset: 1\n")
     done = run("compare", "--methods", "odd.yaml", *asked)
-    assert (done.code, done.err) == (2, "error: odd.yaml: `kind` is None, expected the name of a localizer\n")
+    assert (done.code, done.err) == (
+        2,
+        "error: odd.yaml: the key `kind` is missing, expected the name of a localizer\n",
+    )
 
 
 def test_plugins_tells_what_is_missing(fakes):

@@ -73,7 +73,7 @@ def test_every_command_has_help():
         ),
         (
             ["compare", "--methods", "reader", "--data", "rooms", "--set", "data.size=1"],
-            "unknown key rooms.size (known: rooms,",
+            "unknown setting rooms.size (known settings: rooms,",
         ),
         (
             ["compare", "--methods", "reader", "--data", "rooms", "--set", "data.rooms=0"],

@@ -97,7 +97,7 @@ def test_a_file_gives_the_model_back(tmp_path):
         ("[1]", r"has the format None, expected 'salframe sensor 2': write a sensor file with"),
         ('{"format": "salframe sensor 9"}', r"has the format 'salframe sensor 9', expected 'salframe sensor 2'"),
         ("{", "is not JSON"),
-        ('{"format": "salframe sensor 2"}', r"provenance is missing; .*detection is missing"),
+        ('{"format": "salframe sensor 2"}', r"the required key provenance is missing; .*detection is missing"),
     ],
 )
 def test_what_is_no_sensor_file_is_told_in_one_line(tmp_path, text, message):

@@ -130,7 +130,7 @@ def test_a_folder_of_something_else_is_not_overwritten(saved, tmp_path):
         ({"version": "0"}, DataError, "was built with reader 0, expected reader 1: build the map again"),
         ({"localizer": {"kind": "raeder"}}, UnknownName, "unknown localizer 'raeder', did you mean 'reader'"),
         ({"localizer": {"kind": "reader", "ofset": 1}}, ConfigError, "unknown key .*ofset"),
-        ({"localizer": None}, DataError, r"method\.json: localizer: received None, expected a dictionary"),
+        ({"localizer": None}, DataError, r"method\.json: key localizer: received None, expected a dictionary"),
         ({"localizer": {}}, DataError, r"method\.json does not name the method of the map: build the map again"),
         ({"described_by": "0"}, DataError, "was built with other settings, weights or files .*: build the map again"),
     ],

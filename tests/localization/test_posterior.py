@@ -194,4 +194,4 @@ def test_bad_files_and_parameters_are_one_line(tmp_path):
     assert "objects.posterior.temperature: received 0, expected a number greater than 0" in told(
         {"temperature": 0, "head": NEUTRAL}
     )
-    assert "objects.posterior.head is missing" in told({"temperature": 1.0})
+    assert "the required setting objects.posterior.head is missing" in told({"temperature": 1.0})

@@ -68,7 +68,7 @@ FAULTS = {
     "episode": (json_file(ROWS + ".one", lambda row: row.update(episode=2**63)), r"rows\.jsonl, line 1.*episode"),
     "episodes": (
         yaml_file(lambda content: content["task"].update(episodes=2**63)),
-        r"request\.yaml: task: episodes: received 9",
+        r"request\.yaml: task: key episodes: received 9",
     ),
     "no episodes": (yaml_file(lambda content: content["task"].pop("episodes")), r"task\.episodes is missing"),
     "seed": (yaml_file(lambda content: content["task"].update(seed=-1)), r"request\.yaml: task\.seed"),
@@ -77,7 +77,7 @@ FAULTS = {
         yaml_file(lambda content: content["task"]["settings"].update(arrival_m=1e308)),
         r"task: settings\.arrival_m: received 1e\+308, expected a number from -1e\+12 to 1e\+12",
     ),
-    "no JSON": (text_file("runs/*/env.json", "[1]"), r"env\.json contains list, expected a JSON object"),
+    "no JSON": (text_file("runs/*/env.json", "[1]"), r"env\.json contains a list, expected a JSON object"),
 }
 
 

@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 TESTS = Path(__file__).parent.parent
-DIED = "its process died: it was killed, ran out of memory, or a library crashed"
+DIED = "the worker process died: it was killed, ran out of memory, or crashed in a library"
 RAISED = {
     "raise": "ValueError: this is too much",
     "leave": "SystemExit: the network wants to leave",
@@ -45,7 +45,7 @@ MODULES = {
     "twin": (
         "class Other(Reader):\n    name = 'reader'",
         "Other",
-        "localizer 'reader' of twin is already provided by fake_plugin",
+        "the package twin registers the localizer 'reader', a name that the package fake_plugin already uses",
     ),
     "careless": (
         "from salframe.framework.component import ComponentConfig\nclass Careless(Reader):\n    name = 'careless'\n"

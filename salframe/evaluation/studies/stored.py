@@ -53,8 +53,9 @@ class StoredTable(Settings):
         keys = {json.dumps([settings, row.get("method")]) for settings, row in zip(self.settings, self.rows)}  # noqa: B905
         if not len(keys) == len(self.rows) == len(self.settings):
             raise ValueError(
-                f"the stored table has {len(self.rows)} rows, {len(self.settings)} settings and {len(keys)} different "
-                "pairs of settings and method, expected three equal numbers: remove the table, and measure it again"
+                f"the stored table has {len(self.rows)} rows, {len(self.settings)} entries in `settings` and "
+                f"{len(keys)} different pairs of settings and method, expected equal numbers: remove the table, and "
+                "measure it again"
             )
         return self
 

@@ -63,10 +63,10 @@ def test_where_none_can_one_line_says_why_for_each(detectors):
     row = result.row("objects")
     assert not row.available
     assert row.reason == (
-        "'auto' cannot select a detector for furnished: "
-        "annotations: needs annotations, which the data does not have; "
+        "'auto' cannot select a detector for furnished, because none can run: "
+        "'annotations': needs annotations, which the data does not have; "
         "segments: no file ade20k.tflite; get it with: salframe weights fetch ade20k; "
-        "panoseg: needs range, which the data does not have"
+        "'panoseg': needs range images, which the data does not have"
     )
     assert result.row("named").measured
     with pytest.raises(InputMissing, match=r"'auto' cannot select a detector .*; segments: no file"):
@@ -78,7 +78,9 @@ def test_settings_go_to_what_it_became_or_are_refused_in_its_name(detectors):
     ABSENT.touch()
     found = resolve(request(settings=(BARE, "detector.min_score=0.5")))
     assert found.methods["objects"].detector.min_score == 0.5
-    with pytest.raises(ConfigError, match=r"unknown key detector\.noise .* \('auto' selected the detector 'panoseg'\)"):
+    with pytest.raises(
+        ConfigError, match=r"unknown setting detector\.noise .* \('auto' selected the detector 'panoseg'\)"
+    ):
         resolve(request(settings=(BARE, "detector.noise=none")))
     with pytest.raises(
         ConfigError, match=r"detector\.min_score: received 'x'.* \('auto' selected the detector 'panoseg'\)"
@@ -132,7 +134,10 @@ def test_a_map_holds_what_it_became_and_opens_without_the_data(detectors):
     ABSENT.touch()
     refused = salframe("build", "furnished", "-o", "none", "--method", "objects", "--set", BARE, "--set", NO_RANGE)
     assert (refused.code, refused.out, refused.err.count("\n")) == (2, "", 1)
-    assert "'auto' cannot select a detector for furnished: annotations: needs annotations" in refused.err
+    assert (
+        "'auto' cannot select a detector for furnished, because none can run: 'annotations': needs annotations"
+        in refused.err
+    )
 
 
 def test_it_is_varied_by_an_ablation(detectors):
@@ -185,7 +190,7 @@ def test_where_agents_walk_and_topologies_are_made_the_same_is_said(plugins):
         "salframe_trackers",
         folders=(".", "navigation"),
     )
-    reason = "'auto' cannot select a detector for apartment: annotations: needs annotations, "
+    reason = "'auto' cannot select a detector for apartment, because none can run: 'annotations': needs annotations, "
     walked = navigate(Request(("objects",), "apartment", engine="inline"), episodes=2)
     assert walked.row("objects").reason.startswith(reason)
     made = salframe("map", "build", "apartment", "-o", "map", "--method", "objects")

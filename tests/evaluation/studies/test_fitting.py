@@ -92,7 +92,7 @@ def test_runs_with_hidden_places_have_another_fingerprint_and_share_descriptions
         (("greedy", "--data", "rooms", "-o", "out.txt"), "the file out.txt, expected one that ends in .yaml or .yml"),
         (("plain", "--data", "rooms", "-o", "out.yaml"), "unknown method 'plain'"),
         (("reader", "--data", "rooms", "--set", "data.rooms=1", "-o", "out.yaml"), "0 answers to out-of-map queries"),
-        (("ranger", "--data", "rooms", "-o", "out.yaml"), "needs range, which the dataset rooms does not have"),
+        (("ranger", "--data", "rooms", "-o", "out.yaml"), "needs range images, which the dataset rooms does not have"),
     ],
 )
 def test_what_cannot_be_fitted_is_one_line(fakes, tmp_path, arguments, message):

@@ -71,7 +71,7 @@ def test_a_method_that_cannot_run_keeps_its_row(fakes):
     rows, _, result = run(["reader", "weightless", "ranger"])
     for method, reason in (
         ("weightless", "salframe weights fetch weightless"),
-        ("ranger", "needs range, which the dataset rooms does not have"),
+        ("ranger", "needs range images, which the dataset rooms does not have"),
     ):
         assert not rows[method].available
         assert reason in rows[method].reason

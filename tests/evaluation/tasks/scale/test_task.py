@@ -86,7 +86,7 @@ def test_a_method_without_an_index_is_told(furnished):
 
 
 def test_scenes_belong_to_this_task_alone():
-    with pytest.raises(ValidationError, match=r"scale\.scenes is missing"):
+    with pytest.raises(ValidationError, match=r"the required setting scenes is missing"):
         Study(task="scale", method="proposed")
     with pytest.raises(ValidationError, match="unknown key scenes"):
         Study(method="proposed", scenes=[10])
