@@ -111,7 +111,7 @@ def test_auto_is_decided_by_what_an_image_provides(pictures):
     done = run("show-objects", folder / "frames/kitchen-map.rgb.png", "hall.jpg", "--json")
     assert done.code == 1
     assert [view["detector"] for view in done.json["images"]] == ["annotations"]
-    assert done.err.startswith("auto selected the detector annotations\nerror: 'auto' cannot select a detector")
+    assert done.err.startswith("'auto' selected the detector 'annotations'\nerror: 'auto' cannot select a detector")
     assert (
         "'auto' cannot select a detector for hall.jpg, because none can run: 'annotations': needs annotations"
         in done.err

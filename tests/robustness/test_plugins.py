@@ -20,8 +20,8 @@ RAISED = {
     "leave": "SystemExit: the network wants to leave",
     "recurse": "RecursionError: maximum recursion depth exceeded.*",
 }
-DEAD = {"exit": DIED, "fault": DIED, "hoard": "used more than 450 MB, the limit of --memory"}
-LONG = "took more than 10 s, the limit of --timeout"
+DEAD = {"exit": DIED, "fault": DIED, "hoard": "the worker process used more than 450 MB, the limit of --memory"}
+LONG = "the worker process took more than 10 s, the limit of --timeout"
 ALL = {(when, how): reason for when in ("init", "map") for how, reason in (RAISED | DEAD).items()}
 QUERY = {
     **{("query", how): reason for how, reason in (RAISED | DEAD).items()},

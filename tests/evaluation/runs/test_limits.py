@@ -11,7 +11,10 @@ from salframe.evaluation.tasks.localization.task import compare
 from salframe.framework.errors import ConfigError
 
 DIED = "the worker process died: it was killed, ran out of memory, or crashed in a library"
-LONG, LARGE = "took more than 3 s, the limit of --timeout", "used more than 450 MB, the limit of --memory"
+LONG, LARGE = (
+    "the worker process took more than 3 s, the limit of --timeout",
+    "the worker process used more than 450 MB, the limit of --memory",
+)
 
 
 def ask(*settings: str, methods: tuple[str, ...] = ("deadly", "reader"), **limits: float):

@@ -82,7 +82,7 @@ def failures_of(records: Sequence[Record[LookRow]]) -> list[str]:
     """Return notes on panoramas that were left out, and on panoramas on which the detector failed."""
     failed = [row for record in records for row in record.rows if row is not None and row.status != PieceStatus.OK]
     unread, blind = ([row for row in failed if (row.truth is None) == lacking] for lacking in (True, False))
-    words = {"were left out": unread, "had an error of the detector, and the objects count as missed": blind}
+    words = {"left out": unread, "with an error of the detector (the objects count as missed)": blind}
     return [
         f"{counted(len(rows), 'panorama')} {what}, the first error: {rows[0].error}"
         for what, rows in words.items()

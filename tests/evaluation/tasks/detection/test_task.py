@@ -128,7 +128,10 @@ def test_a_detector_that_exits_costs_its_own_row(tiny, monkeypatch):
 def test_what_is_no_detections_costs_the_detector_its_row(tiny, monkeypatch, answer):
     monkeypatch.setattr(AnnotationDetector, "detect", lambda self, panorama: answer)
     result = measure(tiny)
-    assert result.rows[0].reason == f"detect returned {type(answer).__name__}, expected Detections"
+    assert (
+        result.rows[0].reason
+        == f"the function `detect` of the detector returned {type(answer).__name__}, expected Detections"
+    )
     assert result.crashed
 
 

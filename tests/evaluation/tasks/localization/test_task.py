@@ -94,7 +94,7 @@ def test_a_method_that_crashes_does_not_stop_the_others(fakes):
 
 def test_a_process_that_dies_costs_its_own_row(fakes):
     rows, _, result = run(["suicidal", "reader"], engine="processes")
-    assert "its process died" in rows["suicidal"].reason
+    assert "the worker process died" in rows["suicidal"].reason
     assert rows["reader"].accuracy.value == 1.0
     assert result.crashed
 

@@ -152,7 +152,7 @@ def test_the_settings_are_part_of_the_run():
     assert table["seer"].panoramas == 1.0
     with pytest.raises(ConfigError, match=r"unknown setting navigation\.bugdet"):
         run(["seer"], "navigation.bugdet=1")
-    with pytest.raises(ConfigError, match="received 0 episodes, expected from 1 to 100000"):
+    with pytest.raises(ConfigError, match="received 0 as the number of episodes, expected 1 to 100000"):
         run(["seer"], episodes=0)
 
 
