@@ -193,7 +193,7 @@ def test_a_faulty_preset_is_told_and_ends_no_listing(shipped, tmp_path):
     assert run("doctor").code == 1
     done = run("compare", "--methods", "odd", "--data", "rooms")
     assert (done.code, done.err.count("\n")) == (2, 1)
-    assert "the preset methods/odd.yaml of shipped_presets is invalid" in done.err
+    assert "the preset methods/odd.yaml of the package shipped_presets is invalid" in done.err
 
 
 def test_data_that_is_lost_is_listed(shipped, tmp_path):
@@ -216,5 +216,6 @@ def test_a_scorer_that_gives_no_row_is_one_line(fakes):
 
     registry().add(Hollow, "test")
     done = run("score", "hollow", "answers.json", "--data", ".")
-    message = "error: the scorer hollow returned no row for answers.json, expected one row for each split\n"
+    message = "error: the scorer hollow returned no result row for answers.json, "
+        "expected one row for each split of the benchmark\n"
     assert (done.code, done.out, done.err) == (2, "", message)

@@ -244,7 +244,7 @@ def test_auto_may_be_one_of_them(members):
         "annotations",
         "listed",
     ]
-    with pytest.raises(ConfigError, match="'auto' selects a detector only when the data are known"):
+    with pytest.raises(ConfigError, match="'auto' selects a detector only when the dataset is known"):
         union("auto", "listed")
 
 

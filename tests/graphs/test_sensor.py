@@ -127,5 +127,5 @@ def test_impossible_numbers_of_a_sensor_file_are_refused(tmp_path, part, key, va
     content = model(confusion={"chair": {"chair": 6}}).model_dump(mode="json")
     content[part][key] = value
     path.write_text(json.dumps(content))
-    with pytest.raises(DataError, match=rf"sensor\.json: {part}.*{message}"):
+    with pytest.raises(DataError, match=rf"sensor\.json: key {part}.*{message}"):
         read_sensor(path)
