@@ -201,10 +201,14 @@ def _claim(folder: Path, importer: Importer, source: Path) -> None:
             )
         write_json(path, settings)
     elif (stored := read_json(path)) != settings:
-        changed = [key for key, value in settings.items() if not isinstance(stored, dict) or stored.get(key) != value]
+        words = ("another format", "another importer version", "another source", "other importer settings")
+        changed = [
+            text
+            for (key, value), text in zip(settings.items(), words, strict=True)
+            if not isinstance(stored, dict) or stored.get(key) != value
+        ]
         raise ConfigError(
-            f"{folder} was imported with a different value of the setting {' and of the setting '.join(changed)}: "
-            "remove this folder, or choose another one"
+            f"{folder} was imported earlier with {' and '.join(changed)}: remove this folder, or choose another one"
         )
 
 

@@ -216,6 +216,8 @@ def test_a_scorer_that_gives_no_row_is_one_line(fakes):
 
     registry().add(Hollow, "test")
     done = run("score", "hollow", "answers.json", "--data", ".")
-    message = "error: the scorer hollow returned no result row for answers.json, "
+    message = (
+        "error: the scorer hollow returned no result row for answers.json, "
         "expected one row for each split of the benchmark\n"
+    )
     assert (done.code, done.out, done.err) == (2, "", message)

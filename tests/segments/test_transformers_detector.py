@@ -486,8 +486,10 @@ def test_one_line_says_what_does_not_fit(models, tmp_path, monkeypatch):
     if not tiny.torch.cuda.is_available():
         refused(models(tiny.segformer), message, ConfigError, device="cuda")
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    message = r"transformers needs the Python packages torch and transformers, which are not installed: "
+    message = (
+        r"transformers needs the Python packages torch and transformers, which are not installed: "
         r"pip install 'salframe\[transformers\]'"
+    )
     refused(models(tiny.segformer), message, RequirementMissing)
 
 
