@@ -63,8 +63,7 @@ def test_triplet_score_by_hand():
 def test_node2vec_without_gensim_says_how_to_get_it(monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(
-        RequirementMissing,
-        match=r"needs the Python package gensim, which is not installed: pip install 'salframe\[node2vec\]'",
+        RequirementMissing, match=r"needs gensim, which is not installed: pip install 'salframe\[node2vec\]'"
     ):
         triplets(structure="node2vec")
 

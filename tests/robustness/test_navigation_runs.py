@@ -70,12 +70,15 @@ FAULTS = {
         yaml_file(lambda content: content["task"].update(episodes=2**63)),
         r"request\.yaml: task: key episodes: received 9",
     ),
-    "no episodes": (yaml_file(lambda content: content["task"].pop("episodes")), r"task\.episodes is missing"),
-    "seed": (yaml_file(lambda content: content["task"].update(seed=-1)), r"request\.yaml: task\.seed"),
-    "settings": (yaml_file(lambda content: content["task"].update(settings=[])), r"request\.yaml: task\.settings"),
+    "no episodes": (
+        yaml_file(lambda content: content["task"].pop("episodes")),
+        r"the required key task\.episodes is missing",
+    ),
+    "seed": (yaml_file(lambda content: content["task"].update(seed=-1)), r"request\.yaml: key task\.seed"),
+    "settings": (yaml_file(lambda content: content["task"].update(settings=[])), r"request\.yaml: key task\.settings"),
     "arrival": (
         yaml_file(lambda content: content["task"]["settings"].update(arrival_m=1e308)),
-        r"task: settings\.arrival_m: received 1e\+308, expected a number from -1e\+12 to 1e\+12",
+        r"task: key settings\.arrival_m: received 1e\+308, expected a number from -1e\+12 to 1e\+12",
     ),
     "no JSON": (text_file("runs/*/env.json", "[1]"), r"env\.json contains a list, expected a JSON object"),
 }

@@ -457,7 +457,9 @@ def test_one_line_says_what_does_not_fit(models, tmp_path, monkeypatch):
             build(folder, **settings)
         assert "\n" not in str(caught.value)
 
-    with pytest.raises(WeightsError, match="the detector 'transformers' has no network: set `model` to the folder"):
+    with pytest.raises(
+        WeightsError, match="the detector 'transformers' has no network: set the setting `model` to the folder"
+    ):
         TransformersDetector(configure("detector", "transformers", {}))
     refused(
         tmp_path / "gone", r"gone does not exist, expected a folder with config\.json and model\.safetensors, or hf:"
