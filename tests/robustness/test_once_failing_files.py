@@ -221,7 +221,11 @@ FAULTS: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
         ("map", "query", "building", "kitchen-query", "--data", "./data"),
         r"building/parts-\w+ is damaged: saliency-places cannot use its arrays",
     ),
-    "base is a mapping": (text_file("study.yaml", "base: {a: 1}\n"), ("ablate", "study.yaml"), "base is .*name of a"),
+    "base is a mapping": (
+        text_file("study.yaml", "base: {a: 1}\n"),
+        ("ablate", "study.yaml"),
+        "the key `base` is .*name of a",
+    ),
     "set": (
         text_file("study.yaml", "vary: {a: !!set {b}}\n"),
         ("ablate", "study.yaml"),
