@@ -80,7 +80,7 @@ def serve(
     changed: dict[str, Any] = {}
     for text in overrides or ():
         changed = merge(changed, nest(*parse_override(text)))
-    limits = validate(ServiceLimits, changed, "--set")
+    limits = validate(ServiceLimits, changed, "--set:")
     token = _read_token(token_file) if token_file is not None else None
     is_created = token is None and not is_loopback(host)
     if is_created:

@@ -71,7 +71,7 @@ def write_report(
     """
     folders = list(dict.fromkeys(Path(run).resolve() for run in runs))
     if not folders:
-        raise ConfigError("received no run folder, expected at least one")
+        raise ConfigError("received no run folder, expected the path of at least one")
     opened = [_open(folder, progress) for folder in folders]
     views = [one.view for one in opened]
     tasks = sorted({view.result.task for view in views})
@@ -87,7 +87,7 @@ def write_report(
     try:
         write_page(path, content, () if islands is None else islands.parts)
     except OSError as error:
-        raise DataError(f"cannot write {path}: {error.strerror or error}") from None
+        raise DataError(f"cannot write the report {path}: {error.strerror or error}") from None
     return Report(path, tuple(view.result for view in views), notes)
 
 
@@ -105,8 +105,8 @@ def _open(folder: Path, progress: Progress | None) -> _Opened:
     survey = task.survey(dataset)
     if not isinstance(task, PagedTask):
         raise ConfigError(
-            f"{folder} is a run of the task {task.name!r}, which has no HTML report: print its tables with salframe "
-            "evaluate"
+            f"the run folder {folder} has the task {task.name!r}, which has no HTML report: print the tables with "
+            "salframe evaluate"
         )
     result, records = measure(task, run, survey)
     return _Opened(task, survey, task.view(result, records, survey))

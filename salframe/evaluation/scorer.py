@@ -88,5 +88,7 @@ def score(task: str, answers: str | Path, root: str | Path) -> list[Mapping[str,
     """
     rows = list(find_scorer(task).score(Path(answers), Path(root)))
     if not rows:
-        raise InvalidAnswer(f"the scorer {task} returned no row for {answers}, expected one row for each split")
+        raise InvalidAnswer(
+            f"the scorer {task} returned no result row for {answers}, expected one row for each split of the benchmark"
+        )
     return rows

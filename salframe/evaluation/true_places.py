@@ -42,8 +42,8 @@ def places_notes(dataset: Dataset) -> list[str]:
     if misspelt:
         pairs = [f"{place!r} (did you mean {_spell(spellings[place_key(place)], place)}?)" for place in misspelt]
         notes.append(
-            f"warning: the true place of {_queries(counts, misspelt)} is spelt differently in the map, and counts as "
-            f"out of map: {_list(pairs)}; use one spelling in the truth and in the map"
+            f"warning: the true place of {_queries(counts, misspelt)} counts as out of map, because the map has "
+            f"another spelling: {_list(pairs)}; use one spelling in the truth file and in the map"
         )
     if others:
         notes.append(

@@ -21,14 +21,14 @@ def as_array(value: Any, where: str, error: type[SalframeError] = DataError) -> 
         error: The value is not a rectangular array of numbers (it is a path, for example), or it has masked values.
     """
     if np.ma.is_masked(value):
-        raise error(f"{where} has masked values, expected an array without a mask: pass {where}.filled(VALUE)")
+        raise error(f"{where} has masked values, expected an array without a mask: fill them with array.filled(value)")
     try:
         array = np.asarray(value)
     except (TypeError, ValueError):  # lists of different lengths
         array = np.asarray(None)
     if array.dtype.kind not in "biufc":
-        received = f"an array of {value.dtype}" if isinstance(value, np.ndarray) else type(value).__name__
-        raise error(f"{where} is {received}, expected an array of numbers")
+        received = f"dtype {value.dtype}" if isinstance(value, np.ndarray) else f"type {type(value).__name__}"
+        raise error(f"{where} has the {received}, expected an array of numbers")
     return array
 
 
@@ -52,7 +52,7 @@ def check_array(
     """
     value = getattr(owner, name)
     if type(value) is not np.ndarray or value.dtype != dtype or not _fits(value.shape, shape):
-        value = _convert(value, f"{type(owner).__name__}.{name}", dtype, shape, error)
+        value = _convert(value, f"the field {type(owner).__name__}.{name}", dtype, shape, error)
     value = value.view()
     value.flags.writeable = False
     object.__setattr__(owner, name, value)
@@ -74,7 +74,8 @@ def _convert(
     value = as_array(value, where, error)
     if not _fits(value.shape, shape):
         want = "(" + ", ".join("*" if n is None else str(n) for n in shape) + ")"
-        raise error(f"{where} has shape {value.shape}, expected {want}")
+        legend = " (*: any length)" if None in shape else ""
+        raise error(f"{where} has shape {value.shape}, expected {want}{legend}")
     if not np.can_cast(value.dtype, dtype, "same_kind"):
         raise error(f"{where} has dtype {value.dtype}, expected {np.dtype(dtype)}")
     if value.size and np.dtype(dtype).kind in "iu" and not np.can_cast(value.dtype, dtype):
@@ -90,7 +91,7 @@ def check_mask(owner: object, name: str) -> np.ndarray:
 
     A mask of integers, such as 0 and 255, is true where the value is not 0. Raises the same errors as `check_array`.
     """
-    value = as_array(getattr(owner, name), f"{type(owner).__name__}.{name}")
+    value = as_array(getattr(owner, name), f"the field {type(owner).__name__}.{name}")
     if value.dtype.kind in "iu":
         object.__setattr__(owner, name, value != 0)
     return check_array(owner, name, np.bool_, None, None)

@@ -35,7 +35,9 @@ class ComponentConfig(Settings):
         if isinstance(value, Mapping):
             value = {"kind": cls.component.name, **value}
             if value["kind"] != cls.component.name:
-                raise ValueError(f"kind is {value['kind']!r}, expected {cls.component.name!r}")
+                raise ValueError(
+                    f"the key `kind` (name of the component) is {value['kind']!r}, expected {cls.component.name!r}"
+                )
         return value
 
     def keys_of(self, setting: str) -> Mapping[str, str]:
@@ -144,9 +146,12 @@ class Component(ABC):
         absent = [package for package in cls.requires_in_use(config) if importlib.util.find_spec(package) is None]
         if absent:
             hint = f": pip install '{cls.extra}'" if cls.extra else ""
+            packages = "package" if len(absent) == 1 else "packages"
             verb = "which is" if len(absent) == 1 else "which are"
             remedy = f"pip install '{cls.extra}'" if cls.extra else f"pip install {' '.join(absent)}"
-            raise RequirementMissing(f"{cls.name} needs {' and '.join(absent)}, {verb} not installed{hint}", remedy)
+            raise RequirementMissing(
+                f"{cls.name} needs the Python {packages} {' and '.join(absent)}, {verb} not installed{hint}", remedy
+            )
         for weights in cls.weights_in_use(config):
             weights.find()
         for _, inner in components_in(config):

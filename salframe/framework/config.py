@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from salframe.framework.errors import ConfigError, shorten
+from salframe.framework.errors import ConfigError, content_type, shorten
 from salframe.framework.files.bounded import parse_yaml, read_bytes, why
 
 MAX_BASES = 16
@@ -28,27 +28,27 @@ def read_yaml(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
     try:
         if path.resolve() in above:
             raise ConfigError(
-                f"{path} inherits from itself through the key `base`: remove the key from one of the files"
+                f"the file {path} inherits from itself through the key `base`: remove `base` from one of the files"
             )
         if len(above) > MAX_BASES:
             raise ConfigError(
-                f"{above[0]} inherits from more than {MAX_BASES} files through the key `base`, expected at most "
-                f"{MAX_BASES}"
+                f"the file {above[0]} inherits from more than {MAX_BASES} files through the key `base`, expected at "
+                f"most {MAX_BASES}"
             )
         content = read_bytes(path)
     except (OSError, ValueError) as error:
-        raise ConfigError(f"cannot read {path}: {why(error)}") from None
+        raise ConfigError(f"cannot read the file {path}: {why(error)}") from None
     try:
         content = parse_yaml(content)
     except ValueError as error:
-        raise ConfigError(f"{path} is not YAML: {error}") from None
+        raise ConfigError(f"the file {path} is not valid YAML: {error}") from None
     if not isinstance(content, dict):
-        raise ConfigError(f"{path} contains {type(content).__name__}, expected a mapping")
+        raise ConfigError(f"the file {path} contains {content_type(content)}, expected a mapping (key: value)")
     base = content.pop("base", None)
     if base is None:
         return content
     if not isinstance(base, str):
-        raise ConfigError(f"{path}: base is {base!r}, expected the name of a file")
+        raise ConfigError(f"{path}: the key `base` is {base!r}, expected the name of a file")
     return merge(read_yaml(path.parent / base, (*above, path.resolve())), content)
 
 
@@ -71,11 +71,11 @@ def parse_override(text: str) -> tuple[tuple[str, ...], Any]:
     """Parse `key.path=value`. Return the path, split at its dots, and the value, parsed as YAML. Raises ConfigError."""
     path, equals, value = text.partition("=")
     if not equals or not all(path.split(".")):
-        raise ConfigError(f"received --set {shorten(text)!r}, expected key.path=value")
+        raise ConfigError(f"received --set {shorten(text)!r}, expected KEY=VALUE, such as detector.min_score=0.5")
     try:
         return tuple(path.split(".")), parse_yaml(value)
     except ValueError as error:
-        raise ConfigError(f"--set {shorten(text)!r}: the value is not YAML: {error}") from None
+        raise ConfigError(f"received --set {shorten(text)!r}, whose value is not valid YAML: {error}") from None
 
 
 def nest(path: Iterable[str], value: Any) -> dict[str, Any]:

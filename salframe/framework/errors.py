@@ -70,7 +70,7 @@ class WorkerDied(SalframeError):
     """A worker process ended before it returned a result."""
 
     def __init__(
-        self, message: str = "its process died: it was killed, ran out of memory, or a library crashed"
+        self, message: str = "the worker process died: it was killed, ran out of memory, or crashed in a library"
     ) -> None:
         super().__init__(message)
 
@@ -90,7 +90,7 @@ def describe_error(error: BaseException) -> str:
     unless it is a SalframeError.
     """
     if isinstance(error, OSError) and error.strerror and error.filename is not None:
-        return f"cannot use {shorten(one_line(error.filename))}: {error.strerror}"
+        return f"cannot use the file or folder {shorten(one_line(error.filename))}: {error.strerror}"
     message = one_line(error)
     return message if isinstance(error, SalframeError) else f"{type(error).__name__}: {message}".rstrip()
 
@@ -127,5 +127,23 @@ def unknown(what: str, name: str, known: Sequence[str], failures: Sequence[objec
     hint = f", did you mean {close[0]!r}?" if close else "."
     message = f"unknown {what} {name!r}{hint} Known: {listed or 'none'}."
     if failures:
-        message += f" {len(failures)} plugin(s) failed to load: {', '.join(map(str, failures))}."
+        message += f" {counted(len(failures), 'plugin')} failed to load: {', '.join(map(str, failures))}."
     return message
+
+
+def counted(count: int, noun: str) -> str:
+    """Return a number and a noun, which is plural (with an "s" at the end of its first word) unless the number is 1."""
+    word, space, rest = noun.partition(" ")
+    return f"{count} {word}{'' if count == 1 else 's'}{space}{rest}"
+
+
+def with_article(noun: str) -> str:
+    """Return a noun with its indefinite article, such as "a detector" or "an engine"."""
+    return f"{'an' if noun[:1] in 'aeiou' else 'a'} {noun}"
+
+
+def content_type(content: object) -> str:
+    """Return the type of the content of a YAML or JSON file in words."""
+    names = {"NoneType": "no value", "str": "a string", "bool": "a boolean", "int": "a number", "float": "a number"}
+    names |= {"list": "a list", "dict": "a mapping"}
+    return names.get(type(content).__name__, f"a value of type {type(content).__name__}")

@@ -78,12 +78,13 @@ class OnnxModel:
         """Raise WeightsError on an output that is no array, has another batch size, or has no finite number."""
         if not isinstance(result, np.ndarray):
             raise WeightsError(
-                f"the network {self.path} returned {type(result).__name__} as the output {name}, expected an array"
+                f"the network {self.path} returned a value of type {type(result).__name__} as the output {name}, "
+                "expected an array"
             )
         if self._has_batch and result.shape[:1] != (batch,):
             raise WeightsError(
-                f"the network {self.path} returned the output {name} of shape {result.shape} for {batch} images, "
-                f"expected a first dimension of {batch}"
+                f"the network {self.path} returned the output {name} of shape {result.shape} for a batch of {batch}, "
+                f"expected a first axis of length {batch}"
             )
         if result.size and result.dtype.kind == "f" and not np.isfinite(result).any():
             raise WeightsError(
@@ -120,7 +121,9 @@ def open_model(
     )
     content = read_network(path)
     if external_files(path) and path.suffix.lower() != SUFFIX:
-        raise WeightsError(f"{path} stores weights in other files, expected a file name that ends in {SUFFIX}")
+        raise WeightsError(
+            f"the network {path} stores weights in other files, expected a file name that ends in {SUFFIX}"
+        )
     try:
         session = onnxruntime.InferenceSession(
             b"".join([content, *map(_as_output, outputs)]), options, providers=["CPUExecutionProvider"]
@@ -140,7 +143,7 @@ def open_model(
     if inputs is not None and not _fits(model.inputs, inputs, dtype):
         received = ", ".join(map(str, model.inputs))
         expected = ", ".join(_layout(dtype, shape) for shape in inputs)
-        raise WeightsError(f"the network {path} takes {received}, expected {expected}")
+        raise WeightsError(f"the network {path} has the inputs {received}, expected {expected} (*: any length)")
     return model
 
 

@@ -15,7 +15,7 @@ from pydantic import Field
 
 from salframe.framework.component import ComponentConfig
 from salframe.framework.components.identity import UserFile
-from salframe.framework.errors import ConfigError, DataError, WeightsError, one_line, shorten
+from salframe.framework.errors import ConfigError, DataError, WeightsError, content_type, one_line, shorten
 from salframe.framework.files.hub import HubName, find_hub_model, is_hub_name
 from salframe.framework.files.reading import read_json
 from salframe.framework.files.weights import NetworkWeights
@@ -61,7 +61,8 @@ def check_model(component: str, config: PretrainedConfig) -> None:
     """Raise WeightsError if `model` names no model on this machine. `component` begins the message."""
     if config.model is None:
         raise WeightsError(
-            f"{component} has no network: set `model` to the folder of a model, or to hf:ORG/MODEL", "model=FOLDER"
+            f"{component} has no network: set the setting `model` to the folder of a model, or to hf:ORG/MODEL",
+            "model=FOLDER",
         )
     read_model_config(find_model_folder(config.model))
 
@@ -79,7 +80,7 @@ def find_model_folder(model: str | Path) -> Path:
     folder = Path(model)
     if not folder.is_dir():
         raise WeightsError(
-            f"{folder} does not exist, expected a folder with {CONFIG} and {WEIGHTS[0]}, or "
+            f"the model folder {folder} does not exist, expected a folder with {CONFIG} and {WEIGHTS[0]}, or "
             "hf:ORG/MODEL of a model that `salframe weights fetch` downloaded"
         )
     return folder
@@ -102,7 +103,7 @@ def read_model_config(folder: Path) -> Mapping[str, Any]:
     except DataError as error:
         raise WeightsError(str(error)) from None
     if not isinstance(content, Mapping):
-        raise WeightsError(f"{folder / CONFIG} contains {type(content).__name__}, expected a JSON object")
+        raise WeightsError(f"{folder / CONFIG} contains {content_type(content)}, expected a JSON object")
     return content
 
 
@@ -220,7 +221,7 @@ class PretrainedModel:
             shapes = ", ".join(f"{name} {tuple(value.shape)}" for name, value in inputs.items())
             reason = shorten(one_line(error), 120)
             raise WeightsError(
-                f"the network in {self.folder} failed on inputs {shapes}: {type(error).__name__} {reason}"
+                f"the network in {self.folder} failed on the inputs {shapes}: {type(error).__name__} {reason}"
             ) from None
         for name, value in list(output.items()):
             if isinstance(value, torch.Tensor) and value.is_floating_point():

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
-from salframe.framework.errors import ConfigError, SalframeError, one_line, shorten
+from salframe.framework.errors import ConfigError, SalframeError, counted, one_line, shorten
 
 MAX_PROBLEMS = 3
 """Maximum number of validation errors to report. Messages have only the number of further errors."""
@@ -98,16 +99,26 @@ _NOUNS = {
     "bytes_too_long": "byte",
 }
 """Name of the counted items, by the type of an error about a length."""
+_TYPE_TAG = re.compile(r"[a-z-]+\[.*\]|constrained-\w+|str|int|float|bool")
+"""Parts that pydantic adds to the location of an error in a value that may have several types."""
 _COMPARISONS = ("greater_than", "greater_than_equal", "less_than", "less_than_equal", "multiple_of")
 """Types of errors whose message compares with a number."""
 
 
 def describe_faults(error: ValidationError, where: str, model: type[BaseModel] | None = None) -> str:
     """Describe validation errors in one line: the first MAX_PROBLEMS errors, and the number of the others."""
-    faults = [problem for problem in error.errors() if not _follows_from_items(problem)]
-    problems = list(dict.fromkeys(_problem(model, problem, where) for problem in faults))
-    more = f"; and {len(problems) - MAX_PROBLEMS} more errors" if len(problems) > MAX_PROBLEMS else ""
-    return "; ".join(problems[:MAX_PROBLEMS]) + more
+    problems: dict[str, list[str]] = {}  # a value that may have several types has one error for each type
+    for fault in error.errors():
+        if not _follows_from_items(fault):
+            received, expected = _problem(model, fault, where)
+            problems.setdefault(received, []).extend([expected] if expected else [])
+    lines = [
+        f"{received}, expected {' or '.join(dict.fromkeys(expected))}" if expected else received
+        for received, expected in problems.items()
+    ]
+    rest = len(lines) - MAX_PROBLEMS
+    more = f"; and {rest} more {'error' if rest == 1 else 'errors'}" if rest > 0 else ""
+    return "; ".join(lines[:MAX_PROBLEMS]) + more
 
 
 def _follows_from_items(problem: Any) -> bool:
@@ -120,43 +131,49 @@ def _follows_from_items(problem: Any) -> bool:
     )
 
 
-def _problem(model: type[BaseModel] | None, problem: Any, where: str) -> str:
-    prefix = f"{where} " if where.endswith(":") else f"{where}."
-    key = prefix + ".".join(map(str, problem["loc"])) if problem["loc"] else where.rstrip(":")
+def _problem(model: type[BaseModel] | None, problem: Any, where: str) -> tuple[str, str]:
+    """Return a validation error as two texts: the key and the received value, and the expected value or ""."""
+    file, key = _place([str(part) for part in problem["loc"] if not _TYPE_TAG.fullmatch(str(part))], where)
+    noun = "key" if file else "setting"
+    prefix = f"{file}: " if file else ""
     if problem["type"] == "extra_forbidden":
         *above, name = map(str, problem["loc"])
         fields = [field for field in _fields_below(model, above) if field != "kind"]
         close = difflib.get_close_matches(name, fields, 1)
         hint = f", did you mean {close[0]!r}" if close else ""
-        return f"unknown key {key}{hint}" + (f" (known: {', '.join(fields)})" if fields else "")
+        known = f" (known {noun}s: {', '.join(fields)})" if fields else ""
+        return f"{prefix}unknown {noun} {key}{hint}{known}", ""
     if problem["type"] == "missing":
-        return f"{key} is missing"
+        return f"{prefix}the required {noun} {key} is missing", ""
+    start = f"{prefix}{noun} {key}" if key else file
     if isinstance(cause := problem.get("ctx", {}).get("error"), Exception):
-        return str(cause) if isinstance(cause, SalframeError) else f"{key}: {cause}"
-    return f"{key}: received {shorten(repr(problem['input']))}{_count(problem)}, expected {_expected(problem)}"
+        return str(cause) if isinstance(cause, SalframeError) else f"{start}: {cause}", ""
+    return f"{start}: received {shorten(repr(problem['input']))}{_count(problem)}", _expected(problem)
+
+
+def _place(keys: Sequence[str], where: str) -> tuple[str, str]:
+    """Return the file of a setting, "" for none, and the dotted key of the setting. For `where`, see `validate`."""
+    file, _, above = (where[:-1], "", "") if where.endswith(":") else where.rpartition(": ")
+    return file, ".".join([above, *keys] if above else keys)
 
 
 def _count(problem: Any) -> str:
     """Return the number of received items in words if the error is about this number, else ""."""
     wrong = problem["type"] in ("too_short", "too_long")
-    return f" ({_counted(problem['ctx']['actual_length'], 'item')})" if wrong else ""
+    return f" ({counted(problem['ctx']['actual_length'], 'item')})" if wrong else ""
 
 
 def _expected(problem: Any) -> str:
     """Return the value that was expected, as a noun phrase."""
     kind, limits = problem["type"], problem.get("ctx", {})
     if kind.endswith("too_short"):
-        return f"at least {_counted(limits['min_length'], _NOUNS[kind])}"
+        return f"at least {counted(limits['min_length'], _NOUNS[kind])}"
     if kind.endswith("too_long"):
-        return f"at most {_counted(limits['max_length'], _NOUNS[kind])}"
+        return f"at most {counted(limits['max_length'], _NOUNS[kind])}"
     if kind == "string_pattern_mismatch":
         return f"a string that matches {limits['pattern']}"
-    text = str(problem["msg"]).removeprefix("Input should be ")
+    text = str(problem["msg"]).removeprefix("Input should be ").replace("an instance of Path", "a path")
     return f"a number {text}" if kind in _COMPARISONS else _EXPECTED.get(kind, text)
-
-
-def _counted(count: int, noun: str) -> str:
-    return f"{count} {noun}" + ("" if count == 1 else "s")
 
 
 def _fields_below(model: type[BaseModel] | None, keys: Sequence[str]) -> list[str]:

@@ -165,12 +165,12 @@ class Camera:
         )
         if abs(elevation_deg) > MAX_ELEVATION_DEG:
             way = "up" if elevation_deg > 0 else "down"
-            notes.append(f"the optical axis points {way} by {abs(elevation_deg):.0f} deg; {frames}")
+            notes.append(f"the optical axis of the camera points {way} by {abs(elevation_deg):.0f} deg; {frames}")
         elif abs(roll_deg) > MAX_ROLL_DEG:
             notes.append(f"the image is rolled: its x axis has an elevation of {roll_deg:.0f} deg; {frames}")
         if self.lost_share > 0:
             notes.append(
-                f"{self.lost_share:.1%} of the pixels are ignored, because the distortion is not invertible there"
+                f"{self.lost_share:.1%} of the pixels are ignored, because the lens distortion is not invertible there"
             )
         return tuple(notes)
 
@@ -301,12 +301,14 @@ class Camera:
         is_finite = all(isinstance(value, Real) and np.isfinite(float(value)) for value in values.values())
         if not is_finite or min(self.width, self.height, self.fx, self.fy) <= 0:
             received = ", ".join(f"{name} {value!r}" for name, value in values.items())
-            raise DataError(f"the camera has {received}, expected finite numbers, and positive sizes and focal lengths")
+            raise DataError(
+                f"the camera has {received}, expected finite numbers, with width, height, fx and fy above 0"
+            )
         size = f"{self.width} x {self.height}"
         if not 1 / MAX_PIXEL_RATIO <= self.fx / self.fy <= MAX_PIXEL_RATIO:
             raise DataError(
                 f"the camera has fx {self.fx:g} and fy {self.fy:g}, expected a ratio fx / fy from "
-                f"{1 / MAX_PIXEL_RATIO:g} to {MAX_PIXEL_RATIO:g}: give both in pixels"
+                f"{1 / MAX_PIXEL_RATIO:g} to {MAX_PIXEL_RATIO:g}: set both in pixels"
             )
         across = max(self.width / self.fx, self.height / self.fy)
         is_fisheye = self._model is DistortionModel.FISHEYE
@@ -315,12 +317,12 @@ class Camera:
         if not MIN_FOV_DEG <= fov_deg <= max_deg:
             raise DataError(
                 f"the camera has a field of view of {fov_deg:.4g} deg (fx {self.fx:g} and fy {self.fy:g} for {size} "
-                f"pixels), expected {MIN_FOV_DEG:g} to {max_deg:g} deg: give fx and fy in pixels of this image"
+                f"pixels), expected {MIN_FOV_DEG:g} to {max_deg:g} deg: set fx and fy in pixels of this image"
             )
         if not (-0.5 <= self.cx <= self.width - 0.5 and -0.5 <= self.cy <= self.height - 0.5):
             raise DataError(
                 f"the camera has the principal point cx {self.cx:g}, cy {self.cy:g}, expected a point in its image of "
-                f"{size} pixels: give cx and cy in pixels of this image"
+                f"{size} pixels: set cx and cy in pixels of this image"
             )
 
     def _check_distortion(self) -> None:
@@ -329,8 +331,9 @@ class Camera:
             object.__setattr__(self, "distortion_model", DistortionModel(self.distortion_model))
         except ValueError:
             raise DataError(
-                f"distortion_model is {self.distortion_model!r}, expected one of {', '.join(DistortionModel)}: for "
-                "another model, undistort the images and set distortion_model to none"
+                f"the distortion_model of the camera is {self.distortion_model!r}, expected one of "
+                f"{', '.join(DistortionModel)}: for another model, undistort the images and set distortion_model to "
+                "none"
             ) from None
         names = COEFFICIENTS[self._model]
         values = check_array(self, "distortion", np.float64, None)
@@ -340,14 +343,14 @@ class Camera:
                 f"the distortion model {self.distortion_model} has {len(values)} coefficients, expected {expected}"
             )
         if not np.isfinite(values).all():
-            raise DataError(f"distortion is {values.tolist()}, expected finite numbers")
+            raise DataError(f"the distortion coefficients of the camera are {values.tolist()}, expected finite numbers")
         object.__setattr__(self, "distortion", tuple(values.tolist()))
         tangential = {name: self.distortion[names.index(name)] for name in ("p1", "p2") if name in names}
         if any(abs(value) > MAX_TANGENTIAL for value in tangential.values()):
             received = " and ".join(f"{name} {value:g}" for name, value in tangential.items())
             raise DataError(
-                f"distortion has {received}, expected magnitudes of at most {MAX_TANGENTIAL:g}: give the "
-                f"coefficients in the order {', '.join(names)}"
+                f"the distortion coefficients of the camera have {received}, expected magnitudes of at most "
+                f"{MAX_TANGENTIAL:g}: list the coefficients in the order {', '.join(names)}"
             )
 
     def _check_extrinsics(self) -> None:
@@ -357,13 +360,13 @@ class Camera:
             is_mirrored = np.isfinite(T).all() and np.linalg.det(T[:3, :3]) < 0
             reason = "is left-handed (a mirror)" if is_mirrored else "is not a rigid motion"
             raise DataError(
-                f"T_base_camera {T.tolist()} {reason}, expected the pose of the camera on the robot's base: a "
-                "rotation, a translation in metres, and the last row 0 0 0 1"
+                f"the camera pose T_base_camera {T.tolist()} {reason}, expected the pose of the camera on the robot's "
+                "base: a rotation, a translation in metres, and the last row 0 0 0 1"
             )
         if np.abs(T[:3, 3]).max() > MAX_POSITION_M:
             raise DataError(
-                f"T_base_camera has the translation {T[:3, 3].tolist()} m, expected at most "
-                f"{MAX_POSITION_M:g} m along each axis: give metres"
+                f"the camera pose T_base_camera has the translation {T[:3, 3].tolist()} m, expected at most "
+                f"{MAX_POSITION_M:g} m along each axis: use metres"
             )
 
 

@@ -137,9 +137,9 @@ def units_note(frames: Sequence[Frame], camera_z_m: Sequence[float] | np.ndarray
     if min_m <= height_m <= max_m or (is_confirmed and height_m <= 2 * max_m):
         return None
     first = next(iter(heights))
-    source = f"in {first}" if len(heights) == 1 else f"median of {len(heights)} panoramas from {first} on"
+    source = f"in {first}" if len(heights) == 1 else f"median of {len(heights)} panoramas, the first: {first}"
     factor = min(UNITS, key=lambda factor: abs(np.log(height_m * factor / USUAL_M)))
     times = f"{round(max(factor, 1 / factor), 2):g} times too {'large' if factor < 1 else 'small'}"
     plausible = min_m <= height_m * factor <= max_m
-    cause = f"ranges may be about {times}, likely {UNITS[factor]}" if plausible else "are its ranges in metres?"
+    cause = f"ranges may be about {times}, likely {UNITS[factor]}" if plausible else "check the unit of the ranges"
     return f"the floor lies {height_m:.3g} m below the camera ({source}), expected {min_m:g} to {max_m:g} m: {cause}"

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from salframe.framework.components.defaults import default_of
-from salframe.framework.errors import ConfigError, DataError, UnknownName, unknown
+from salframe.framework.errors import ConfigError, DataError, UnknownName, counted, unknown
 from salframe.panoramas.dataset import MANIFEST
 from salframe.panoramas.folder_format import FrameEntry
 from salframe.panoramas.folder_reader import Folder
@@ -61,7 +61,7 @@ def read_sequence(
     if format is None and (source / MANIFEST).exists():
         if settings:
             raise ConfigError(
-                f"{source} is a folder of panoramas, which needs no importer, but received settings of an importer: "
+                f"received importer settings for the folder of panoramas {source}, which is read without an importer: "
                 "leave out --set"
             )
         return _folder_sequence(Folder(source), name)
@@ -92,12 +92,14 @@ def _choose(folder: Folder, name: str | None) -> tuple[str, Sequence[FrameEntry]
     sequences = folder.sequences
     if not sequences:
         raise DataError(
-            f"{folder.root} has no sequence, expected frames with the keys `sequence` and `t_s` in its manifest.json"
+            f"{folder.root} has no sequence (recorded camera path), expected frames with the keys `sequence` and `t_s` "
+            "in its manifest.json"
         )
     if name is None and len(sequences) > 1:
         names = ", ".join(list(sequences)[:5]) + (", ..." if len(sequences) > 5 else "")
         raise ConfigError(
-            f"{folder.root} has {len(sequences)} sequences, expected --sequence with one of them: {names}"
+            f"{folder.root} has {len(sequences)} sequences, expected the option --sequence with one of the names "
+            f"{names}"
         )
     name = next(iter(sequences)) if name is None else name
     if name not in sequences:
@@ -118,11 +120,13 @@ def _recorded_sequence(source: Path, format: str, settings: Sequence[str]) -> Ca
             raise
         raise DataError(f"{error}; a folder of panoramas with a {MANIFEST} is also accepted") from None
     times = [record.t_s for record in recording.records if record.t_s is not None]
-    if len(times) < len(recording.records) or recording.odometry is None:
+    if num_timeless := len(recording.records) - len(times):
         raise DataError(
-            f"the recording in the format {format} needs odometry and the times of all views, but at least one of them "
-            "is missing"
+            f"{source} has no time for {num_timeless} of {counted(len(recording.records), 'view')}, expected a "
+            "recording with the times of all views"
         )
+    if recording.odometry is None:
+        raise DataError(f"{source} has no odometry (measured motion of the camera), expected a recording with odometry")
     odometry = Odometry.of_rows(recording.odometry, str(source))
     return CameraSequence(
         source.stem,

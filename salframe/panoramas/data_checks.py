@@ -54,9 +54,9 @@ def motion_note(folds: Sequence[Fold]) -> str | None:
     if not unknown:
         return None
     return (
-        f"the motion between the views is unknown for {len(unknown)} of {len(queries)} queries with several views, "
-        f"such as {unknown[0]}, expected odometry at the times of all views: these views are localized one by one, and "
-        "their answers are combined"
+        f"{len(unknown)} of {len(queries)} queries with several views have no motion between the views, such as "
+        f"{unknown[0]}, expected odometry at the times of all views: each view is localized alone, and the answers are "
+        "combined"
     )
 
 
@@ -70,8 +70,8 @@ def picture_note(frames: Sequence[Frame]) -> str | None:
     if not notes:
         return None
     first = next(iter(notes))
-    others = f" ({len(notes)} of the {len(panoramas)} panoramas that were checked)" if len(frames) > 1 else ""
-    return f"{first}: {notes[first]}{others}"
+    others = f" (the reader changed {len(notes)} of {len(panoramas)} checked images)" if len(frames) > 1 else ""
+    return f"the image of {first} is {notes[first]}{others}"
 
 
 def query_notes(panorama: Panorama, camera_z_m: Sequence[float] | np.ndarray = ()) -> list[str]:
@@ -88,7 +88,7 @@ def query_notes(panorama: Panorama, camera_z_m: Sequence[float] | np.ndarray = (
             notes.append(
                 f"the range image of {panorama.id} seems to contain z-depth of cube faces, expected range along the "
                 "ray: "
-                'set the range kind to "cube"'
+                'set range_kind to "cube" (option --range-kind cube)'
             )
         else:
             notes.append(units_note([panorama], camera_z_m))
@@ -113,6 +113,6 @@ def upside_down_note(query: str, surfaces: LevelSurfaces, camera_z_m: np.ndarray
     if turned_error > MAX_HEIGHT_ERROR or turned_error >= error:
         return None
     return (
-        f"{query} seems to be upside down: it shows the floor {surfaces.floor_m:.2f} m below the camera and the "
-        f"ceiling {surfaces.ceiling_m:.2f} m above it, and the cameras of the map are at z = {np.median(known_m):.2f} m"
+        f"{query} seems to be upside down: the image shows the floor {surfaces.floor_m:.2f} m below the camera and the "
+        f"ceiling {surfaces.ceiling_m:.2f} m above it, but the cameras of the map are at z = {np.median(known_m):.2f} m"
     )

@@ -83,7 +83,7 @@ class FloorMasks:
             if mask_shape != shape:
                 raise DataError(
                     f"the {name} mask of a floor is {mask_shape[1]} x {mask_shape[0]} pixels, "
-                    f"expected {shape[1]} x {shape[0]}, the size of its free mask"
+                    f"expected {shape[1]} x {shape[0]}, the size of the free mask of this floor"
                 )
         if not 0 < self.resolution_m < np.inf:
             raise DataError(

@@ -37,8 +37,8 @@ class FolderDataset(Dataset):
         """The folder of the dataset."""
         if self.config.root is None:
             raise DataError(
-                f"the dataset {self.name!r} needs a folder with panoramas: name the folder instead of "
-                f"'{self.name}', or pass --data-dir DIR"
+                f"the dataset {self.name!r} has no folder of panoramas: pass the path of the folder instead of the "
+                f"name {self.name!r}, or pass --data-dir DIR"
             )
         return self.config.root
 

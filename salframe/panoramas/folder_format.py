@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -9,7 +10,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, PositiveFloat, field_validator, model_validator
 
-from salframe.framework.errors import DataError
+from salframe.framework.errors import DataError, counted
 from salframe.framework.files.writing import atomic_path, write_json
 from salframe.framework.validation import Settings
 from salframe.panoramas import images
@@ -33,7 +34,7 @@ WRITTEN_AS = {
 def _rigid(pose: tuple[float, ...] | None) -> tuple[float, ...] | None:
     if pose is not None and not is_rigid(np.array(pose).reshape(4, 4), 1e-3):
         expected = "16 numbers row by row: rotation and translation, then 0 0 0 1"
-        raise ValueError(f"the pose is not a rigid motion, expected {expected}")
+        raise ValueError(f"the pose {list(pose)} is not a rigid motion, expected {expected}")
     return pose
 
 
@@ -93,9 +94,12 @@ class FrameEntry(RangeKeys):
     def _belongs_together(self) -> FrameEntry:
         has_pose, has_place = self.pose is not None, self.place is not None
         if self.role == "query" and (has_pose or has_place):
-            raise ValueError(f"the query {self.id} has a pose or place in the manifest: move both to the truth file")
+            raise ValueError(
+                f"the query {self.id} has a pose or place in the manifest, expected none: move both to the truth file"
+            )
         if self.role != "query" and not (has_pose and has_place):
-            raise ValueError(f"the reference frame {self.id} has no {'place' if has_pose else 'pose'}, expected both")
+            absent = "place" if has_pose else "pose" if has_place else "pose and no place"
+            raise ValueError(f"the reference frame {self.id} has no {absent}, expected the keys `pose` and `place`")
         if self.sequence is not None and self.role != "query":
             raise ValueError(f"the reference frame {self.id} has the key `sequence`, expected the key only in queries")
         if self.sequence is not None and self.t_s is None:
@@ -103,7 +107,9 @@ class FrameEntry(RangeKeys):
                 f"the view {self.id} of the sequence {self.sequence!r} has no `t_s`, expected its time in seconds"
             )
         if not (self.rgb or self.range or self.instances):
-            raise ValueError(f"the frame {self.id} names no image, expected at least one of rgb, range and instances")
+            raise ValueError(
+                f"the frame {self.id} has no image file, expected at least one of the keys rgb, range and instances"
+            )
         return self
 
 
@@ -160,11 +166,16 @@ class Manifest(RangeKeys):
         times = {(frame.sequence, frame.t_s) for frame in self.frames if frame.sequence is not None}
         views = [frame for frame in self.frames if frame.sequence is not None]
         if len(times) < len(views):
-            raise ValueError("two views of a sequence have the same t_s, expected a different time for each view")
+            (sequence, t_s), _ = Counter((view.sequence, view.t_s) for view in views).most_common(1)[0]
+            raise ValueError(
+                f"two views of the sequence {sequence!r} have the same t_s = {t_s:g}, expected a different time "
+                "(seconds) for each view"
+            )
         if not any(frame.role != "query" for frame in self.frames):
             raise ValueError(
-                f"the manifest has {len(self.frames)} frames and no reference frame, expected at least one frame "
-                f"with the role map"
+                f"none of {counted(len(self.frames), 'frame')} in the manifest is a reference frame, expected at least "
+                "one "
+                'frame with "role": "map"'
             )
         if any(frame.instances for frame in self.frames) and self.objects is None:
             raise ValueError(

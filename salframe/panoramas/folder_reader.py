@@ -47,7 +47,7 @@ class Folder:
 
     def __init__(self, root: Path):
         if not (root / MANIFEST).exists():
-            raise DataError(f"{root} is not a dataset folder: it has no {MANIFEST}")
+            raise DataError(f"{root} is not a dataset folder, expected a folder with the file {MANIFEST}")
         self.root = root
         self.manifest = read_model(root / MANIFEST, Manifest)
 
@@ -80,8 +80,8 @@ class Folder:
         except KeyError:
             where = self.root / (self.manifest.truth or MANIFEST)
             raise TruthMissing(
-                f"{where} has no true place of the query {query_id!r}, which an evaluation needs: add it to the file "
-                "that `truth` in the manifest names"
+                f"{where} has no true place of the query {query_id!r}, which an evaluation needs: add the place to the "
+                "file in the key `truth` of the manifest"
             ) from None
         return Truth(entry.place, self._pose(entry.pose), entry.instances)
 
@@ -97,7 +97,7 @@ class Folder:
         pose, place = self._pose(entry.pose), entry.place
         if pose is None or place is None:
             raise DataError(
-                f"{self.root / MANIFEST}: the reference frame {entry.id} lacks its pose or place, expected both"
+                f"{self.root / MANIFEST}: the reference frame {entry.id} has no pose or no place, expected both"
             )
         return ReferenceFrame(entry.id, place, pose, kind, partial(self.load, entry), content)
 
@@ -193,7 +193,7 @@ class Folder:
         places = sorted({frame.place for frame in frames if frame.place is not None})
         for end in (end for one in connections for end in (one.start, one.end)):
             if end not in places:
-                raise DataError(f"{self.root / MANIFEST}: connections: {unknown('place', end, places)}")
+                raise DataError(f"{self.root / MANIFEST}: the key `connections` has an {unknown('place', end, places)}")
         return connections
 
     def _floor_heights(self) -> list[float]:

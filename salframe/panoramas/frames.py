@@ -42,8 +42,8 @@ def check_pose(owner: object, where: str) -> None:
 
 def _no_panorama() -> Panorama:
     raise DataError(
-        "a frame of a saved map has no panorama, because a map stores only descriptions: load "
-        "the frame from its dataset"
+        "a frame of a saved map has no panorama, because a map stores only descriptions (features): load the frame "
+        "from the dataset of the map"
     )
 
 
@@ -134,7 +134,7 @@ class Truth:
 
     def __post_init__(self) -> None:
         if self.T_world_pano is not None:
-            check_pose(self, f"the truth of a query in {self.place}")
+            check_pose(self, f"the true answer of a query in the place {self.place}")
 
 
 @dataclass(frozen=True)

@@ -103,7 +103,7 @@ def read_house(path: Path) -> HouseFile:
     if not all(np.isfinite(part).all() for part in numbers):
         raise DataError(f"{path} contains NaN or infinity, expected finite numbers")
     if not regions:
-        raise DataError(f"{path} has no regions, expected lines that begin with R")
+        raise DataError(f"{path} has no regions (rooms), expected lines that begin with R")
     return HouseFile(regions, objects, panoramas)
 
 
@@ -123,7 +123,10 @@ def _regions(lines: list[list[str]]) -> Iterator[Region]:
                     f"the type of region {index} is {words[5]!r}, expected one character that is not a digit"
                 )
             if (high < low).any():
-                raise ValueError(f"the maximum corner {high} of region {index} is below its minimum corner {low}")
+                raise ValueError(
+                    f"the maximum corner {high} of region {index} is below the minimum corner {low}, expected larger "
+                    "values"
+                )
             outlines = tuple(
                 np.array(corners[surface]) for surface in surfaces.get(index, ()) if len(corners.get(surface, ())) > 2
             )

@@ -65,8 +65,8 @@ def _find_in(folder: Folder, path: Path) -> FrameImage | None:
         ids = list(dict.fromkeys(image.frame.id for image in matches))
         if len(ids) > 1:
             raise DataError(
-                f"{path} is the image of {len(ids)} frames of {folder.root / MANIFEST} "
-                f"({', '.join(ids[:3])}), expected the image of one frame: pass the id of the frame, and "
+                f"{path} is the image of {len(ids)} frames of {folder.root / MANIFEST} ({', '.join(ids[:3])}), "
+                "expected the image of one frame: pass the id of one frame instead of the path, and the dataset with "
                 "--data"
             )
         if matches:

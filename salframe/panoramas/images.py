@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from salframe.framework.errors import DataError
+from salframe.framework.errors import DataError, counted
 from salframe.framework.files.image_files import ImageFile, read_image, read_image_file
 from salframe.framework.files.writing import atomic_path
 from salframe.panoramas.panorama import clean_range
@@ -75,7 +75,10 @@ def read_ids(path: Path) -> np.ndarray:
     image = read_image(path, cv2.IMREAD_UNCHANGED)
     if image.dtype != np.uint16 or image.ndim != 2:
         channels = 1 if image.ndim == 2 else image.shape[2]
-        raise DataError(f"{path} has {channels} channel(s) of {8 * image.itemsize} bits, expected 1 channel of 16 bits")
+        raise DataError(
+            f"the image {path} has {counted(channels, 'channel')} of {8 * image.itemsize} bits, expected 1 channel of "
+            "16 bits"
+        )
     return image.astype(np.int32)
 
 
@@ -102,7 +105,11 @@ def _write(path: Path, image: np.ndarray) -> None:
     import cv2
 
     if path.suffix.lower() not in _FORMAT_OPTIONS:
-        raise DataError(f"cannot write {path}: expected a file name that ends in one of {', '.join(_FORMAT_OPTIONS)}")
+        raise DataError(
+            f"cannot write the image {path}: expected a file name that ends in one of {', '.join(_FORMAT_OPTIONS)}"
+        )
     with atomic_path(path) as temporary:
         if not cv2.imwrite(str(temporary), image, _FORMAT_OPTIONS[path.suffix.lower()]):
-            raise DataError(f"cannot write {path}: expected a folder that exists, with write access and free space")
+            raise DataError(
+                f"cannot write the image {path}: expected a folder that exists, with write access and free space"
+            )

@@ -76,12 +76,14 @@ def _place_source(references: Sequence[PanoramaRecord], place_from: str | None) 
     try:
         source = PlaceSource(place_from)
     except ValueError:
-        raise ConfigError(f"place_from is {place_from!r}, expected one of {', '.join(PlaceSource)}") from None
+        raise ConfigError(
+            f"the setting place_from is {place_from!r}, expected one of {', '.join(PlaceSource)}"
+        ) from None
     without = [record.id for record in references if source not in record.places]
     if without and source is not PlaceSource.NONE:
         known = [s for s in PlaceSource if s is PlaceSource.NONE or all(s in record.places for record in references)]
         raise DataError(
-            f"place_from={source} gives no place to {len(without)} of {len(references)} reference panoramas, such as "
+            f"place_from={source} has no place for {len(without)} of {len(references)} reference panoramas, such as "
             f"{without[0]}, expected a place for each: choose {' or '.join(known)}"
         )
     return source
@@ -104,7 +106,9 @@ def _query_ids(
     if isinstance(queries, str) and queries.startswith("every:"):
         number = queries.removeprefix("every:")
         if not (number.isascii() and number.isdecimal() and 2 <= int(number) <= 10**6):
-            raise ConfigError(f"queries is {queries!r}, expected every:N with N from 2 to 1000000, or a file of ids")
+            raise ConfigError(
+                f"the setting queries is {queries!r}, expected every:N with N from 2 to 1000000, or a file of ids"
+            )
         posed = [record.id for record in records if record.is_reference]
         return set(posed[int(number) - 1 :: int(number)])
     lines = read_text(Path(queries), "a text file with the id of a query in each line").splitlines()
@@ -123,7 +127,7 @@ def _thinned(records: Sequence[PanoramaRecord], every: str) -> list[PanoramaReco
     """Return the records, without records with a pose that are too close to the previously selected record."""
     match = re.fullmatch(rf"{_NUMBER}\s*(m|s)", every.strip())
     if not match or not 0 < float(match[1]) < 1e9:
-        raise ConfigError(f"every is {every!r}, expected a distance such as 0.5m or a time such as 2s")
+        raise ConfigError(f"the setting every is {every!r}, expected a distance such as 0.5m or a time such as 2s")
     step, unit = float(match[1]), match[2]
     thinned: list[PanoramaRecord] = []
     previous: PanoramaRecord | None = None
@@ -142,5 +146,8 @@ def _apart(first: PanoramaRecord, second: PanoramaRecord, unit: str) -> float:
         return float(np.linalg.norm(np.subtract(second.T_world_pano, first.T_world_pano)[:3, 3]))  # type: ignore[arg-type]
     if first.t_s is None or second.t_s is None:
         without = first if first.t_s is None else second
-        raise DataError(f"the panorama {without.id} has no time: use a distance, such as --every 0.5m")
+        raise DataError(
+            f"the panorama {without.id} has no time, which --every with seconds needs: use a distance, such as --every "
+            "0.5m"
+        )
     return abs(second.t_s - first.t_s)

@@ -101,9 +101,12 @@ class PanoramaRecord:
             object.__setattr__(self, "parts", frozenset(files))
             object.__setattr__(self, "sources", (*self.sources, *files.values()))
         if not self.parts or not self.parts <= IMPORTED_PARTS or self.parts == {"valid"}:
-            received, expected = ", ".join(sorted(self.parts)) or "none", ", ".join(sorted(IMPORTED_PARTS - {"valid"}))
+            received, expected = (
+                f"the parts {', '.join(sorted(self.parts))}" if self.parts else "no image",
+                ", ".join(sorted(IMPORTED_PARTS - {"valid"})),
+            )
             raise DataError(
-                f"the panorama {self.id} has the parts {received}, expected at least one of {expected} (valid is "
+                f"the panorama {self.id} has {received}, expected at least one of {expected} (the mask valid is "
                 "optional)"
             )
         if self.T_world_pano is not None:
@@ -129,8 +132,8 @@ class PanoramaRecord:
             present = panorama.provides | ({"valid"} if panorama.valid is not None else set())
             if missing := self.parts - present:
                 raise DataError(
-                    f"the panorama {self.id} has no {' and no '.join(sorted(missing))}, expected all parts "
-                    "that its record declares"
+                    f"the panorama {self.id} has no {' and no '.join(sorted(missing))}, expected every part that the "
+                    "importer declared for it"
                 )
             return panorama
         files = self.images

@@ -14,7 +14,7 @@ import numpy as np
 from salframe.framework.components.presets import configure
 from salframe.framework.components.registry import registry
 from salframe.framework.config import nest, parse_override
-from salframe.framework.errors import ConfigError, DataError, describe_error
+from salframe.framework.errors import ConfigError, DataError, counted, describe_error
 from salframe.framework.files.reading import read_json
 from salframe.framework.files.writing import atomic_path, lock_folder, write_json, write_text
 from salframe.panoramas.data_checks import data_notes
@@ -201,10 +201,14 @@ def _claim(folder: Path, importer: Importer, source: Path) -> None:
             )
         write_json(path, settings)
     elif (stored := read_json(path)) != settings:
-        changed = [key for key, value in settings.items() if not isinstance(stored, dict) or stored.get(key) != value]
+        words = ("another format", "another importer version", "another source", "other importer settings")
+        changed = [
+            text
+            for (key, value), text in zip(settings.items(), words, strict=True)
+            if not isinstance(stored, dict) or stored.get(key) != value
+        ]
         raise ConfigError(
-            f"{folder} was imported with a different value of {' and '.join(changed)}: remove this folder, or choose "
-            "another one"
+            f"{folder} was imported earlier with {' and '.join(changed)}: remove this folder, or choose another one"
         )
 
 
@@ -255,7 +259,10 @@ class _Writer:
         """Write the manifest, the tables and the floor masks. Raises DataError if no reference frame was written."""
         if not any(entry.role == "map" for entry in self._entries):
             first = next(iter(self.failures.values()), "none was selected")
-            raise DataError(f"no reference panorama could be imported ({len(self.failures)} panoramas failed): {first}")
+            raise DataError(
+                f"no reference panorama could be imported ({counted(len(self.failures), 'panorama')} failed), the "
+                f"first: {first}"
+            )
         objects, odometry = self._recording.objects, self._recording.odometry
         if objects is not None:
             write_objects(self._folder / OBJECTS, objects)

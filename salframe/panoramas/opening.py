@@ -42,7 +42,9 @@ def configure_dataset(
         name, content = folder.resolve().name, {"kind": FolderDataset.name, "root": str(folder.resolve())}
     elif not data.endswith(SUFFIXES) and data not in names("dataset") and (folder.is_dir() or "/" in data):
         available = ", ".join(names("dataset"))
-        raise UnknownName(f"{data} is not a dataset, expected a folder with a {MANIFEST}, or one of {available}")
+        raise UnknownName(
+            f"{data} is not a dataset, expected a folder with a {MANIFEST}, or one of the names {available}"
+        )
     else:
         name, content = short_name(data), settings("dataset", data)
     if data_dir is not None:

@@ -36,7 +36,7 @@ def clean_range(range_m: Any, where: str) -> np.ndarray:
     if image.dtype.kind != "f":
         raise DataError(
             f"{where} has dtype {image.dtype}, expected floating-point metres, NaN where unknown: "
-            "multiply by the unit, such as 0.001 for millimetres"
+            "multiply by the unit in metres, such as 0.001 for millimetres"
         )
     with np.errstate(over="ignore"):
         image = image.astype(np.float32, copy=False)
@@ -58,17 +58,17 @@ def labels_by_id(labels: Any, where: str) -> dict[int, str]:
     """
     expected = 'expected the label of each instance id, such as {7: "chair"}'
     if not isinstance(labels, Mapping):
-        raise DataError(f"{where} is {type(labels).__name__}, {expected}")
+        raise DataError(f"{where} has the type {type(labels).__name__}, {expected}")
     converted: dict[int, str] = {}
     for key, label in labels.items():
         text = str(key)
         is_id = isinstance(key, int | np.integer | str) and not isinstance(key, bool)
         if not (is_id and text.isascii() and text.isdecimal() and int(text[:6]) <= MAX_INSTANCE_ID and len(text) <= 6):
-            raise DataError(f"{where} has the id {key!r}, expected a whole number from 0 to {MAX_INSTANCE_ID}")
+            raise DataError(f"{where} has the instance id {key!r}, expected a whole number from 0 to {MAX_INSTANCE_ID}")
         if not isinstance(label, str):
-            raise DataError(f"{where} has the label {label!r} of the id {key}, expected text, such as 'chair'")
+            raise DataError(f"{where} has the label {label!r} of the instance id {key}, expected text, such as 'chair'")
         if int(text) in converted:
-            raise DataError(f"{where} has the id {int(text)} twice, expected one label for each id")
+            raise DataError(f"{where} has the instance id {int(text)} twice, expected one label for each id")
         converted[int(text)] = label
     return converted
 
@@ -106,7 +106,7 @@ class ObjectBoxes:
     def __post_init__(self) -> None:
         n = len(self.labels)
         if len(self.keys) != n:
-            raise DataError(f"ObjectBoxes.keys has {len(self.keys)} keys, expected {n}, one for each object")
+            raise DataError(f"the field ObjectBoxes.keys has {len(self.keys)} keys, expected {n}, one for each object")
         check_array(self, "centroid_m", np.float64, n, 3)
         check_array(self, "size_m", np.float64, n, 3)
         check_array(self, "yaw_rad", np.float64, n)
@@ -156,10 +156,13 @@ class Annotations:
             ids = check_array(self, "instance_id", np.int32, None, None)
             if ids.min(initial=0) < 0 or ids.max(initial=0) > MAX_INSTANCE_ID:
                 raise DataError(
-                    f"Annotations.instance_id has ids from {ids.min()} to {ids.max()}, expected 0 to {MAX_INSTANCE_ID}"
+                    f"the field Annotations.instance_id has ids from {ids.min()} to {ids.max()}, expected 0 to "
+                    f"{MAX_INSTANCE_ID}"
                 )
         elif not isinstance(self.objects, ObjectBoxes):
-            raise DataError(f"Annotations.objects is {type(self.objects).__name__}, expected ObjectBoxes")
+            raise DataError(
+                f"the field Annotations.objects has the type {type(self.objects).__name__}, expected ObjectBoxes"
+            )
         object.__setattr__(self, "labels", labels_by_id(self.labels, "Annotations.labels"))
 
     @property
@@ -203,12 +206,14 @@ class Panorama:
     def __post_init__(self) -> None:
         if self.range_by is not None and self.range_m is None:
             raise DataError(
-                f"{self.id} has range_by = {self.range_by!r} (the model that estimated its range) but no range image: "
-                "pass range_m, or set range_by to None"
+                f"the panorama {self.id} has range_by = {self.range_by!r} (the model that estimated its range) but no "
+                "range image: pass range_m, or set range_by to None"
             )
         if self.annotations is not None and not isinstance(self.annotations, Annotations):
             received = type(self.annotations).__name__
-            raise DataError(f"{self.id}: annotations is {received}, expected Annotations(instance_id, labels)")
+            raise DataError(
+                f"{self.id}: the field annotations has the type {received}, expected Annotations(instance_id, labels)"
+            )
         height = None
         instance_id = None if self.annotations is None else self.annotations.instance_id
         for name, image in (
@@ -232,9 +237,9 @@ class Panorama:
                 )
             height = shape[0]
         if self.rgb is not None:
-            if (received := as_array(self.rgb, "rgb").dtype) != np.uint8:
+            if (received := as_array(self.rgb, f"{self.id}: the rgb image").dtype) != np.uint8:
                 raise DataError(
-                    f"{self.id}: rgb has dtype {received}, expected uint8 from 0 to 255: "
+                    f"{self.id}: the rgb image has dtype {received}, expected uint8 from 0 to 255: "
                     "scale other values, such as 0 to 1, and convert with .astype(numpy.uint8)"
                 )
             check_array(self, "rgb", np.uint8, None, None, 3)
@@ -246,7 +251,9 @@ class Panorama:
         if self.up is not None:
             length = float(np.linalg.norm(check_array(self, "up", np.float64, 3)))
             if not (np.isfinite(length) and length > 0):
-                raise DataError(f"{self.id}: up is {self.up.tolist()}, expected a vector with a finite length above 0")
+                raise DataError(
+                    f"{self.id}: the vector up is {self.up.tolist()}, expected a vector with a finite length above 0"
+                )
 
     @property
     def display_name(self) -> str:

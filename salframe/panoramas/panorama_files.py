@@ -91,8 +91,8 @@ def _check_panorama(path: Path, rgb: np.ndarray, *, is_crop: bool) -> None:
     if width != 2 * height and not is_crop:
         raise DataError(
             f"{path} is {width} x {height}, expected width = 2 x height (a panorama): for a "
-            "photograph, pass its field of view or camera (--fov DEG or --camera FILE, "
-            "salframe.read_photograph)"
+            "photograph, pass its field of view or camera (--fov DEG or --camera FILE, in "
+            "Python salframe.read_photograph)"
         )
     if width == 2 * height and is_dual_fisheye(rgb):
         raise DataError(
@@ -109,7 +109,8 @@ def _check_sizes(rgb: Path, parts: Mapping[str, np.ndarray | None], paths: Mappi
         if image is not None and picture is not None and image.shape[:2] != picture.shape[:2]:
             size, expected = (" x ".join(map(str, part.shape[1::-1])) for part in (image, picture))
             raise DataError(
-                f"{path} is {size}, expected {expected} like {rgb}, because the XMP of that image applies to both"
+                f"{path} is {size}, expected {expected} like {rgb}, because the XMP metadata of that image applies to "
+                "both"
             )
 
 

@@ -104,8 +104,8 @@ class PhotoSphere:
             changes.append(f"placed as a crop of the full panorama ({share})")
         if self.is_tilted:
             tilt = f"pitch {self.pitch_deg:g} deg and roll {self.roll_deg:g} deg"
-            changes.append(f"levelled from {tilt}" if levelled else f"not levelled from {tilt}: its pose is tilted")
-        return f"{' and '.join(changes)}, as its Photo Sphere XMP says" if changes else None
+            changes.append(f"levelled from {tilt}" if levelled else f"not levelled from {tilt}: the pose is tilted")
+        return f"{' and '.join(changes)}, as the Photo Sphere XMP metadata states" if changes else None
 
 
 @contextmanager
@@ -115,7 +115,7 @@ def _naming(path: Path) -> Iterator[None]:
         yield
     except ValueError as error:
         raise DataError(
-            f"{path}: its Photo Sphere XMP has {one_line(error)}: correct the XMP, or remove it with: "
+            f"{path}: the Photo Sphere XMP metadata has {one_line(error)}: correct the XMP, or remove it with: "
             f"exiftool -XMP-GPano:all= {path.name}"
         ) from None
 

@@ -41,7 +41,10 @@ def see_panorama(camera: Camera, panorama_image: np.ndarray) -> np.ndarray:
         DataError: The distortion of the camera is not invertible in a part of its image.
     """
     if camera.lost_share > 0:
-        raise DataError(f"{camera.notes[-1]}, expected a distortion that is invertible in the whole image")
+        raise DataError(
+            f"the lens distortion of the camera is not invertible in {camera.lost_share:.1%} of the pixels, expected "
+            "an invertible distortion in the whole image: check the coefficients"
+        )
     return sample_nearest(panorama_image, camera.rays())
 
 

@@ -31,10 +31,12 @@ def storeys_note(frames: Sequence[ReferenceFrame]) -> str | None:
     if not divided:
         return None
     place, (lower, upper) = next(iter(divided.items()))
-    more = f"; {len(divided) - 1} more such place(s), the next: {[*divided][1]}" if len(divided) > 1 else ""
+    rest = "1 other place" if len(divided) == 2 else f"{len(divided) - 1} other places"
+    more = f"; the same holds for {rest}, the next: {[*divided][1]!r}" if len(divided) > 1 else ""
     return (
         f"the place {place!r} has frames on two storeys ({lower.id} at z = {_z_m(lower):.2f} m, {upper.id} at "
-        f"{_z_m(upper):.2f} m, a floor between them), expected the frames of one room: name each room differently{more}"
+        f"{_z_m(upper):.2f} m, a floor between them), expected the frames of one room: use a different place name for "
+        f"each room{more}"
     )
 
 

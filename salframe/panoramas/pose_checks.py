@@ -120,7 +120,7 @@ def pose_notes(
     if is_hanging.sum() > REFUSED_SHARE * len(frames) and _hang(frames, is_hanging):
         notes.append(
             f"{is_hanging.sum()} of {len(frames)} reference frames hang upside down according to their poses and to "
-            "the floor that they show: they are turned upright"
+            "the floor that they show: the images are turned upright"
         )
         is_tilted &= ~is_hanging
     if np.count_nonzero(is_tilted & (tilts > REFUSED_TILT_DEG)) > REFUSED_SHARE * len(frames):
@@ -130,7 +130,7 @@ def pose_notes(
         notes.append(
             f"{is_tilted.sum()} of {len(frames)} reference frames are tilted by more than {MAX_TILT_DEG:g} deg "
             f"according to their poses ({frames[first].id}: {tilts[first]:.0f} deg), and are levelled: if the camera "
-            "was upright, check the convention of the poses"
+            "was upright, check the setting pose_convention"
         )
     if not compares_ranges:
         return notes
@@ -243,7 +243,7 @@ def _agreement_notes(sample: _Sample) -> list[str]:
     if explanation is None and (notes := _pair_notes(sample, pairs, compared)):
         return notes
     if explanation is None:
-        cause = "check their positions, headings and unit, and the unit of the ranges"
+        cause = "check the positions, headings and unit of the poses, and the unit of the ranges"
     else:
         cause = explanation.text or _scale_text(_finer_scale(sample, explanation.scale), sample)
     return [f"{_contradiction(sample, total)}: {cause}"]
@@ -252,8 +252,8 @@ def _agreement_notes(sample: _Sample) -> list[str]:
 def _contradiction(sample: _Sample, total: Agreement) -> str:
     return (
         f"poses and ranges of {len(sample.frames)} reference frames contradict each other "
-        f"({100 * total.ratio:.0f} % of the points that two frames show agree, "
-        f"expected {100 * MIN_RATIO:.0f} % or more)"
+        f"({100 * total.ratio:.0f} % of the points that are visible in two frames agree, "
+        f"expected at least {100 * MIN_RATIO:.0f} %)"
     )
 
 
@@ -276,7 +276,7 @@ def _pair_notes(sample: _Sample, pairs: Sequence[tuple[int, int]], compared: Seq
     first, second = (sample.frames[index].id for index in wrong[0])
     return [
         f"the poses of {len(wrong)} of {len(pairs)} pairs of neighbouring reference frames contradict their ranges "
-        f"(first: {first} and {second}): check their poses and places"
+        f"(the first pair: {first} and {second}), expected agreement: check the poses and places of these frames"
     ]
 
 

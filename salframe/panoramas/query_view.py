@@ -112,11 +112,11 @@ def as_query(panorama: Panorama, config: ComponentConfig) -> Panorama:
         return panorama
     if config.query_image != QueryImage():
         if panorama.rgb is None:
-            raise InputMissing(f"{panorama.id} has no colour image, which the setting query_image needs")
+            raise InputMissing(f"the query {panorama.id} has no colour image, which the setting query_image needs")
         panorama = replace(panorama, rgb=change_image(panorama.rgb, config.query_image))
     if config.query_noise != AnnotationNoise():
         if panorama.annotations is None:
-            raise InputMissing(f"{panorama.id} has no annotations, which the setting query_noise needs")
+            raise InputMissing(f"the query {panorama.id} has no annotations, which the setting query_noise needs")
         panorama = spoil_annotations(panorama, config.query_noise, getattr(config, "seed", 0))
     if config.query_fov_deg < 360 or config.query_focal is not None:
         panorama = _crop(panorama, config.query_fov_deg, config.query_focal)
@@ -162,12 +162,13 @@ def _with_motion(query: QueryFrame, config: Any, content: str) -> QueryFrame:
     if config.query_motion == "driven":
         if not query.earlier and query.T_last_view is None:
             raise DataError(
-                f"query_motion=driven needs other views near the query {query.id}, which the dataset {config.kind} "
-                "does not have: set query_motion=turned"
+                f"the setting query_motion=driven needs other views near the query {query.id}, which the dataset "
+                f"{config.kind} does not have: set query_motion=turned"
             )
     elif query.earlier:
         raise DataError(
-            f"query_views is set, but the query {query.id} already has {len(query.views)} views, expected one view: "
+            f"the setting query_views is {config.query_views}, but the query {query.id} already has {len(query.views)} "
+            "views, expected one view: "
             "set query_views=1 to use the views of the data"
         )
     else:
@@ -176,8 +177,8 @@ def _with_motion(query: QueryFrame, config: Any, content: str) -> QueryFrame:
             fov_deg = min(fov_deg, 2 * np.degrees(np.arctan(1 / config.query_focal)))
         if fov_deg >= 360:
             raise DataError(
-                f"query_views is {config.query_views}, but the queries are whole panoramas, expected a narrower field "
-                "of view: set query_fov_deg, such as query_fov_deg=90"
+                f"the setting query_views is {config.query_views}, but the queries are whole panoramas, expected a "
+                "narrower field of view: set query_fov_deg, such as query_fov_deg=90"
             )
         query = turned_query(query, config.query_views, fov_deg, content)
     if query.T_last_view is None:

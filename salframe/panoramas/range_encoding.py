@@ -47,14 +47,21 @@ class RangeEncoding:
 
     def __post_init__(self) -> None:
         if not (isinstance(self.unit_m, int | float) and 0 < self.unit_m < np.inf):
-            raise DataError(f"range_unit_m is {self.unit_m!r}, expected a positive number of metres per step")
+            raise DataError(
+                f"the setting range_unit_m is {self.unit_m!r}, expected a positive number of metres per step of the "
+                "image values"
+            )
         for value in self.missing:
             if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= MAX_STEP:
-                raise DataError(f"range_missing has the value {value!r}, expected integers from 0 to {MAX_STEP}")
+                raise DataError(
+                    f"the setting range_missing has the value {value!r}, expected integers from 0 to {MAX_STEP}"
+                )
         try:
             object.__setattr__(self, "kind", RangeKind(self.kind))
         except ValueError:
-            raise DataError(f"range_kind is {self.kind!r}, expected one of {', '.join(RangeKind)}") from None
+            raise DataError(
+                f"the setting range_kind is {self.kind!r}, expected one of {', '.join(RangeKind)}"
+            ) from None
 
     def panorama_range(self, steps: np.ndarray) -> np.ndarray:
         """Return the range along the ray of a panorama in metres, (H, 2H) float32, NaN where unknown.
@@ -85,7 +92,8 @@ class RangeEncoding:
         """
         if self.kind == RangeKind.CUBE:
             raise DataError(
-                "range_kind is 'cube' for a photograph, expected 'z' (depth along the optical axis) or 'ray'"
+                "the setting range_kind is 'cube' for a photograph, expected 'z' (depth along the optical axis) or "
+                "'ray'"
             )
         return self._metres(steps)
 
@@ -111,7 +119,7 @@ class RangeEncoding:
         """Check that a panorama can have this encoding. Raises DataError."""
         if self.kind == RangeKind.Z:
             raise DataError(
-                "range_kind is 'z' for a panorama, which has no optical axis, expected 'ray', or 'cube' "
+                "the setting range_kind is 'z' for a panorama, which has no optical axis, expected 'ray', or 'cube' "
                 "(depth along the axis of the cube face of each pixel)"
             )
 

@@ -135,10 +135,11 @@ def missing_line(shares: Mapping[int, float], source: str, encoding: RangeEncodi
     """
     values = sorted(shares)
     fills = " and ".join(
-        f"{value if encoding else f'{value * MILLIMETRE:g} m'} fills {shares[value]:.1%}" for value in values
+        f"the value {value if encoding else f'{value * MILLIMETRE:g} m'} fills {shares[value]:.1%}" for value in values
     )
+    pronoun, meaning = ("it", "differs") if len(values) == 1 else ("them", "differ")
     likely = (
-        f"{fills} of the pixels of the {source}, differs from the ranges around it, and likely means an unknown range"
+        f"{fills} of the pixels of the {source} and {meaning} from the ranges around {pronoun}, likely an unknown range"
     )
     if encoding is None:
         return f"{likely}: set the range of these pixels to NaN"

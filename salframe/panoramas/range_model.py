@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from salframe.framework.component import Role
+from salframe.framework.components.auto import name_parts
 from salframe.framework.components.identity import identity
 from salframe.framework.errors import InputMissing, InvalidAnswer
 from salframe.framework.files.cache import Cache
@@ -64,7 +65,7 @@ def estimate_range(
         absent = sorted(model.needs - panorama.provides)
         if absent:
             raise InputMissing(
-                f"the range model {model.name!r} needs {' and '.join(absent)}, which {panorama.id} does not have"
+                f"the range model {model.name!r} needs {name_parts(absent)}, which {panorama.id} does not have"
             )
         start = time.perf_counter()
         range_m = model.estimate(panorama)
@@ -82,14 +83,21 @@ def estimate_range(
 def _check_range(model: RangeModel, panorama: Panorama, range_m: Any) -> None:
     shape = None if panorama.rgb is None else panorama.rgb.shape[:2]
     if not (isinstance(range_m, np.ndarray) and range_m.dtype == np.float32 and shape in (None, range_m.shape)):
-        received = f"{getattr(range_m, 'dtype', type(range_m).__name__)} {np.shape(range_m)}"
-        expected = "float32" if shape is None else f"float32 {shape}"
-        raise InvalidAnswer(f"{model.name} returned {received}, expected {expected}, metres along the ray")
+        is_array = isinstance(range_m, np.ndarray)
+        received = _layout(range_m.dtype, range_m.shape) if is_array else f"a value of type {type(range_m).__name__}"
+        expected = "an array of dtype float32" if shape is None else _layout("float32", shape)
+        raise InvalidAnswer(
+            f"the range model {model.name!r} returned {received}, expected {expected}, metres along the ray"
+        )
     if (range_m <= 0).any() or np.isinf(range_m).any():
         raise InvalidAnswer(
-            f"{model.name} returned a range that is zero, negative or infinite, expected positive "
+            f"the range model {model.name!r} returned a range that is zero, negative or infinite, expected positive "
             "metres, or NaN where the range is unknown"
         )
+
+
+def _layout(dtype: object, shape: tuple[int, ...]) -> str:
+    return f"an array of dtype {dtype} and shape {shape}"
 
 
 def from_bright_side(estimate: Callable[[Any, Panorama], np.ndarray]) -> Callable[[Any, Panorama], np.ndarray]:

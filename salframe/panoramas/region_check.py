@@ -133,7 +133,7 @@ def _likely_cause(
         comparison = compare_regions(sample, changed)
         if comparison.num_compared and not comparison.is_contradiction:
             return cause
-    return "compare `place`, `pose`, `regions`, `z_m` and `origin_m` in manifest.json; a storey may have no masks"
+    return "compare `place`, `pose`, `regions`, `z_m` and `origin_m` in manifest.json; one storey may have no masks"
 
 
 def _changes(

@@ -69,7 +69,7 @@ def read_panorama(
     _check_files(rgb=rgb, range_image=range_image, instances=instances, labels=labels)
     files = [Path(path) for path in (rgb, range_image, instances) if path is not None]
     if not files:
-        raise DataError("received no image, expected an rgb, range or instance image")
+        raise DataError("received no image file, expected an rgb, range or instance image")
     return load_panorama(
         files[0].name,
         rgb=None if rgb is None else Path(rgb),
@@ -221,7 +221,8 @@ def _check_files(**files: object) -> None:
     for name, file in files.items():
         if file is not None and not isinstance(file, str | Path):
             raise DataError(
-                f"{name} is {type(file).__name__}, expected the path of a file: for arrays, use salframe.Panorama"
+                f"the argument {name} has the type {type(file).__name__}, expected the path of a file: for arrays, use "
+                "salframe.Panorama"
             )
     if (files["instances"] is None) != (files["labels"] is None):
         no_image = files["instances"] is None

@@ -58,15 +58,15 @@ class View:
 
     def __post_init__(self) -> None:
         if not isinstance(self.panorama, Panorama):
-            raise DataError(f"View.panorama is {type(self.panorama).__name__}, expected a Panorama")
+            raise DataError(f"the field View.panorama has the type {type(self.panorama).__name__}, expected a Panorama")
         if not np.isfinite(check_array(self, "position_m", np.float64, 3)).all():
-            raise DataError(f"View.position_m is {self.position_m.tolist()}, expected finite metres")
+            raise DataError(f"the field View.position_m is {self.position_m.tolist()}, expected finite metres")
         if self.T_last_view is None:
             return
         if not is_rigid(self.T_last_view, RIGID_TOLERANCE):
             received = " ".join(str(np.asarray(self.T_last_view).tolist()).split())[:200]
             raise DataError(
-                f"View.T_last_view of {self.panorama.id} is {received}, expected a rigid motion (4, 4) "
+                f"the field View.T_last_view of {self.panorama.id} is {received}, expected a rigid motion (4, 4) "
                 "from this view to the last view, or None if the motion is unknown"
             )
         object.__setattr__(self, "T_last_view", np.array(self.T_last_view, np.float64))
@@ -84,12 +84,15 @@ def motions(views: Sequence[View]) -> np.ndarray | None:
         raise DataError("received no views, expected at least one View(panorama, T_last_view)")
     for number, view in enumerate(views):
         if not isinstance(view, View):
-            raise DataError(f"view {number} is {type(view).__name__}, expected View(panorama, T_last_view)")
+            raise DataError(
+                f"view number {number} (from 0) has the type {type(view).__name__}, expected View(panorama, "
+                "T_last_view)"
+            )
     last = views[-1].T_last_view
     if last is not None and not np.allclose(last, np.eye(4), atol=RIGID_TOLERANCE):
         raise DataError(
             f"T_last_view of the last view has the translation {last[:3, 3].tolist()} m and the rotation "
-            f"{last[:3, :3].tolist()}, expected the identity: it maps to the coordinates of the last view"
+            f"{last[:3, :3].tolist()}, expected the identity, because T_last_view maps to the last view"
         )
     T_panorama_last = translation(-views[-1].position_m)
     motions = [

@@ -289,7 +289,8 @@ def test_shares_of_ones_own_are_still_taken():
 
 def test_an_unknown_level_and_a_missing_or_foreign_file_are_told(tmp_path):
     with pytest.raises(
-        ConfigError, match=r"^d.noise: received 'realistic', expected 'auto', 'none', 'uniform', 'uniform-heavy', "
+        ConfigError,
+        match=r"^setting d.noise: received 'realistic', expected 'auto', 'none', 'uniform', 'uniform-heavy', ",
     ):
         validate(AnnotationDetector.Config, {"noise": "realistic"}, "d")
     other = tmp_path / "other.json"

@@ -85,7 +85,7 @@ def test_ablate_runs_every_combination(fakes, tmp_path):
         ),
         ({"method": "reader", "vary": {"offset": []}}, "`vary` has no values for offset"),
         ({"method": "reader", "vary": {"offset": 1}}, "vary.offset"),
-        ({"method": "reader", "vary": {"data.romms": [1, 2]}}, "unknown key rooms.romms"),
+        ({"method": "reader", "vary": {"data.romms": [1, 2]}}, "unknown setting rooms.romms"),
         ({"method": "reader", "vary": {"ofset": [1]}}, "unknown key 'ofset', did you mean 'offset'?"),
     ],
 )

@@ -48,7 +48,7 @@ def pose(answer):
 def test_a_query_is_decoded_as_its_own_folder_declares(folders):
     for name in ("plain", "cubes"):
         built = run("build", name, "-o", f"map-{name}")
-        assert (built.code, built.err) == (0, "proposed: auto selected the detector annotations\n")
+        assert (built.code, built.err) == (0, "proposed: 'auto' selected the detector 'annotations'\n")
     expected = pose(run("localize", "map-plain", "bedroom-query", "--data", "plain", "--json"))
     for saved, queries in (("plain", "cubes"), ("cubes", "plain"), ("cubes", "cubes")):
         found = run("localize", f"map-{saved}", "bedroom-query", "--data", queries, "--json")

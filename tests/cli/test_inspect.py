@@ -112,7 +112,10 @@ def test_methods_and_data_may_be_files(fakes):
     assert "/small-" in done.json["run"]
     Path("odd.yaml").write_text("offset: 1\n")
     done = run("compare", "--methods", "odd.yaml", *asked)
-    assert (done.code, done.err) == (2, "error: odd.yaml: `kind` is None, expected the name of a localizer\n")
+    assert (done.code, done.err) == (
+        2,
+        "error: odd.yaml: the key `kind` is missing, expected the name of a localizer\n",
+    )
 
 
 def test_plugins_tells_what_is_missing(fakes):
@@ -191,7 +194,7 @@ def test_a_faulty_preset_is_told_and_ends_no_listing(shipped, tmp_path):
     assert run("doctor").code == 1
     done = run("compare", "--methods", "odd", "--data", "rooms")
     assert (done.code, done.err.count("\n")) == (2, 1)
-    assert "the preset methods/odd.yaml of shipped_presets is invalid" in done.err
+    assert "the preset methods/odd.yaml of the package shipped_presets is invalid" in done.err
 
 
 def test_data_that_is_lost_is_listed(shipped, tmp_path):
@@ -214,5 +217,8 @@ def test_a_scorer_that_gives_no_row_is_one_line(fakes):
 
     registry().add(Hollow, "test")
     done = run("score", "hollow", "answers.json", "--data", ".")
-    message = "error: the scorer hollow returned no row for answers.json, expected one row for each split\n"
+    message = (
+        "error: the scorer hollow returned no result row for answers.json, "
+        "expected one row for each split of the benchmark\n"
+    )
     assert (done.code, done.out, done.err) == (2, "", message)

@@ -112,7 +112,9 @@ def test_an_unusual_camera_is_reported_once(photographs):
     done = run("localize", "map", *VIEWS, "--camera", "camera.json")
     warned = [line for line in done.err.splitlines() if "camera.json" in line]
     assert len(warned) == 1
-    assert warned[0].startswith("warning: camera.json: the optical axis points up by 90 deg; expected T_base_camera")
+    assert warned[0].startswith(
+        "warning: camera.json: the optical axis of the camera points up by 90 deg; expected T_base_camera"
+    )
 
 
 @pytest.mark.parametrize(
@@ -132,7 +134,7 @@ def test_an_unusual_camera_is_reported_once(photographs):
             ("small.jpg", "--camera", "camera.json"),
             "small.jpg is 200 x 200, expected 400 x 400, the size of its calibration: use",
         ),
-        (("0.jpg", "--camera", "labels.json"), "labels.json: width is missing"),
+        (("0.jpg", "--camera", "labels.json"), "labels.json: the required key width is missing"),
         (
             ("0.jpg", "--range", "0.depth.png", "--range-kind", "cube", "--fov", "90"),
             "range_kind is 'cube' for a photo",

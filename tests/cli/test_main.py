@@ -65,7 +65,7 @@ def test_every_command_has_help():
         ),
         (
             ["compare", "--methods", "reader", "--data", "rooms", "--set", "offset"],
-            "received --set 'offset', expected key.path=value",
+            "received --set 'offset', expected KEY=VALUE, such as",
         ),
         (
             ["compare", "--methods", "reader", "--data", "rooms", "--set", "offset=far"],
@@ -73,14 +73,17 @@ def test_every_command_has_help():
         ),
         (
             ["compare", "--methods", "reader", "--data", "rooms", "--set", "data.size=1"],
-            "unknown key rooms.size (known: rooms,",
+            "unknown setting rooms.size (known settings: rooms,",
         ),
         (
             ["compare", "--methods", "reader", "--data", "rooms", "--set", "data.rooms=0"],
             "rooms has no query, expected at least one",
         ),
-        (["ablate", "absent.yaml"], "cannot read absent.yaml"),
-        (["navigate", "--episodes=-5", "--data", "rooms"], "received -5 episodes, expected from 1 to 100000"),
+        (["ablate", "absent.yaml"], "cannot read the file absent.yaml"),
+        (
+            ["navigate", "--episodes=-5", "--data", "rooms"],
+            "received -5 as the number of episodes, expected 1 to 100000",
+        ),
         (["navigate", "--episodes=--5", "--data", "rooms", "--methods", "reader"], "cannot read --5"),
         (["evaluate", "."], "is not a run folder"),
         (["show", "raeder"], "unknown preset, component or role 'raeder', did you mean 'reader'?"),

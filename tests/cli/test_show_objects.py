@@ -80,7 +80,9 @@ def test_settings_change_detector_and_graph(pictures):
     (view,) = run("show-objects", *arguments).json["images"]
     assert view["detector"] == "balls (min_score=0.6)"
     assert [found["label"] for found in view["objects"]] == ["globe", "ottoman"]
-    assert "unknown key show-objects.grph" in run("show-objects", "hall.jpg", *DETECTOR, "--set", "grph.top_k=1").err
+    assert (
+        "unknown setting show-objects.grph" in run("show-objects", "hall.jpg", *DETECTOR, "--set", "grph.top_k=1").err
+    )
     assert "unknown detector 'bals', did you mean 'balls'?" in run("show-objects", "hall.jpg", "--detector", "bals").err
 
 
@@ -109,9 +111,14 @@ def test_auto_is_decided_by_what_an_image_provides(pictures):
     done = run("show-objects", folder / "frames/kitchen-map.rgb.png", "hall.jpg", "--json")
     assert done.code == 1
     assert [view["detector"] for view in done.json["images"]] == ["annotations"]
-    assert done.err.startswith("auto selected the detector annotations\nerror: 'auto' cannot select a detector")
-    assert "'auto' cannot select a detector for hall.jpg: annotations: needs annotations" in done.err
-    assert "unknown key" in run("show-objects", folder / "frames/kitchen-map.rgb.png", "--set", "detector.nois=1").err
+    assert done.err.startswith("'auto' selected the detector 'annotations'\nerror: 'auto' cannot select a detector")
+    assert (
+        "'auto' cannot select a detector for hall.jpg, because none can run: 'annotations': needs annotations"
+        in done.err
+    )
+    assert (
+        "unknown setting" in run("show-objects", folder / "frames/kitchen-map.rgb.png", "--set", "detector.nois=1").err
+    )
 
 
 def test_a_bad_image_costs_its_own_answer_alone(pictures):

@@ -103,7 +103,7 @@ def test_auto_takes_a_detector_that_needs_the_range_which_the_model_gives(networ
     content = settings("localizer", method)
     chosen = {"range": {"model": str(network), "metric": True}}
     assert configure("localizer", method, content, [chosen], colour).detector.kind == "panoseg"
-    with pytest.raises(InputMissing, match="panoseg: needs range, which the data does not have"):
+    with pytest.raises(InputMissing, match="'panoseg': needs range images, which the data does not have"):
         configure("localizer", method, content, [], colour)
 
 
@@ -141,7 +141,7 @@ def test_without_a_range_model_what_could_estimate_it_is_named(rooms, options):
     arguments = ("compare", "--methods", "saliency-graph", "--data", "painted-rooms", "--set", "detector=panoseg")
     (row,) = run(*arguments, "--engine", "inline", "--json").json["rows"]
     assert row["reason"].startswith(
-        "the detector 'panoseg' of the method needs range, which the dataset painted-rooms does not have: "
+        "the detector 'panoseg' of the method needs range images, which the dataset painted-rooms does not have: "
     )
     assert row["reason"].endswith(
         "estimate the range (--set range.kind=onnx-depth or --set range.kind=transformers-depth)"

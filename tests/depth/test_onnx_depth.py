@@ -168,7 +168,10 @@ def test_another_content_of_the_file_is_another_model(network):
     ("settings", "message"),
     [
         ({}, "the range model 'onnx-depth' cannot output metres: choose metric: true .* or set camera_height_m"),
-        ({"metric": True, "size_px": (64, 64)}, r"takes image float32 \(1, 3, 128, 128\), .*\(\*, 3, 64, 64\)"),
+        (
+            {"metric": True, "size_px": (64, 64)},
+            r"has the inputs image float32 \(1, 3, 128, 128\), .*\(\*, 3, 64, 64\)",
+        ),
         (
             {"metric": True, "gives": "points"},
             r"returned a first output of shape \(1, 1, 128, 128\), expected \(1, 3, height, width\)",

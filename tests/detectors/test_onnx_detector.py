@@ -269,7 +269,7 @@ def test_a_network_of_any_size_is_given_the_declared_one(tmp_path):
         (
             {"size_px": [640, 640]},
             WeightsError,
-            r"takes images float32 \(\*, 3, 128, 128\), expected float32 \(\*, 3, 640, 640\)",
+            r"has the inputs images float32 \(\*, 3, 128, 128\), expected float32 \(\*, 3, 640, 640\)",
         ),
         ({"min_score": 0}, ConfigError, "onnx.min_score: received 0, expected a number greater than 0"),
     ],

@@ -219,15 +219,15 @@ def test_every_detector_in_it_is_checked_listed_and_part_of_the_identity(members
 @pytest.mark.parametrize(
     ("of", "message"),
     [
-        ("segments", r"union\.of: received 'segments', expected a list of at least one detector"),
-        ([], r"union\.of: received \[\], expected a list of at least one detector"),
+        ("segments", r"union\.of: received 'segments', expected a list with at least one detector"),
+        ([], r"union\.of: received \[\], expected a list with at least one detector"),
         (
             [{"min_score": 0.5}],
-            r"union\.of: received \{'min_score': 0.5\}, expected the key `kind` with the name of a detector",
+            r"union\.of: the list entry \{'min_score': 0.5\} has no key `kind`, expected `kind` with the name of a d",
         ),
         (["yolo"], r"unknown detector 'yolo'"),
         ([7], r"union\.of: received 7, expected the name of a detector"),
-        ([{"kind": "onnx", "score": 1}], r"unknown key detector\.score"),
+        ([{"kind": "onnx", "score": 1}], r"unknown setting detector\.score"),
     ],
 )
 def test_what_is_no_list_of_detectors_is_refused_in_one_line(members, of, message):
@@ -244,7 +244,7 @@ def test_auto_may_be_one_of_them(members):
         "annotations",
         "listed",
     ]
-    with pytest.raises(ConfigError, match="'auto' selects a detector only when the data are known"):
+    with pytest.raises(ConfigError, match="'auto' selects a detector only when the dataset is known"):
         union("auto", "listed")
 
 

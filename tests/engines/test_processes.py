@@ -112,7 +112,7 @@ def test_an_item_costs_only_itself():
     first, died, left, locked, last = map_all(["a", "die", "leave", "lock", "b"], 2, answer)
     assert (first, last) == ("a", "b")
     assert isinstance(died, SalframeError)
-    assert "its process died" in str(died)
+    assert "the worker process died" in str(died)
     assert isinstance(left, SystemExit)
     assert "cannot pickle '_thread.lock' object" in str(locked)
 

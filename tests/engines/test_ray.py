@@ -68,7 +68,7 @@ def test_an_item_costs_only_itself_and_nothing_is_printed(capfd):
     engine = Ray(Ray.Config(workers=2))
     first, died, left, locked, last = engine.map(answer, ["a", "die", "leave", "lock", "b"])
     assert (first, last) == ("a", "b")
-    assert str(died) == "its process died: it was killed, ran out of memory, or a library crashed"
+    assert str(died) == "the worker process died: it was killed, ran out of memory, or crashed in a library"
     assert isinstance(left, SystemExit)
     assert "cannot pickle '_thread.lock' object" in str(locked)
     assert capfd.readouterr() == ("", "")

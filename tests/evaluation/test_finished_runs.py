@@ -70,5 +70,5 @@ def test_a_run_of_an_unknown_task_is_told(fakes):
     result = compare(Request(("reader",), "rooms", engine="inline"))
     path = result.run / "request.yaml"
     path.write_text(path.read_text().replace("name: localization", "name: levitation"))
-    with pytest.raises(ConfigError, match="is a run of the task 'levitation', expected one of localization, matching"):
+    with pytest.raises(ConfigError, match="has the task 'levitation', expected one of localization, matching"):
         evaluate(result.run)

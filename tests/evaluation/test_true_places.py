@@ -38,7 +38,7 @@ def test_places_of_the_map_have_no_note():
 @pytest.mark.parametrize("name", ["Room-1", " room-1 ", "room_1", "room 1", "ROOM-1"])
 def test_another_spelling_of_a_place_is_named(name):
     (note,) = notes(q1_0=name, q1_1=name)
-    assert note.startswith("warning: the true place of 2 queries is spelt differently in the map")
+    assert note.startswith("warning: the true place of 2 queries counts as out of map, because the map has")
     assert f"{name!r} (did you mean 'room-1'?)" in note
 
 

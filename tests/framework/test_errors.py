@@ -23,9 +23,12 @@ def missing_file(name: str) -> OSError:
         (DataError("a is 1, expected 2"), "a is 1, expected 2"),
         (ValueError("a\nb"), "ValueError: a b"),
         (ValueError(), "ValueError:"),
-        (missing_file("no/file"), "cannot use no/file: No such file or directory"),
-        (missing_file("no/a\x07"), r"cannot use no/a\x07: No such file or directory"),
-        (missing_file("9" * 5000), f"cannot use {'9' * 100}... (5000 characters): File name too long"),
+        (missing_file("no/file"), "cannot use the file or folder no/file: No such file or directory"),
+        (missing_file("no/a\x07"), r"cannot use the file or folder no/a\x07: No such file or directory"),
+        (
+            missing_file("9" * 5000),
+            f"cannot use the file or folder {'9' * 100}... (5000 characters): File name too long",
+        ),
         (OSError("without a file"), "OSError: without a file"),
     ],
 )

@@ -81,7 +81,9 @@ def test_a_file_that_is_not_there_is_one_line(tmp_path):
 @pytest.mark.parametrize("shape", [("n", 4, 4, 3), ("n", 3, 8, 8), (2, 3, 4, 4), ("n", 3, 4)])
 def test_another_layout_names_what_was_received_and_expected(tmp_path, shape):
     received = ", ".join("*" if length == "n" else str(length) for length in shape)
-    with pytest.raises(WeightsError, match=re.escape(f"takes x float32 ({received}), expected float32 (*, 3, 4, 4)")):
+    with pytest.raises(
+        WeightsError, match=re.escape(f"has the inputs x float32 ({received}), expected float32 (*, 3, 4, 4)")
+    ):
         open_model(
             write(tmp_path / "net.onnx", shape, nodes=[onnx.helper.make_node("Identity", ["x"], ["y"])]),
             [(None, 3, 4, 4)],
@@ -90,7 +92,7 @@ def test_another_layout_names_what_was_received_and_expected(tmp_path, shape):
 
 def test_another_dtype_or_number_of_inputs_is_refused(tmp_path):
     path = write(tmp_path / "net.onnx")
-    with pytest.raises(WeightsError, match=r"takes x float32 \(\*, 3, 4, 4\), expected uint8 \(\*, 3, 4, 4\)"):
+    with pytest.raises(WeightsError, match=r"has the inputs x float32 \(\*, 3, 4, 4\), expected uint8 \(\*, 3, 4, 4\)"):
         open_model(path, [(None, 3, 4, 4)], dtype="uint8")
     with pytest.raises(WeightsError, match=r"expected float32 \(\*, 3, 4, 4\), float32 \(\*, 3, 4, 4\)"):
         open_model(path, [(None, 3, 4, 4), (None, 3, 4, 4)])
@@ -103,8 +105,14 @@ def test_another_dtype_or_number_of_inputs_is_refused(tmp_path):
             [("Sub", ["x", "x"], ["zero"]), ("Div", ["zero", "zero"], ["y"])],
             "returned only NaN or infinity as the output y",
         ),
-        ([("Concat", ["x", "x"], ["y"], {"axis": 0})], r"returned the output y of shape \(4, 3, 4, 4\) for 2 images"),
-        ([("ReduceMax", ["x"], ["y"], {"axes": [0]})], r"returned the output y of shape \(1, 3, 4, 4\) for 2 images"),
+        (
+            [("Concat", ["x", "x"], ["y"], {"axis": 0})],
+            r"returned the output y of shape \(4, 3, 4, 4\) for a batch of 2",
+        ),
+        (
+            [("ReduceMax", ["x"], ["y"], {"axes": [0]})],
+            r"returned the output y of shape \(1, 3, 4, 4\) for a batch of 2",
+        ),
         ([("Tile", ["x", "x"], ["y"])], r"failed on inputs of shape \(2, 3, 4, 4\)|is not an ONNX network"),
     ],
 )

@@ -44,16 +44,16 @@ def test_numbers_that_nothing_can_compute_with_are_refused(settings, message):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"pose": [1, 0, 0]}, "model.pose: received [1, 0, 0] (3 items), expected at least 16 items"),
-        ({"origin_m": [1, 2, 3]}, "model.origin_m: received [1, 2, 3] (3 items), expected at most 2 items"),
-        ({"origin_m": 3}, "model.origin_m: received 3, expected a list"),
-        ({"shares": "half"}, "model.shares: received 'half', expected a dictionary"),
-        ({"length_m": "long"}, "model.length_m: received 'long', expected a number"),
-        ({"count": 1.5}, "model.count: received 1.5, expected an integer"),
-        ({"enabled": "perhaps"}, "model.enabled: received 'perhaps', expected true or false"),
-        ({"name": 3}, "model.name: received 3, expected a string"),
-        ({"name": ""}, "model.name: received '', expected at least 1 character"),
-        ({"name": "A"}, "model.name: received 'A', expected a string that matches ^[a-z]*$"),
+        ({"pose": [1, 0, 0]}, "setting model.pose: received [1, 0, 0] (3 items), expected at least 16 items"),
+        ({"origin_m": [1, 2, 3]}, "setting model.origin_m: received [1, 2, 3] (3 items), expected at most 2 items"),
+        ({"origin_m": 3}, "setting model.origin_m: received 3, expected a list"),
+        ({"shares": "half"}, "setting model.shares: received 'half', expected a dictionary"),
+        ({"length_m": "long"}, "setting model.length_m: received 'long', expected a number"),
+        ({"count": 1.5}, "setting model.count: received 1.5, expected an integer"),
+        ({"enabled": "perhaps"}, "setting model.enabled: received 'perhaps', expected true or false"),
+        ({"name": 3}, "setting model.name: received 3, expected a string"),
+        ({"name": ""}, "setting model.name: received '', expected at least 1 character"),
+        ({"name": "A"}, "setting model.name: received 'A', expected a string that matches ^[a-z]*$"),
     ],
 )
 def test_errors_name_the_expected_value_in_plain_words(settings, message):
@@ -65,3 +65,16 @@ def test_errors_name_the_expected_value_in_plain_words(settings, message):
 def test_large_numbers_within_the_bounds_are_kept():
     kept = validate(Model, {"length_m": -1e12, "count": 2**63 - 1, "seed": 2**63 - 1}, "model")
     assert (kept.length_m, kept.count, kept.seed) == (-1e12, 2**63 - 1, 2**63 - 1)
+
+
+class Sized(Settings):
+    """Settings with a value that may have several types."""
+
+    size: int | tuple[int, int] | None = None
+
+
+def test_a_value_of_several_types_is_one_error():
+    with pytest.raises(ConfigError, match=r"^setting model\.size: received 'wide', expected an integer or a list$"):
+        validate(Sized, {"size": "wide"}, "model")
+    with pytest.raises(ConfigError, match=r"^a\.yaml: key size: received 'wide', expected an integer or a list$"):
+        validate(Sized, {"size": "wide"}, "a.yaml:")

@@ -94,7 +94,8 @@ def test_a_map_built_with_numba_names_the_extra_where_that_is_missing(graphs, tm
     BySize().build(graphs, tmp_path / "index")
     request.getfixturevalue("without_numba")
     with pytest.raises(
-        RequirementMissing, match=r"needs numba, which is not installed: pip install 'salframe\[fast\]'"
+        RequirementMissing,
+        match=r"needs the Python package numba, which is not installed: pip install 'salframe\[fast\]'",
     ):
         BySize().open(tmp_path / "index")
 

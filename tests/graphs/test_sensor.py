@@ -97,7 +97,7 @@ def test_a_file_gives_the_model_back(tmp_path):
         ("[1]", r"has the format None, expected 'salframe sensor 2': write a sensor file with"),
         ('{"format": "salframe sensor 9"}', r"has the format 'salframe sensor 9', expected 'salframe sensor 2'"),
         ("{", "is not JSON"),
-        ('{"format": "salframe sensor 2"}', r"provenance is missing; .*detection is missing"),
+        ('{"format": "salframe sensor 2"}', r"the required key provenance is missing; .*detection is missing"),
     ],
 )
 def test_what_is_no_sensor_file_is_told_in_one_line(tmp_path, text, message):
@@ -127,5 +127,5 @@ def test_impossible_numbers_of_a_sensor_file_are_refused(tmp_path, part, key, va
     content = model(confusion={"chair": {"chair": 6}}).model_dump(mode="json")
     content[part][key] = value
     path.write_text(json.dumps(content))
-    with pytest.raises(DataError, match=rf"sensor\.json: {part}.*{message}"):
+    with pytest.raises(DataError, match=rf"sensor\.json: key {part}.*{message}"):
         read_sensor(path)

@@ -146,7 +146,7 @@ def test_presets(name: str, rooms: int, style: str) -> None:
     config = configure("dataset", name, settings("dataset", name), [{"seed": 5}])
     assert (config.rooms, config.style, config.seed, config.height, config.rgb) == (rooms, style, 5, 512, True)
     assert (config.queries_per_room, config.changed_fraction) == (3, 0.1)
-    with pytest.raises(ConfigError, match=r"unknown key house-6\.colour"):
+    with pytest.raises(ConfigError, match=r"unknown setting house-6\.colour"):
         configure("dataset", "house-6", settings("dataset", "house-6"), [{"colour": True}])
 
 

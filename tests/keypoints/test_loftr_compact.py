@@ -114,7 +114,7 @@ def test_a_truncated_file_is_one_clear_line(name, tmp_path, monkeypatch):
         LoftrCompact(LoftrCompact.Config(checkpoint=path.parent))
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path))
     with pytest.raises(
-        WeightsError, match=rf"{name} has sha256 [0-9a-f]{{64}}, expected [0-9a-f]{{64}}; "
+        WeightsError, match=rf"{name} has the sha256 hash [0-9a-f]{{64}}, expected [0-9a-f]{{64}}; "
     ):  # ours: by its hash
         Keypoints(Keypoints.Config(features="loftr-compact"))
 
@@ -122,7 +122,9 @@ def test_a_truncated_file_is_one_clear_line(name, tmp_path, monkeypatch):
 def test_a_network_of_another_layout_is_one_clear_line(tmp_path):
     shutil.copytree(FOLDER, tmp_path / "own")
     shutil.copy(tmp_path / "own" / FILES[1], tmp_path / "own" / FILES[0])
-    with pytest.raises(WeightsError, match=r"features\.onnx takes first float32 .*, expected float32 \(1, 1, \*, \*\)"):
+    with pytest.raises(
+        WeightsError, match=r"features\.onnx has the inputs first float32 .*, expected float32 \(1, 1, \*, \*\)"
+    ):
         LoftrCompact(LoftrCompact.Config(checkpoint=tmp_path / "own"))
 
 

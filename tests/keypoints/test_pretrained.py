@@ -205,7 +205,8 @@ def test_what_is_not_installed_is_told_with_its_extra(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(
         RequirementMissing,
-        match=r"needs torch and transformers, which are not installed: pip install 'salframe\[transformers\]'",
+        match=r"needs the Python packages torch and transformers, which are not installed: "
+        r"pip install 'salframe\[transformers\]'",
     ):
         Keypoints.check(Keypoints.Config(features="superpoint-nn"))
 

@@ -134,7 +134,7 @@ def test_a_folder_of_something_else_is_not_overwritten(saved, tmp_path):
         ),
         ({"localizer": {"kind": "raeder"}}, UnknownName, "unknown localizer 'raeder', did you mean 'reader'"),
         ({"localizer": {"kind": "reader", "ofset": 1}}, ConfigError, "unknown key .*ofset"),
-        ({"localizer": None}, DataError, r"method\.json: localizer: received None, expected a dictionary"),
+        ({"localizer": None}, DataError, r"method\.json: key localizer: received None, expected a dictionary"),
         (
             {"localizer": {}},
             DataError,

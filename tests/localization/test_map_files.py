@@ -96,11 +96,11 @@ def test_parts_of_two_maps_are_refused(tmp_path):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("[]", r"map\.json contains list, expected a JSON object"),
+        ("[]", r"map\.json contains a list, expected a JSON object"),
         ("{", r"map\.json is not JSON"),
-        (json.dumps({"format": MAP_FORMAT}), r"map\.json: parts is missing"),
+        (json.dumps({"format": MAP_FORMAT}), r"map\.json: the required key parts is missing"),
         (json.dumps({"format": 2}), r"has map format 2, expected 7: build the map again"),
-        (json.dumps({"format": MAP_FORMAT, "parts": "../elsewhere", "sha256": {}}), r"map\.json: parts: received"),
+        (json.dumps({"format": MAP_FORMAT, "parts": "../elsewhere", "sha256": {}}), r"map\.json: key parts: received"),
     ],
 )
 def test_a_map_file_that_is_none_is_one_line(tmp_path, content, message):

@@ -189,9 +189,9 @@ def test_bad_files_and_parameters_are_one_line(tmp_path):
         return str(error.value)
 
     (tmp_path / "other.yaml").write_text("kind: objects\n")
-    assert "cannot read nowhere.yaml: No such file" in told("nowhere.yaml")
+    assert "cannot read the file nowhere.yaml: No such file" in told("nowhere.yaml")
     assert "has no mapping `posterior`, expected a file that `salframe fit` wrote" in told(str(tmp_path / "other.yaml"))
     assert "objects.posterior.temperature: received 0, expected a number greater than 0" in told(
         {"temperature": 0, "head": NEUTRAL}
     )
-    assert "objects.posterior.head is missing" in told({"temperature": 1.0})
+    assert "the required setting objects.posterior.head is missing" in told({"temperature": 1.0})

@@ -100,7 +100,10 @@ def test_a_frame_that_cannot_be_read_costs_its_own_step(tmp_path, map):
 
 @pytest.mark.parametrize(
     ("sequence", "error", "message"),
-    [("wlak", UnknownName, "unknown sequence 'wlak'.*walk"), (None, DataError, "has no sequence, expected frames")],
+    [
+        ("wlak", UnknownName, "unknown sequence 'wlak'.*walk"),
+        (None, DataError, "has no sequence \\(recorded camera path\\), expected frames"),
+    ],
 )
 def test_a_wrong_sequence_is_refused(folder, map, sequence, error, message, tmp_path):
     if sequence is None:
@@ -117,7 +120,9 @@ def test_of_several_sequences_one_must_be_named(tmp_path, map):
     for entry in manifest["frames"][-3:]:
         entry["sequence"] = "second"
     (root / "manifest.json").write_text(json.dumps(manifest))
-    with pytest.raises(ConfigError, match="has 2 sequences, expected --sequence with one of them: walk, second"):
+    with pytest.raises(
+        ConfigError, match="has 2 sequences, expected the option --sequence with one of the names walk, second"
+    ):
         track(map, root)
     tracked = track(map, root, "second")
     assert [step.pose.place for step in tracked.steps] == ["kitchen"] * 3

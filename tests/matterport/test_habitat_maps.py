@@ -98,7 +98,7 @@ def test_bad_input_is_one_clear_line(drawn):
     folder = drawn / "habitat_map" / "drawn"
     whole = (folder / "cat.png").read_bytes()
     (folder / "cat.png").write_bytes(whole[:200])
-    with pytest.raises(DataError, match=r"cat\.png is not a readable image \(200 bytes\)"):
+    with pytest.raises(DataError, match=r"cat\.png is not a readable image \(file size 200 bytes\)"):
         read_floor(drawn, "drawn", 0.05)
     cv2.imwrite(str(folder / "cat.png"), np.zeros((10, 20, 3), np.uint8))
     with pytest.raises(

@@ -60,8 +60,10 @@ def test_missing_and_malformed_files_are_named(building, tmp_path):
     with pytest.raises(DataError, match=r"fake_a\.json has no key 'b'"):
         read_boxes(boxes_path(building.root, "fake", "a"), "b")
     building.write_json("connectivity/fake_connectivity.json", [{"image_id": "a", "included": True, "pose": [1, 2, 3]}])
-    with pytest.raises(DataError, match=r"fake_connectivity\.json: 0\.pose: received \[1, 2, 3\] .*, expected .* 16"):
+    with pytest.raises(
+        DataError, match=r"fake_connectivity\.json: key 0\.pose: received \[1, 2, 3\] .*, expected .* 16"
+    ):
         read_connectivity(connectivity_path(building.root, "fake"))
     building.write_json("vp2room_label.json", {"pano_info": {"fake": {"a": {"region_index": "-"}}}})
-    with pytest.raises(DataError, match=r"vp2room_label\.json: pano_info\.fake\.a\.region_index: received"):
+    with pytest.raises(DataError, match=r"vp2room_label\.json: key pano_info\.fake\.a\.region_index: received"):
         read_regions(regions_path(building.root))

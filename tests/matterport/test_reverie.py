@@ -320,7 +320,7 @@ def test_data_without_a_folder_has_no_published_episodes():
     data = "matterport-annotations"
     result = run("navigate", "--data", data, "--methods", "objects", "--episodes", "reverie:val_seen")
     reason = (
-        f"the episodes reverie:val_seen are in the folder of the dataset {data}, received no folder: pass this folder "
+        f"the episodes reverie:val_seen need the folder of the dataset {data}, received no folder: pass the folder "
         "as --data-dir DIR"
     )
     line = f"error: {reason}\n"

@@ -257,6 +257,6 @@ def test_bad_input_is_one_clear_line(tmp_path, capfd):
     with pytest.raises(DataError, match=r"cut\.glb has no faces"):
         prepared(mesh="cut.glb")
     (tmp_path / "regions.json").write_text('{"hall": {"outline_m": [[0, 0], [1]]}}')
-    with pytest.raises(DataError, match=r"regions\.json: hall\.outline_m"):
+    with pytest.raises(DataError, match=r"regions\.json: key hall\.outline_m"):
         prepared(mesh="bare.ply")
     assert "Open3D" not in capfd.readouterr().out

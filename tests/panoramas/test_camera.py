@@ -120,21 +120,24 @@ def test_a_fold_of_the_distortion_is_not_seen_twice():
     lost = np.hypot(x - 319.5, y - 239.5) / 525 > fold * (1 - 0.35 * fold**2)
     assert camera.lost_share == pytest.approx(lost.mean(), abs=0.01)
     assert np.isnan(camera.rays()[lost]).all()
-    assert "of the pixels are ignored, because the distortion is not invertible there" in camera.notes[0]
+    assert "of the pixels are ignored, because the lens distortion is not invertible there" in camera.notes[0]
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"fx": 4.2, "fy": 4.2}, r"field of view of 178.5 deg .*, expected 5 to 170 deg: give fx and fy in pixels"),
+        ({"fx": 4.2, "fy": 4.2}, r"field of view of 178.5 deg .*, expected 5 to 170 deg: set fx and fy in pixels"),
         ({"fx": 42000, "fy": 42000}, r"field of view of 0.8\d+ deg .*, expected 5 to 170"),
         ({"fx": 420, "fy": 150}, "fx 420 and fy 150, expected a ratio fx / fy from 0.5 to 2"),
-        ({"fx": -420}, "expected finite numbers, and positive sizes"),
+        ({"fx": -420}, "expected finite numbers, with width, height, fx and fy above 0"),
         ({"cx": float("nan")}, "cx nan, .*expected finite numbers"),
         ({"width": "640"}, "width '640', .*expected finite numbers"),
         ({"cx": 960, "cy": 540}, "principal point cx 960, cy 540, expected a point in its image of 640 x 480"),
-        ({"distortion_model": "ftheta"}, "distortion_model is 'ftheta', expected one of none, plumb_bob, .*undistort"),
-        ({"distortion_model": ""}, "distortion_model is '', expected one of"),
+        (
+            {"distortion_model": "ftheta"},
+            "distortion_model of the camera is 'ftheta', expected one of none, plumb_bob, .*undistort",
+        ),
+        ({"distortion_model": ""}, "distortion_model of the camera is '', expected one of"),
         (
             {"distortion_model": "plumb_bob", "distortion": [0.1] * 4},
             r"4 coefficients, expected 5 \(k1, k2, p1, p2, k3",
@@ -173,7 +176,9 @@ def test_an_unusual_direction_is_reported():
     assert Camera(**INTRINSICS).notes == ()
     assert Camera(**INTRINSICS, T_base_camera=UP_LEFT).notes == ()  # 53 deg down
     no_rotation, inverse = (Camera(**INTRINSICS, T_base_camera=T).notes for T in (np.eye(4), LEVEL.T))
-    assert no_rotation[0].startswith("the optical axis points up by 90 deg; expected T_base_camera to map the optical")
+    assert no_rotation[0].startswith(
+        "the optical axis of the camera points up by 90 deg; expected T_base_camera to map the optical"
+    )
     assert inverse[0].startswith("the image is rolled: its x axis has an elevation of 90 deg")
 
 
@@ -193,12 +198,12 @@ def test_a_camera_is_read_from_its_file(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"width": 640.5}, "a.json: width: received 640.5, expected an integer"),
-        ({"K": [1] * 9}, r"unknown key .*a\.json: K .*fx"),
-        ({"distortion_model": "omni"}, r"a\.json: distortion_model is 'omni', expected one of none"),
+        ({"width": 640.5}, "a.json: key width: received 640.5, expected an integer"),
+        ({"K": [1] * 9}, r"a\.json: unknown key K .*fx"),
+        ({"distortion_model": "omni"}, r"a\.json: the distortion_model of the camera is 'omni', expected one of none"),
         ({"T_base_camera": [[1, 0], [0, 1]]}, r"a\.json: .*T_base_camera has shape \(2, 2\), expected \(4, 4\)"),
-        ({"T_base_camera": [[1, 0], [0]]}, r"a\.json: .*T_base_camera is list, expected an array of numbers"),
-        ({"cx": 1e13}, r"a\.json: cx: received 1e\+13, expected a number from"),
+        ({"T_base_camera": [[1, 0], [0]]}, r"a\.json: .*T_base_camera has the type list, expected an array of numbers"),
+        ({"cx": 1e13}, r"a\.json: key cx: received 1e\+13, expected a number from"),
     ],
 )
 def test_a_malformed_file_is_refused_in_one_line(tmp_path, change, message):
@@ -206,5 +211,5 @@ def test_a_malformed_file_is_refused_in_one_line(tmp_path, change, message):
         read_camera(written(tmp_path / "a.json", **change))
     assert "\n" not in str(error.value)
     (tmp_path / "a.json").write_text("[1]")
-    with pytest.raises(DataError, match=r"a\.json contains list, expected a JSON object"):
+    with pytest.raises(DataError, match=r"a\.json contains a list, expected a JSON object"):
         read_camera(tmp_path / "a.json")

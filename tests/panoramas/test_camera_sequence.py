@@ -50,7 +50,7 @@ def test_a_format_without_odometry_is_refused(tmp_path):
 
 
 def test_arguments_that_do_not_apply_are_refused(tmp_path):
-    with pytest.raises(ConfigError, match="which needs no importer, but received settings of an importer"):
+    with pytest.raises(ConfigError, match="received importer settings for the folder of panoramas"):
         read_sequence(write_tracked_folder(tmp_path), settings=["height=256"])
     with pytest.raises(
         ConfigError, match=r"received the sequence 'walk' for .*, expected a sequence name only for a folder"

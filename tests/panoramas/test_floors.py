@@ -150,7 +150,7 @@ def test_masks_that_were_read_from_images_are_accepted():
         ({"origin_m": (0.0, np.nan)}, r"has origin_m = \(0.0, nan\)"),
         ({"origin_m": (0.0, 1.0, 2.0)}, "expected finite numbers"),
         ({"z_m": np.inf}, "z_m = inf"),
-        ({"regions": {"hall": 1}}, "FloorMasks.regions has the id 'hall', expected a whole number"),
+        ({"regions": {"hall": 1}}, "FloorMasks.regions has the instance id 'hall', expected a whole number"),
         ({"free": np.ones((3, 5))}, "FloorMasks.free has dtype float64, expected bool"),
     ],
 )

@@ -210,9 +210,9 @@ def test_valid_mask_marks_a_partial_field_of_view(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda m: m["frames"][0].pop("id"), r"manifest.json: frames.0.id is missing"),
-        (lambda m: m.pop("frames"), r"manifest.json: frames is missing"),
-        (lambda m: m.update(frames=[]), r"0 frames and no reference frame"),
+        (lambda m: m["frames"][0].pop("id"), r"manifest.json: the required key frames.0.id is missing"),
+        (lambda m: m.pop("frames"), r"manifest.json: the required key frames is missing"),
+        (lambda m: m.update(frames=[]), r"none of 0 frames in the manifest is a reference frame"),
         (lambda m: m.update(version=2), r"version: received 2, expected 1"),
         (lambda m: m["frames"][0].pop("pose"), r"the reference frame a has no pose"),
         (lambda m: m["frames"][1].pop("place"), r"the reference frame t has no place"),
@@ -222,7 +222,10 @@ def test_valid_mask_marks_a_partial_field_of_view(folder: Path) -> None:
         (lambda m: m["frames"][0].update(pose=[2.0] * 16), r"not a rigid motion"),
         (lambda m: m["frames"][0].update(pose=[1.0, 2.0]), r"frames.0.pose"),
         (lambda m: m.pop("objects"), r"expected a table with the labels"),
-        (lambda m: [m["frames"][2].pop(part) for part in ("rgb", "range", "instances")], r"the frame q names no image"),
+        (
+            lambda m: [m["frames"][2].pop(part) for part in ("rgb", "range", "instances")],
+            r"the frame q has no image file",
+        ),
     ],
 )
 def test_a_wrong_manifest_is_one_line(folder: Path, change: Callable[[dict], object], message: str) -> None:
@@ -239,9 +242,9 @@ def cut(path: Path) -> None:
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (lambda root: cut(root / "q.jpg"), r"q.jpg is not a readable image \(200 bytes\)"),
+        (lambda root: cut(root / "q.jpg"), r"q.jpg is not a readable image \(file size 200 bytes\)"),
         (lambda root: cut(root / "q.range.png"), r"q.range.png is not a readable image"),
-        (lambda root: (root / "q.jpg").write_bytes(b""), r"q.jpg is not a readable image \(0 bytes\)"),
+        (lambda root: (root / "q.jpg").write_bytes(b""), r"q.jpg is not a readable image \(file size 0 bytes\)"),
         (lambda root: (root / "q.jpg").unlink(), r"cannot read .*q.jpg: No such file"),
         (
             lambda root: cv2.imwrite(str(root / "q.range.png"), np.ones((8, 16), np.uint16)),
@@ -250,7 +253,7 @@ def cut(path: Path) -> None:
         (lambda root: cv2.imwrite(str(root / "q.jpg"), np.ones((32, 60, 3), np.uint8)), r"is .*60.*width = 2 x height"),
         (
             lambda root: cv2.imwrite(str(root / "q.range.png"), np.ones((32, 64), np.uint8)),
-            r"has 1 channel\(s\) of 8 bits, expected 1 channel of 16",
+            r"has 1 channel of 8 bits, expected 1 channel of 16",
         ),
         (lambda root: (root / "objects.parquet").write_bytes(b"no table"), r"objects.parquet is not a Parquet table"),
         (
@@ -270,13 +273,13 @@ def test_a_wrong_file_is_one_line(folder: Path, spoil: Callable[[Path], object],
 def test_no_folder_no_manifest_no_json(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="--data-dir DIR"):
         FolderDataset().folds()
-    with pytest.raises(DataError, match=r"it has no manifest\.json"):
+    with pytest.raises(DataError, match=r"expected a folder with the file manifest\.json"):
         dataset(tmp_path).folds()
     (tmp_path / "manifest.json").write_text("{")
     with pytest.raises(DataError, match="is not JSON"):
         Folder(tmp_path)
     (tmp_path / "manifest.json").write_text("[]")
-    with pytest.raises(DataError, match="contains list, expected a JSON object"):
+    with pytest.raises(DataError, match="contains a list, expected a JSON object"):
         Folder(tmp_path)
 
 
@@ -309,7 +312,7 @@ def test_stairs_are_read_and_their_ends_are_checked(folder: Path) -> None:
     assert connection.model_dump() == stairs
     assert dataset(folder).fingerprint != before
     edit(folder, lambda content: content.update(connections=[{**stairs, "end": "rom-b"}]))
-    with pytest.raises(DataError, match="connections: unknown place 'rom-b', did you mean 'room-b'"):
+    with pytest.raises(DataError, match="the key `connections` has an unknown place 'rom-b', did you mean 'room-b'"):
         dataset(folder).connections()
 
 

@@ -41,8 +41,8 @@ def test_a_label_has_the_name_of_the_table(tmp_path, label, name):
         ("chair: Stuhl", "received chair: Stuhl, expected a name and a list of labels, such as"),
         ("chair: [1]", "received chair: .1., expected a name and a list of labels"),
         ("chair: [Sessel]\narmchair: [sessel 2]", "the label 'sessel' is listed under 'chair' and 'armchair'"),
-        ("[chair]", "contains list, expected a mapping"),
-        ("chair: [", "is not YAML"),
+        ("[chair]", "contains a list, expected a mapping"),
+        ("chair: [", "is not valid YAML"),
     ],
 )
 def test_a_malformed_table_is_one_line(tmp_path, text, message):

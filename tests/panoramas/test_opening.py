@@ -35,7 +35,7 @@ def test_a_folder_with_a_manifest_is_a_dataset(fakes, tmp_path):
 
 def test_a_path_without_a_manifest_is_an_error(fakes, tmp_path):
     with pytest.raises(
-        UnknownName, match=r"is not a dataset, expected a folder with a manifest\.json, or one of folder, r"
+        UnknownName, match=r"is not a dataset, expected a folder with a manifest\.json, or one of the names folder, r"
     ):
         configure_dataset(str(tmp_path), None)
 
@@ -52,7 +52,7 @@ def test_data_dir_becomes_an_absolute_root(fakes, tmp_path):
 
 def test_overrides_are_laid_on_top(fakes):
     assert len(reference_frames(find_dataset("rooms", overrides=("data.rooms=2", "data.queries=1")))) == 2
-    with pytest.raises(ConfigError, match=r"received the setting rooms, expected data\.KEY"):
+    with pytest.raises(ConfigError, match=r"received the setting 'rooms', expected a name of the form data\.KEY"):
         find_dataset("rooms", overrides=("rooms=2",))
 
 
@@ -94,7 +94,7 @@ def test_an_image_leads_to_its_frame(fakes, tiny):
     [
         ("{}", r"manifest\.json: .*frames is missing"),
         ('{"frames": [{}]}', r"frames\.0\.id is missing"),
-        ("[]", "contains list"),
+        ("[]", "contains a list"),
     ],
 )
 def test_an_image_beside_a_wrong_manifest_is_one_line(tmp_path, content, message):

@@ -60,14 +60,17 @@ def test_read_only_strided_and_listed_arrays_are_accepted():
 @pytest.mark.parametrize(
     ("parts", "message"),
     [
-        ({"rgb": np.zeros((*SHAPE, 3))}, "rgb has dtype float64, expected uint8 from 0 to 255: scale other values"),
-        ({"rgb": np.zeros((*SHAPE, 3), np.uint16)}, "rgb has dtype uint16, expected uint8"),
+        (
+            {"rgb": np.zeros((*SHAPE, 3))},
+            "the rgb image has dtype float64, expected uint8 from 0 to 255: scale other values",
+        ),
+        ({"rgb": np.zeros((*SHAPE, 3), np.uint16)}, "the rgb image has dtype uint16, expected uint8"),
         ({"rgb": np.zeros((*SHAPE, 4), np.uint8)}, r"shape \(16, 32, 4\), expected \(\*, \*, 3\)"),
-        ({"rgb": "a.jpg"}, "a: the rgb image is str, expected an array"),
-        ({"range_m": [[1.0, 2.0], [1.0]]}, "a: the range image is list, expected an array of numbers"),
+        ({"rgb": "a.jpg"}, "a: the rgb image has the type str, expected an array"),
+        ({"range_m": [[1.0, 2.0], [1.0]]}, "a: the range image has the type list, expected an array of numbers"),
         ({"range_m": np.ma.masked_less(np.ones(SHAPE), 2)}, "has masked values, expected an array without a mask"),
         ({"valid": np.ones(SHAPE)}, "Panorama.valid has dtype float64, expected bool"),
-        ({"annotations": {7: "chair"}}, r"annotations is dict, expected Annotations\(instance_id, labels\)"),
+        ({"annotations": {7: "chair"}}, r"annotations has the type dict, expected Annotations\(instance_id, labels\)"),
     ],
 )
 def test_other_kinds_are_refused(parts, message):
@@ -102,12 +105,12 @@ def test_ids_as_text_are_converted():
 @pytest.mark.parametrize(
     ("labels", "message"),
     [
-        ({"chair": 7}, "has the id 'chair', expected a whole number from 0 to 65535"),
-        ({7.5: "chair"}, "has the id 7.5, expected a whole number"),
-        ({-7: "chair"}, "has the id -7, expected a whole number"),
-        ({7: None}, "has the label None of the id 7, expected text, such as 'chair'"),
-        ({7: "chair", "7": "bed"}, "has the id 7 twice"),
-        (["bed", "chair"], "Annotations.labels is list, expected the label of each instance id"),
+        ({"chair": 7}, "has the instance id 'chair', expected a whole number from 0 to 65535"),
+        ({7.5: "chair"}, "has the instance id 7.5, expected a whole number"),
+        ({-7: "chair"}, "has the instance id -7, expected a whole number"),
+        ({7: None}, "has the label None of the instance id 7, expected text, such as 'chair'"),
+        ({7: "chair", "7": "bed"}, "has the instance id 7 twice"),
+        (["bed", "chair"], "Annotations.labels has the type list, expected the label of each instance id"),
     ],
 )
 def test_labels_that_fit_no_id_are_refused(labels, message):

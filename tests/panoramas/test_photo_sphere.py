@@ -104,7 +104,9 @@ def test_a_tilted_picture_is_turned_upright(tmp_path, pitch, roll):
     error = np.abs(panorama.rgb.astype(int) - scene(equirectangular_rays(HEIGHT)).astype(int)).max(axis=2)
     assert (error > 10).mean() < 0.02  # the pixels at the horizon and around the ball
     assert panorama.valid is None
-    assert panorama.notes == (f"levelled from pitch {pitch} deg and roll {roll} deg, as its Photo Sphere XMP says",)
+    assert panorama.notes == (
+        f"levelled from pitch {pitch} deg and roll {roll} deg, as the Photo Sphere XMP metadata states",
+    )
 
 
 def test_range_and_ids_turn_with_the_picture(tmp_path):
@@ -205,7 +207,7 @@ ENTITIES = '<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&
 )
 def test_xmp_that_cannot_be_right_is_one_line(tmp_path, xmp, said):
     write(tmp_path / "a.jpg", np.full((100, 256, 3), 90, np.uint8), xmp)
-    with pytest.raises(DataError, match=r"a\.jpg: its Photo Sphere XMP has .*exiftool") as caught:
+    with pytest.raises(DataError, match=r"a\.jpg: the Photo Sphere XMP metadata has .*exiftool") as caught:
         read_panorama(tmp_path / "a.jpg")
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -248,6 +250,6 @@ def test_a_note_on_a_few_of_many_frames(tmp_path):
     tilted, plain = read_panorama(tmp_path / "a.png"), read_panorama(write(tmp_path / "b.png", seen_by(0, 0)))
     assert picture_note([plain] * 9) is None
     assert picture_note([plain] * 8 + [tilted]) == (
-        "a.png: levelled from pitch 20 deg and roll 0 deg, as its Photo Sphere XMP says "
-        "(1 of the 3 panoramas that were checked)"
+        "the image of a.png is levelled from pitch 20 deg and roll 0 deg, as the Photo Sphere XMP metadata states "
+        "(the reader changed 1 of 3 checked images)"
     )

@@ -26,7 +26,7 @@ def test_two_storeys_with_one_name_are_named():
     frames = [frame("a"), frame("b", x_share=0.4), frame("c", 3.0), frame("d", 3.0, x_share=0.4)]
     assert storeys_note([*frames, *map_frames()[1:]]) == (
         "the place 'bedroom' has frames on two storeys (b at z = 1.50 m, c at 4.50 m, a floor between them), expected "
-        "the frames of one room: name each room differently"
+        "the frames of one room: use a different place name for each room"
     )
 
 
@@ -34,7 +34,7 @@ def test_more_places_are_counted():
     frames = [frame(f"{place}-{i}", 3.0 * i, place) for place in ("bed", "hall", "bath") for i in range(3)]
     note = storeys_note(frames)
     assert "the place 'bed' has frames on two storeys (bed-0 at z = 1.50 m, bed-1 at 4.50 m" in note
-    assert note.endswith("; 2 more such place(s), the next: hall")
+    assert note.endswith("; the same holds for 2 other places, the next: 'hall'")
 
 
 def test_storeys_with_their_own_names_are_in_order():

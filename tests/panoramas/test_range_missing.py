@@ -65,7 +65,7 @@ def test_the_note_names_value_share_and_key(value, pattern, encoding):
         image[pattern(rng, image.shape, 0.1)] = value
     note = missing_note(panoramas(steps, encoding))
     assert note is not None
-    assert note.startswith(f"{value} fills ")
+    assert note.startswith(f"the value {value} fills ")
     assert 0.08 < float(note.split("fills ")[1].split("%")[0]) / 100 < 0.16  # by solid angle
     assert f'set "range_missing": [{value}] in manifest.json' in note
     assert "\n" not in note
@@ -90,7 +90,7 @@ def test_declared_values_stay_in_the_advice():
     assert '"range_missing": [1, 65535]' in missing_note(panoramas(steps, encoding))
     arrays = [replace(panorama, range_encoding=None) for panorama in panoramas(steps, encoding)]
     note = missing_note(arrays)
-    assert note.startswith("0.001 m fills")
+    assert note.startswith("the value 0.001 m fills")
     assert note.endswith("set the range of these pixels to NaN")
 
 

@@ -68,13 +68,22 @@ def test_an_estimate_is_kept_for_all_that_use_the_same_model(tmp_path):
 @pytest.mark.parametrize(
     ("answer", "message"),
     [
-        (np.ones((8, 16)), r"even returned float64 \(8, 16\), expected float32 \(8, 16\)"),
-        (np.ones((8, 8), np.float32), r"even returned float32 \(8, 8\), expected float32 \(8, 16\)"),
-        (None, r"even returned NoneType \(\), expected float32 \(8, 16\)"),
-        (np.zeros((8, 16), np.float32), "even returned a range that is zero, negative or infinite, expected positive"),
+        (
+            np.ones((8, 16)),
+            r"returned an array of dtype float64 and shape \(8, 16\), expected an array of dtype float32 and",
+        ),
+        (
+            np.ones((8, 8), np.float32),
+            r"returned an array of dtype float32 and shape \(8, 8\), expected an array of dtype float32 and",
+        ),
+        (None, r"returned a value of type NoneType, expected an array of dtype float32 and shape \(8, 16\)"),
+        (
+            np.zeros((8, 16), np.float32),
+            "the range model 'even' returned a range that is zero, negative or infinite, expected positive",
+        ),
         (
             np.full((8, 16), np.inf, np.float32),
-            "even returned a range that is zero, negative or infinite, expected positive",
+            "the range model 'even' returned a range that is zero, negative or infinite, expected positive",
         ),
     ],
 )
@@ -85,7 +94,7 @@ def test_an_answer_that_is_no_range_is_refused(answer, message, monkeypatch):
 
 
 def test_a_model_without_what_it_needs_is_told():
-    with pytest.raises(InputMissing, match="the range model 'even' needs rgb, which a does not have"):
+    with pytest.raises(InputMissing, match="the range model 'even' needs colour images, which a does not have"):
         estimate_range(Even(), Panorama("a"))
     with pytest.raises(DataError, match=r"a has range_by = 'even' .* but no range image: pass range_m"):
         Panorama("a", rgb=RGB, range_by="even")

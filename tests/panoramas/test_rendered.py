@@ -179,7 +179,7 @@ def test_a_killed_run_loses_no_finished_frame() -> None:
     assert sorted(before) == [
         f"frames/0000{number}.{part}.png" for number in range(2) for part in ("instances", "range")
     ]
-    with pytest.raises(DataError, match=r"no manifest\.json"):
+    with pytest.raises(DataError, match=r"with the file manifest\.json"):
         data.folds()
     seen, progress = recorder()
     data = Plain()

@@ -108,9 +108,12 @@ def test_depth_of_a_cubes_faces_becomes_range(tmp_path):
     [
         ((), "received no image"),
         (("a.jpg", None, "b.png"), "received an instance image without labels, expected both"),
-        (("a.jpg", None, "b.png", "words.json"), r"words\.json has the id 'bed', expected a whole number"),
-        (("a.jpg", None, "b.png", "list.json"), r"list\.json is list, expected the label of each instance id"),
-        (("a.jpg", "a.jpg"), r"a\.jpg has 3 channel\(s\) of 8 bits, expected 1 channel of 16 bits"),
+        (("a.jpg", None, "b.png", "words.json"), r"words\.json has the instance id 'bed', expected a whole number"),
+        (
+            ("a.jpg", None, "b.png", "list.json"),
+            r"list\.json has the type list, expected the label of each instance id",
+        ),
+        (("a.jpg", "a.jpg"), r"a\.jpg has 3 channels of 8 bits, expected 1 channel of 16 bits"),
     ],
 )
 def test_loose_images_that_are_none_are_told(tmp_path, given, said):
@@ -122,7 +125,9 @@ def test_loose_images_that_are_none_are_told(tmp_path, given, said):
 
 
 def test_arrays_and_units_that_are_no_files_are_told():
-    with pytest.raises(DataError, match=r"rgb is ndarray, expected the path of a file: for arrays, use salframe.Panor"):
+    with pytest.raises(
+        DataError, match=r"rgb has the type ndarray, expected the path of a file: for arrays, use salframe.Panor"
+    ):
         read_panorama(np.zeros((16, 32, 3), np.uint8))
     with pytest.raises(DataError, match="range_unit_m is 0, expected a positive number of metres"):
         read_panorama("a.jpg", "a.png", range_unit_m=0)

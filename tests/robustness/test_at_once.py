@@ -108,7 +108,7 @@ def test_two_processes_fetch_weights_at_once(site, server):
 
 @pytest.mark.parametrize(
     ("path", "message"),
-    [("cut", r"ended after 524288 of 1048576 bytes"), ("other", r"has sha256 \w{64}, expected \w{64}")],
+    [("cut", r"ended after 524288 of 1048576 bytes"), ("other", r"has the sha256 hash \w{64}, expected \w{64}")],
 )
 def test_weights_that_did_not_come_whole_are_one_line(site, server, path, message):
     place = site.fresh()

@@ -28,7 +28,7 @@ DEEP = "[" * 5000 + "]" * 5000
 COMPARE = ("compare", "--methods", "objects", "--engine", "inline")
 WORDS = {
     "kind null": ((*COMPARE, "--data", "./data", "--set", "detector.kind=null"), "None|null"),
-    "deep setting": ((*COMPARE, "--data", "./data", "--set", f"detector.noise={DEEP}"), "levels of lists"),
+    "deep setting": ((*COMPARE, "--data", "./data", "--set", f"detector.noise={DEEP}"), "levels of nested lists"),
     "long number": ((*COMPARE, "--data", "./data", "--set", "detector.seed=" + "9" * 5000), "detector.seed"),
     "nan": ((*COMPARE, "--data", "./data", "--set", "detector.seed=.nan"), "finite"),
     "long name": ((*COMPARE, "--data", "./data", "--name", "n" * 300), "run name of 300 bytes, expected at most"),
@@ -44,7 +44,7 @@ WORDS = {
     "base of itself": (("ablate", "self.yaml"), "self.yaml inherits from itself"),
     "base is a list": (("ablate", "list.yaml"), r"base is \['a'\], expected the name of a file"),
     "binary": (("ablate", "binary.yaml"), "tag .*binary, expected values without tags"),
-    "alias of itself": (("ablate", "alias.yaml"), r"\*a refers to a value that contains it"),
+    "alias of itself": (("ablate", "alias.yaml"), r"\*a refers to a value that contains this alias"),
 }
 
 
@@ -81,7 +81,7 @@ def test_a_table_of_objects_that_says_nothing_is_refused(tmp_path, monkeypatch):
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path / "cache"))
     cases = {
         r"objects\.parquet has no row, expected one for each object": {"instance_id": range(0), "label": []},
-        r"objects\.parquet: 0\.instance_id: received '1', expected an integer": {
+        r"objects\.parquet: key 0\.instance_id: received '1', expected an integer": {
             "instance_id": ["1"],
             "label": ["bed"],
         },

@@ -61,23 +61,29 @@ def yaml_file(change):
 
 
 FAULTS = {
-    "packages": (json_file("runs/*/env.json", lambda env: env.update(packages="NaN")), r"env\.json: packages"),
-    "fingerprint": (json_file("runs/*/env.json", lambda env: env.update(dataset_fingerprint=[])), r"env\.json: data"),
+    "packages": (json_file("runs/*/env.json", lambda env: env.update(packages="NaN")), r"env\.json: key packages"),
+    "fingerprint": (
+        json_file("runs/*/env.json", lambda env: env.update(dataset_fingerprint=[])),
+        r"env\.json: key data",
+    ),
     "believed": (json_file(ROWS + ".one", lambda row: row.update(believed=[[[1]]])), r"rows\.jsonl, line 1.*believed"),
     "believed of one": (json_file(ROWS + ".one", lambda row: row.update(believed=[[1.0]])), r"rows\.jsonl, line 1"),
     "episode": (json_file(ROWS + ".one", lambda row: row.update(episode=2**63)), r"rows\.jsonl, line 1.*episode"),
     "episodes": (
         yaml_file(lambda content: content["task"].update(episodes=2**63)),
-        r"request\.yaml: task: episodes: received 9",
+        r"request\.yaml: key task: episodes: received 9",
     ),
-    "no episodes": (yaml_file(lambda content: content["task"].pop("episodes")), r"task\.episodes is missing"),
-    "seed": (yaml_file(lambda content: content["task"].update(seed=-1)), r"request\.yaml: task\.seed"),
-    "settings": (yaml_file(lambda content: content["task"].update(settings=[])), r"request\.yaml: task\.settings"),
+    "no episodes": (
+        yaml_file(lambda content: content["task"].pop("episodes")),
+        r"the required key task\.episodes is missing",
+    ),
+    "seed": (yaml_file(lambda content: content["task"].update(seed=-1)), r"request\.yaml: key task\.seed"),
+    "settings": (yaml_file(lambda content: content["task"].update(settings=[])), r"request\.yaml: key task\.settings"),
     "arrival": (
         yaml_file(lambda content: content["task"]["settings"].update(arrival_m=1e308)),
         r"task: settings\.arrival_m: received 1e\+308, expected a number from -1e\+12 to 1e\+12",
     ),
-    "no JSON": (text_file("runs/*/env.json", "[1]"), r"env\.json contains list, expected a JSON object"),
+    "no JSON": (text_file("runs/*/env.json", "[1]"), r"env\.json contains a list, expected a JSON object"),
 }
 
 

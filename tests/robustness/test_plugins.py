@@ -14,14 +14,14 @@ import pytest
 import yaml
 
 TESTS = Path(__file__).parent.parent
-DIED = "its process died: it was killed, ran out of memory, or a library crashed"
+DIED = "the worker process died: it was killed, ran out of memory, or crashed in a library"
 RAISED = {
     "raise": "ValueError: this is too much",
     "leave": "SystemExit: the network wants to leave",
     "recurse": "RecursionError: maximum recursion depth exceeded.*",
 }
-DEAD = {"exit": DIED, "fault": DIED, "hoard": "used more than 450 MB, the limit of --memory"}
-LONG = "took more than 10 s, the limit of --timeout"
+DEAD = {"exit": DIED, "fault": DIED, "hoard": "the worker process used more than 450 MB, the limit of --memory"}
+LONG = "the worker process took more than 10 s, the limit of --timeout"
 ALL = {(when, how): reason for when in ("init", "map") for how, reason in (RAISED | DEAD).items()}
 QUERY = {
     **{("query", how): reason for how, reason in (RAISED | DEAD).items()},
@@ -45,7 +45,7 @@ MODULES = {
     "twin": (
         "class Other(Reader):\n    name = 'reader'",
         "Other",
-        "localizer 'reader' of twin is already provided by fake_plugin",
+        "the package twin registers the localizer 'reader', a name that the package fake_plugin already uses",
     ),
     "careless": (
         "from salframe.framework.component import ComponentConfig\nclass Careless(Reader):\n    name = 'careless'\n"

@@ -91,6 +91,9 @@ def test_without_the_extra_one_line_says_so_and_onnx_needs_none(published, monke
     published.fetch()
     with pytest.raises(RequirementMissing) as caught:
         detector.SegmentsDetector()
-    assert str(caught.value) == "segments needs ai_edge_litert, which is not installed: pip install 'salframe[tflite]'"
+    assert (
+        str(caught.value)
+        == "segments needs the Python package ai_edge_litert, which is not installed: pip install 'salframe[tflite]'"
+    )
     own = write_network(tmp_path / "own.onnx")
     assert detector.SegmentsDetector(configure("detector", "segments", {"model": str(own)})).config.card

@@ -221,7 +221,11 @@ def test_a_network_without_a_card_says_what_to_write(tmp_path):
             WeightsError,
             "has the type int64, expected class scores as floats",
         ),
-        ({"input": {"layout": "nhwc", "size_px": [96, 96]}}, WeightsError, r"takes views float32 \(1, 3, 96, 96\)"),
+        (
+            {"input": {"layout": "nhwc", "size_px": [96, 96]}},
+            WeightsError,
+            r"has the inputs views float32 \(1, 3, 96, 96\)",
+        ),
         ({"colour": 1}, ConfigError, "unknown key .*colour"),
     ],
 )

@@ -457,7 +457,9 @@ def test_one_line_says_what_does_not_fit(models, tmp_path, monkeypatch):
             build(folder, **settings)
         assert "\n" not in str(caught.value)
 
-    with pytest.raises(WeightsError, match="the detector 'transformers' has no network: set `model` to the folder"):
+    with pytest.raises(
+        WeightsError, match="the detector 'transformers' has no network: set the setting `model` to the folder"
+    ):
         TransformersDetector(configure("detector", "transformers", {}))
     refused(
         tmp_path / "gone", r"gone does not exist, expected a folder with config\.json and model\.safetensors, or hf:"
@@ -487,7 +489,8 @@ def test_one_line_says_what_does_not_fit(models, tmp_path, monkeypatch):
         refused(models(tiny.segformer), message, ConfigError, device="cuda")
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     message = (
-        r"transformers needs torch and transformers, which are not installed: pip install 'salframe\[transformers\]'"
+        r"transformers needs the Python packages torch and transformers, which are not installed: "
+        r"pip install 'salframe\[transformers\]'"
     )
     refused(models(tiny.segformer), message, RequirementMissing)
 
@@ -530,7 +533,7 @@ def test_a_model_of_the_hub_runs_under_its_name_with_the_hashes_of_its_files(mod
     assert named["weights"] == pinned["weights"]
     assert len(named["weights"]) == len(paths) == 3
     paths[0].write_text(paths[0].read_text().replace("armchair", "robot"))
-    with pytest.raises(WeightsError, match=r"has sha256 .*, expected"):
+    with pytest.raises(WeightsError, match=r"has the sha256 hash .*, expected"):
         build("hf:org/model")
 
 

@@ -247,7 +247,7 @@ BROKEN_DETECTORS = [
     (Overwriting, "detect in the bedroom: received ValueError: .*read-only"),
     (Restless, "detect in the bedroom: received two different answers to the same input"),
     (Moody, "by another instance: received different detections"),
-    (Flat, r"received InvalidAnswer: Detections.centroid_m has shape \(\d, 2\), expected \(\d, 3\)"),
+    (Flat, r"received InvalidAnswer: the field Detections.centroid_m has shape \(\d, 2\), expected \(\d, 3\)"),
     (Listing, "received list, expected Detections"),
     (Certain, r"received InvalidAnswer: Detections.scores contains 100.0, expected numbers from 0 to 1"),
     (Seamed, r"detect in the \w+ rolled by \d+ columns: received \["),

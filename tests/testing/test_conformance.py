@@ -37,7 +37,7 @@ BROKEN = [
     *BROKEN_DETECTORS,
     *BROKEN_STAGES,
     *BROKEN_LOCALIZERS,
-    (int, "<class 'int'> is not a component, expected a subclass of one of Dataset"),
+    (int, "a plugin registers <class 'int'>, which is not a component, expected a subclass of one of Dataset"),
 ]
 REAL = Path(os.environ.get("SALFRAME_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data")) / "matterport3d"
 

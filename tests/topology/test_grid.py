@@ -155,7 +155,8 @@ def test_parts_that_no_clear_floor_joins_stay_apart():
 def test_masks_of_different_sizes_are_refused():
     free = np.ones((4, 6), bool)
     with pytest.raises(
-        DataError, match="the region mask of a floor is 7 x 4 pixels, expected 6 x 4, the size of its free mask"
+        DataError,
+        match="the region mask of a floor is 7 x 4 pixels, expected 6 x 4, the size of the free mask of this floor",
     ):
         FloorMasks(free, np.zeros((4, 7), np.int32), free, 0.05, (0, 0), {})
     with pytest.raises(DataError, match="the obstacle mask of a floor is 6 x 5 pixels, expected 6 x 4"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from salframe.framework.component import Component, components_in, nested_components
-from salframe.framework.components.auto import needs_of, unfit_reason
+from salframe.framework.components.auto import name_parts, needs_of, unfit_reason
 from salframe.framework.components.registry import registry
 from salframe.framework.errors import FRAME_ERRORS, InputMissing
 from salframe.graphs.annotated import has_points
@@ -66,7 +66,7 @@ def check_needs(method: Component, dataset: Dataset) -> None:
     absent = parts_needed(method, dataset) - dataset.provides
     if not absent:
         return
-    words = " and ".join(sorted(absent))
+    words = name_parts(absent)
     models = registry().names(RangeModel.role) if getattr(method.config, "range", method) is None else []
     estimate = " or ".join(f"--set range.kind={name}" for name in models) if absent == {"range"} else ""
     for slot, inner in components_in(method.config):

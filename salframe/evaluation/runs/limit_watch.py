@@ -43,8 +43,8 @@ def is_late(end: Path) -> bool:
 def reason(log: str, timeout_s: float | None, memory_mb: float | None) -> str:
     """Return why a process was killed, from its log and the limits."""
     if log.startswith(TOO_LARGE):
-        return f"used more than {memory_mb:g} MB, the limit of --memory"
-    return f"took more than {timeout_s:g} s, the limit of --timeout"
+        return f"the worker process used more than {memory_mb:g} MB, the limit of --memory"
+    return f"the worker process took more than {timeout_s:g} s, the limit of --timeout"
 
 
 def watch(process: psutil.Process, max_mb: float, end: Path, log: Path) -> None:

@@ -41,7 +41,7 @@ class Limits:
     def __post_init__(self) -> None:
         for name, value in (("timeout_s", self.timeout_s), ("memory_mb", self.memory_mb)):
             if value is not None and not value > 0:
-                raise ConfigError(f"{name} is {value}, expected a number above 0, or None for no limit")
+                raise ConfigError(f"the limit {name} is {value}, expected a number above 0, or None for no limit")
 
     def __bool__(self) -> bool:
         return self.timeout_s is not None or self.memory_mb is not None

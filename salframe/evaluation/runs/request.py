@@ -78,7 +78,9 @@ class Request:
 
     def __post_init__(self) -> None:
         if isinstance(self.methods, str):
-            raise ConfigError(f"methods is {self.methods!r}, expected a list of names: pass [{self.methods!r}]")
+            raise ConfigError(
+                f"the argument methods is {self.methods!r}, expected a list of names: pass [{self.methods!r}]"
+            )
         if not 0 <= self.seed <= MAX_INTEGER:
             raise ConfigError(f"received the seed {self.seed}, expected an integer from 0 to {MAX_INTEGER}")
         object.__setattr__(self, "methods", tuple(self.methods))
@@ -135,8 +137,8 @@ def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = (
         if requested.setdefault(variant.label, variant) != variant:
             both = f"{requested[variant.label].method} and {variant.method}"
             raise ConfigError(
-                f"the methods {both} have the same label {variant.label!r}, expected different labels: rename one of "
-                "the two"
+                f"the methods {both} have the same label {variant.label!r} in the table, expected different labels: "
+                "rename one of the two"
             )
     contents = {variant.name: settings(role, variant.method) for variant in requested.values()}
     pairs = map(parse_override, request.settings)

@@ -75,7 +75,7 @@ def read_rows(path: Path, kind: type[Content]) -> Iterator[Content]:
     if not path.exists():
         return
     for number, row in enumerate(read_lines(path), 1):
-        yield check_as(row, kind, f"{path}, line {number} (remove it to compute it again)")
+        yield check_as(row, kind, f"{path}, line {number} (remove this line to compute the result again)")
 
 
 class RowWriter:
@@ -93,8 +93,7 @@ class RowWriter:
             text = json.dumps(row, allow_nan=False)
         except ValueError:
             raise InvalidAnswer(
-                f"the answer of the method has a number that is NaN or infinite, expected "
-                f"finite numbers: {str(row)[:200]}"
+                f"the method returned an answer with NaN or infinity, expected finite numbers: {str(row)[:200]}"
             ) from None
         with naming(Path(self._file.name)):
             self._file.write(text + "\n")

@@ -161,7 +161,9 @@ class Run:
             roles = {label: config.component.role for label, config in resolved.methods.items()}
             methods = {label: run.method(label, roles[label]) for label in run.labels if label in roles}
             if run.labels != list(roles) or _fingerprint(run.task, run.seed, run.data(), methods) != key:
-                raise ConfigError(f"{path} was edited since the run began: restore the file, or remove {directory}")
+                raise ConfigError(
+                    f"the file {path} was edited after the run began: restore the file, or remove {directory}"
+                )
             return run
         return cls(directory, content)
 
@@ -175,7 +177,8 @@ class Run:
         if isinstance(content, Mapping) and content.get("format") != RUN_FORMAT:
             version = content.get("format", 1)
             raise ConfigError(
-                f"{directory} has run format {version}, expected {RUN_FORMAT}: measure the run again with this version"
+                f"{directory} has run format {version}, expected {RUN_FORMAT}: measure it again with this version of "
+                "salframe"
             )
         validate(_Request, content, f"{path}:")
         return cls(directory, content)
@@ -262,7 +265,7 @@ class Run:
             write_json(path, {"date": date.today().isoformat(), "dataset_fingerprint": fingerprint, **environment()})
         elif self.environment().get("dataset_fingerprint") != fingerprint:
             raise DataError(
-                f"the dataset of {self.directory} has changed since the run began: choose another --name, "
+                f"the dataset of the run {self.directory} has changed since the run began: choose another --name, "
                 "or remove this run folder"
             )
 
@@ -285,8 +288,8 @@ class Run:
         try:
             source = read_model(path, _Identity).source if path.exists() else None
         except DataError as error:
-            return f"{label}: unknown whether its answers were copied from another run: {error}"
-        return f"{label}: the answers and times of the run {source} are reused" if source else None
+            return f"method {label}: cannot read whether the answers were copied from another run: {error}"
+        return f"method {label}: the answers and times of the earlier run {source} are reused" if source else None
 
     def set_notes(self, notes: Sequence[str]) -> None:
         """Write the notes on the current request, which replace earlier notes."""

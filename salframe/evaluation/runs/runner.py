@@ -95,8 +95,8 @@ def _resume(
     run.set_notes([*resolved.notes, *data_notes(dataset)])
     if request.limits and not engine.isolates:
         raise ConfigError(
-            f"--timeout and --memory need worker processes, which the engine {engine.name!r} does not have: choose "
-            "another --engine"
+            f"the options --timeout and --memory need worker processes, which the engine {engine.name!r} does not "
+            "have: choose another --engine"
         )
     with _watch(task, run, task.total(survey), progress):
         work = _Work(task, run, survey, engine, request.limits)
@@ -164,7 +164,9 @@ class _Work:
         work = partial(work_share, self.task, self.run.directory.absolute(), label, self.limits)
         answers = iter(self.engine.map(work, shares))
         for _ in shares:
-            answer = next(answers, MethodFailed(f"the engine {self.engine.name!r} returned no answer for it"))
+            answer = next(
+                answers, MethodFailed(f"the engine {self.engine.name!r} returned no answer for some of the work")
+            )
             if isinstance(answer, BaseException) and not isinstance(answer, WorkerDied):
                 answer = Outcome(MethodStatus.CRASHED, describe_error(answer))
             yield answer
@@ -195,7 +197,7 @@ def conclude(task: AnyTask, run: Run, survey: Survey[Any], reported: tuple[Repor
     try:
         return replace(result, report=_write(task, run, survey, result, records))
     except OSError as error:  # a full disk: the result is returned all the same
-        note = f"metrics and report could not be written: {error.strerror or error}"
+        note = f"the metrics and the report of the run could not be written: {error.strerror or error}"
         return replace(result, notes=(*result.notes, note))
 
 
@@ -260,7 +262,7 @@ def _record(task: AnyTask, run: Run, label: str, survey: Survey[Any]) -> Record[
         reason = f"unfinished: {answered} of {len(rows)} {task.counts} done"
         outcome = Outcome(MethodStatus.UNFINISHED, reason, parts)
     elif rows and all(row is not None and row.status == PieceStatus.INPUT_MISSING for row in rows):
-        reason = f"all {len(rows)} {task.counts} lack a required input, the first: {rows[0] and rows[0].error}"
+        reason = f"all {len(rows)} {task.counts} lack a required input, the first error: {rows[0] and rows[0].error}"
         outcome = Outcome(MethodStatus.UNAVAILABLE, reason, outcome.input)
     return Record(label, outcome, rows, run.folder(label), run.changes(label))
 

@@ -148,7 +148,9 @@ def read_experiment(name: str | Path) -> Experiment:
     for table in experiment.tables.values():
         absent = [column for column in table.columns if column not in table.kind.columns]
         if absent:
-            raise ConfigError(f"{name}: {unknown('column', absent[0], list(table.kind.columns))}")
+            raise ConfigError(
+                f"{name}: the key `columns` has an {unknown('column', absent[0], list(table.kind.columns))}"
+            )
     return experiment
 
 
@@ -269,7 +271,9 @@ def in_quick(study: TableStudy, where: str) -> TableStudy | None:
     changes = dict(study.quick)
     if isinstance(study.methods, dict) and "methods" in changes:
         if absent := [name for name in changes["methods"] if name not in content["methods"]]:
-            raise ConfigError(f"{where}: quick: {unknown('method', absent[0], list(content['methods']))}")
+            raise ConfigError(
+                f"{where}: the key `quick` has an {unknown('method', absent[0], list(content['methods']))}"
+            )
         changes["methods"] = {name: content["methods"][name] for name in changes["methods"]}
         del content["methods"]
     return validate(TableStudy, merge(content, changes), f"{where}: quick")
@@ -283,5 +287,5 @@ def reported_in(experiment: Experiment) -> tuple[tuple[str, ReportedTable], ...]
     tables_by_title = {part.title: (paper.source, part) for paper in read_reported() for part in paper.tables}
     absent = [title for title in experiment.reported if title not in tables_by_title]
     if absent:
-        raise ConfigError(unknown("reported table", absent[0], list(tables_by_title)))
+        raise ConfigError(f"the key `reported` has an {unknown('table title', absent[0], list(tables_by_title))}")
     return tuple(tables_by_title[title] for title in experiment.reported)

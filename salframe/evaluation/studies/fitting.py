@@ -16,6 +16,7 @@ from salframe.framework.components.identity import identity
 from salframe.framework.components.installation import installed_version
 from salframe.framework.components.presets import SUFFIXES, settings
 from salframe.framework.components.registry import registry
+from salframe.framework.components.settings import flatten, spell_value
 from salframe.framework.config import merge, nest, parse_override
 from salframe.framework.errors import FRAME_ERRORS, ConfigError, DataError
 from salframe.framework.files.cache import Cache
@@ -84,9 +85,10 @@ class TuningData:
         config = merge(self.localizer.config.model_dump(mode="json"), changes)
         localizer: Localizer = type(self.localizer)(validate(type(self.localizer).Config, config, ""))
         if localizer.describe_identity() != self.localizer.describe_identity():
+            received = ", ".join(f"{key}={spell_value(value)}" for key, value in flatten(changes).items())
             raise ConfigError(
-                f"--try received {dict(changes)}, which changes how panoramas are described, expected settings of the "
-                "matching: fit the method once for each value, with --set"
+                f"--try received {received}, which changes the descriptions (features) of panoramas, expected settings "
+                "of the matching: fit the method once for each value, with --set"
             )
         for fold in self.dataset.folds():
             places = [self.dataset.truth(query.id).place for query in fold.queries]
@@ -100,8 +102,8 @@ class TuningData:
             ]
             if not usable:
                 raise DataError(
-                    f"fold {fold.id} has no reference frame that {localizer.name} can use, expected at least one: "
-                    "check the dataset with `salframe data info`, or use other tuning data"
+                    f"the fold {fold.id} (one map of the data) has no reference frame that {localizer.name} can use, "
+                    "expected at least one: check the dataset with `salframe data info`, or use other tuning data"
                 )
             frames, described = [frame for frame, _ in usable], [description for _, description in usable]
             fold_map = LocalizationMap.from_descriptions(localizer, described, frames, self.dataset.floors())
@@ -150,12 +152,13 @@ def fit_method(
     """
     output = Path(output)
     if output.suffix not in SUFFIXES:
-        raise ConfigError(f"received the file {output}, expected one that ends in {' or '.join(SUFFIXES)}")
+        raise ConfigError(f"the output file is {output}, expected a file name that ends in {' or '.join(SUFFIXES)}")
     if not data:
         raise ConfigError("received no tuning data, expected at least one dataset")
     if posterior_only and tries:
         raise ConfigError(
-            "received both --try and --posterior-only, expected at most one: --posterior-only changes no settings"
+            "received both --try and --posterior-only, expected at most one of them, because --posterior-only changes "
+            "no settings"
         )
     tunings = [_describe(one, method, data_dir, overrides, progress, tell) for one in data]
     fields = type(tunings[0].localizer.config).model_fields
@@ -173,13 +176,13 @@ def fit_method(
         )
     elif tries:
         raise ConfigError(
-            f"{method} has no setting `weights`, which --try needs: use another method, or leave out --try"
+            f"the method {method} has no setting `weights`, which --try needs: use another method, or leave out --try"
         )
     answers = [answer for tuning in tunings for answer in _scored(tuning, content)]
     try:
         fit = fit_posterior(answers)
     except DataError as error:
-        raise DataError(f"{method} cannot be fitted: {error}") from None
+        raise DataError(f"the method {method} cannot be fitted: {error}") from None
     gain |= {
         "place": {"answers": fit.place_answers, "before": fit.place_nll_before, "after": fit.place_nll_after},
         "here": {"answers": fit.answers, "before": fit.here_nll_before, "after": fit.here_nll_after},
@@ -211,8 +214,8 @@ def _describe(
     name, dataset, localizer = prepare(data, method, root, [*overrides, HIDE], None, progress, tell)
     if "posterior" not in type(localizer.config).model_fields:
         raise ConfigError(
-            f"{name} has no setting `posterior`, so its answers have no probabilities to fit: use another method, such "
-            "as proposed"
+            f"the method {name} has no setting `posterior`, so the answers have no probabilities to fit: use another "
+            "method, such as proposed"
         )
     check_needs(localizer, dataset)
     frames: dict[str, ReferenceFrame | QueryFrame] = {}

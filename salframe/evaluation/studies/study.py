@@ -81,7 +81,9 @@ class Study(Settings):
             )
         empty = [key for key, values in self.vary.items() if not values]
         if empty:
-            raise ValueError(f"`vary` has no values for {', '.join(empty)}, expected at least one value for each key")
+            raise ValueError(
+                f"the key `vary` has no values for {', '.join(empty)}, expected at least one value for each key"
+            )
         try:
             kind = self.kind
         except UnknownName as error:
@@ -89,9 +91,9 @@ class Study(Settings):
         known_keys = [*type(self).model_fields, *kind.Options.model_fields]
         absent = [key for key in self.model_extra or {} if key not in known_keys]
         if absent:
-            raise ValueError(f"unknown key {absent[0]} (known: {', '.join(known_keys)})")
+            raise ValueError(f"unknown key {absent[0]} (known keys: {', '.join(known_keys)})")
         try:
-            validate(kind.Options, self.model_extra or {}, self.task)
+            validate(kind.Options, self.model_extra or {}, "")
         except ConfigError as error:
             raise ValueError(str(error)) from None
         return self
@@ -139,15 +141,15 @@ class Study(Settings):
         for key in keys:
             if key.split(".")[0] not in known_keys:
                 raise ConfigError(
-                    f"`vary` has the key {key}, which is not a setting of any method: "
+                    f"the key `vary` has the setting {key}, which is not a setting of any method: "
                     f"{unknown('key', key.split('.')[0], sorted(known_keys))}"
                 )
         labels = [variant.label for variant in variants]
         twice = [label for label in labels if labels.count(label) > 1]
         if twice:
             raise ConfigError(
-                f"two combinations of settings have the label {twice[0]}, expected different labels: remove repeated "
-                "values from `vary`"
+                f"two combinations of settings have the same label {twice[0]}, expected different labels: remove "
+                "repeated values from `vary`"
             )
         return variants, varied
 

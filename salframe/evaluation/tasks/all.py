@@ -48,5 +48,5 @@ def open_run(directory: str | Path) -> tuple[Run, AnyTask]:
     run = Run.load(Path(directory))
     name = run.task.get("name")
     if name not in TASKS:
-        raise ConfigError(f"{directory} is a run of the task {name!r}, expected one of {', '.join(TASKS)}")
+        raise ConfigError(f"the run folder {directory} has the task {name!r}, expected one of {', '.join(TASKS)}")
     return run, TASKS[name].from_run(run)

@@ -9,7 +9,14 @@ from typing import Any
 from salframe.framework.component import Component, ComponentConfig, components_in
 from salframe.framework.components.defaults import AUTO, auto_order
 from salframe.framework.components.registry import registry
-from salframe.framework.errors import InputMissing, PluginFailed, RequirementMissing, UnknownName, failure_of
+from salframe.framework.errors import (
+    InputMissing,
+    PluginFailed,
+    RequirementMissing,
+    UnknownName,
+    failure_of,
+    with_article,
+)
 
 
 class Choice:
@@ -45,8 +52,10 @@ class Choice:
         """
         component, remark = first_fit(role, self._provides() | added)
         if component is None:
-            raise InputMissing(f"{AUTO!r} cannot select a {role} for {self._data}: {remark}")
-        self._notes[role] = f"{AUTO} selected the {role} {component.name}" + (f", which {remark}" if remark else "")
+            raise InputMissing(
+                f"{AUTO!r} cannot select {with_article(role)} for {self._data}, because none can run: {remark}"
+            )
+        self._notes[role] = f"{AUTO!r} selected the {role} {component.name!r}" + (f", which {remark}" if remark else "")
         return component
 
 
@@ -69,12 +78,12 @@ def first_fit(role: str, provides: frozenset[str] | None) -> tuple[type[Componen
         except UnknownName:
             continue
         except PluginFailed as error:
-            reasons.append(f"{name}: {error}")
+            reasons.append(f"{name!r}: {error}")
             continue
         reason = unfit_reason(component, provides)
         if reason is None:
             return component, remark
-        reasons.append(f"{name}: {reason}")
+        reasons.append(f"{name!r}: {reason}")
     return None, "; ".join(reasons) or "none is installed"
 
 
@@ -87,7 +96,13 @@ def unfit_reason(component: type[Component], provides: frozenset[str] | None) ->
     if reason is not None or provides is None:
         return reason
     absent = needs_of(component.Config()) - provides
-    return f"needs {' and '.join(sorted(absent))}, which the data does not have" if absent else None
+    return f"needs {name_parts(absent)}, which the data does not have" if absent else None
+
+
+def name_parts(parts: Iterable[str]) -> str:
+    """Return parts of panoramas in words, for messages: "colour images" for "rgb", for example."""
+    words = {"rgb": "colour images", "range": "range images"}
+    return " and ".join(words.get(part, part) for part in sorted(parts))
 
 
 def needs_of(config: ComponentConfig) -> frozenset[str]:
@@ -114,7 +129,9 @@ class Undecided(Component):
         """Raise RequirementMissing if no component of the role can run on this machine on any data."""
         component, reasons = first_fit(cls.role, None)
         if component is None:
-            raise RequirementMissing(f"{AUTO!r} cannot select a {cls.role} for this machine: {reasons}")
+            raise RequirementMissing(
+                f"{AUTO!r} cannot select {with_article(cls.role)}, because none can run on this machine: {reasons}"
+            )
 
 
 @cache

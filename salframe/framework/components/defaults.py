@@ -33,7 +33,9 @@ def default_of(key: str) -> Any:
     """Return the value of `key` in configs/defaults.yaml, such as the default methods for the key `methods`. Raises
     ConfigError if there is none."""
     if key not in defaults():
-        raise ConfigError(f"configs/defaults.yaml has no default for {key!r}, expected one of {', '.join(defaults())}")
+        raise ConfigError(
+            f"the file configs/defaults.yaml has no key {key!r}, expected one of the keys {', '.join(defaults())}"
+        )
     return defaults()[key]
 
 

@@ -50,7 +50,9 @@ class UserFile(_Path):
         try:
             checked.exists()
         except OSError as error:
-            raise ValueError(f"cannot read {shorten(str(path))}: {why(error)}, expected a file or folder") from None
+            raise ValueError(
+                f"cannot read the path {shorten(str(path))}: {why(error)}, expected a readable file or folder"
+            ) from None
         return checked
 
 
@@ -129,7 +131,7 @@ def _value(value: Any, describing: bool) -> Any:
     if isinstance(value, BaseModel):
         return settings_identity(value, describing=describing)
     if isinstance(value, SingleFile) and value.is_dir():
-        raise ConfigError(f"{value} is a folder, expected a file: change the setting that names this folder")
+        raise ConfigError(f"the path {value} is a folder, expected a file: change the setting that has this path")
     if isinstance(value, UserFile):
         return content_sha256(value) or str(value)
     if isinstance(value, Mapping):
@@ -161,7 +163,7 @@ def content_sha256(path: Path) -> str | None:
     except (DataError, WeightsError) as error:
         raise ConfigError(str(error)) from None
     except (OSError, ValueError) as error:
-        raise ConfigError(f"cannot read {path}: {why(error)}") from None
+        raise ConfigError(f"cannot read the file or folder {path}: {why(error)}") from None
 
 
 def _hash_files(folder: Path, files: Sequence[Path]) -> list[list[str]]:
@@ -177,7 +179,8 @@ def _list_files(folder: Path) -> list[Path]:
             size += file.stat().st_size
         if len(files) > MAX_FOLDER_FILES or size > MAX_FOLDER_BYTES:
             raise ConfigError(
-                f"the folder {folder} contains more than {MAX_FOLDER_FILES} files or {MAX_FOLDER_BYTES >> 30} GiB: "
-                "name a file, or a folder that contains only the files that the component needs"
+                f"the folder {folder} contains more than {MAX_FOLDER_FILES} files or {MAX_FOLDER_BYTES >> 30} GiB, "
+                "expected less: change the setting that has this path to a file, or to a folder with only the "
+                "required files"
             )
     return files

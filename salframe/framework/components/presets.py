@@ -114,7 +114,7 @@ def nest_for(pairs: Pairs, scopes: Sequence[str]) -> dict[str, list[dict[str, An
     for path, value in pairs:
         if path[0] not in by_scope or len(path) < 2:
             expected = " or ".join(f"{scope}.KEY" for scope in scopes)
-            raise ConfigError(f"received the setting {'.'.join(path)}, expected {expected}")
+            raise ConfigError(f"received the setting {'.'.join(path)!r}, expected a name of the form {expected}")
         by_scope[path[0]].append(nest(path[1:], value))
     return by_scope
 
@@ -162,7 +162,7 @@ class Overrides:
         if not receivers:
             scopes = [f"{scope}.KEY" for scope in (*self.scopes, *methods)]
             known = sorted({*scopes, *(key for method_keys in keys.values() for key in method_keys)})
-            raise ConfigError(f"received the setting {'.'.join(path)}: {unknown('key', path[0], known)}")
+            raise ConfigError(f"received the setting {'.'.join(path)!r}: {unknown('key', path[0], known)}")
         for name in receivers:
             self.methods[name].append(nest(path, value))
 

@@ -20,7 +20,15 @@ from salframe.framework.component import Component, ComponentConfig, Role, is_ro
 from salframe.framework.components.defaults import AUTO, auto_order
 from salframe.framework.components.entry_points import COMMANDS, GROUP, discover
 from salframe.framework.config import read_yaml
-from salframe.framework.errors import ConfigError, PluginFailed, SalframeError, UnknownName, describe_error, unknown
+from salframe.framework.errors import (
+    ConfigError,
+    PluginFailed,
+    SalframeError,
+    UnknownName,
+    describe_error,
+    unknown,
+    with_article,
+)
 from salframe.framework.files.weights import NetworkWeights
 from salframe.framework.hookspecs import Presets
 
@@ -94,7 +102,8 @@ class Registry:
                 return cast(Any, implementation.function())
         if hasattr(plugin, hook):
             raise SalframeError(
-                f"{plugin.__name__}.{hook} is not marked as a hook: decorate it with @salframe.hookimpl"
+                f"the function {plugin.__name__}.{hook} is not marked as a plugin hook: decorate it with "
+                "@salframe.hookimpl"
             )
         return []
 
@@ -119,7 +128,8 @@ class Registry:
             if key in self._components and self._components[key][0] is not item:
                 provider = self._components[key][1]
                 raise SalframeError(
-                    f"the {key[0]} {key[1]!r} of {package} is already provided by {provider}: choose another name"
+                    f"the package {package} registers the {key[0]} {key[1]!r}, a name that the package {provider} "
+                    "already uses: choose another name"
                 )
             self._components[key] = (item, package)
 
@@ -129,11 +139,14 @@ class Registry:
         for attribute in ("role", "word", "conformance", "presets"):
             value = getattr(role, attribute, None)
             if not (isinstance(value, str) or (attribute == "presets" and value is None)):
-                raise SalframeError(f"{role.__qualname__}.{attribute} of {package} is {value!r}, expected text")
+                raise SalframeError(
+                    f"the class attribute {role.__qualname__}.{attribute} in the package {package} is {value!r}, "
+                    "expected a string"
+                )
         if role.role in self.roles:
             raise SalframeError(
-                f"the role {role.role!r} of {package} has the same name as the role "
-                f"{self.roles[role.role].__qualname__}: choose another name"
+                f"the package {package} registers the role {role.role!r}, a name that the role class "
+                f"{self.roles[role.role].__qualname__} already uses: choose another name"
             )
         self.roles[role.role] = role
         for (folder, name), (path, owner) in list(
@@ -148,8 +161,8 @@ class Registry:
         for path in paths:
             if (key := (path.parent.name, path.stem)) in self._presets:
                 raise SalframeError(
-                    f"the preset {path} of {package} has the same name as the preset {self._presets[key][0]}: "
-                    "choose another name"
+                    f"the package {package} registers the preset {path}, which has the same name as the preset "
+                    f"{self._presets[key][0]}: choose another name"
                 )
         for path in paths:
             self._add_preset(path, package)
@@ -176,7 +189,9 @@ class Registry:
             return self._presets[folder, name][0]
         for failure in self.failures:
             if failure.plugin == f"{folder}/{name}.yaml":
-                raise PluginFailed(f"the preset {failure.plugin} of {failure.package} is invalid: {failure.reason}")
+                raise PluginFailed(
+                    f"the preset {failure.plugin} of the package {failure.package} is invalid: {failure.reason}"
+                )
         return None
 
     def preset_files(self) -> list[tuple[Path, str]]:
@@ -207,18 +222,20 @@ class Registry:
             UnknownName: No plugin provides the component.
         """
         if not isinstance(name, str):  # the `kind` in a YAML file may have any type
-            raise UnknownName(f"received {name!r}, expected the name of a {role}: {', '.join(self.names(role))}")
+            raise UnknownName(
+                f"the key `kind` is {name!r}, expected the name of {with_article(role)}: {', '.join(self.names(role))}"
+            )
         if (role, name) in self._components:
             return self._components[role, name][0]
         if name == AUTO and (order := auto_order(role)):
             raise ConfigError(
-                f"{AUTO!r} selects a {role} only when the data are known: name a {role} "
-                f"({', '.join(order)}, ...), or specify the data"
+                f"{AUTO!r} selects {with_article(role)} only when the dataset is known: choose {with_article(role)} by "
+                f"name ({', '.join(order)}, ...), or specify the dataset"
             )
         for failure in self.failures:
             if name in (failure.plugin, failure.package):
                 raise PluginFailed(
-                    f"{role} {name!r}: the plugin {failure.plugin} of {failure.package} failed to load "
+                    f"{role} {name!r}: the plugin {failure.plugin} of the package {failure.package} failed to load "
                     f"({failure.reason}); try: pip install --force-reinstall {failure.package}"
                 )
         raise UnknownName(unknown(role, name, self.names(role), self.failures))
@@ -241,54 +258,73 @@ def check_declaration(component: Any, roles: dict[str, type[Role]]) -> None:
         isinstance(component, type) and issubclass(component, Component) and getattr(component, "role", None) in roles
     ):
         expected = ", ".join(role.__name__ for role in roles.values())
-        raise SalframeError(f"{component!r} is not a component, expected a subclass of one of {expected}")
+        raise SalframeError(
+            f"a plugin registers {component!r}, which is not a component, expected a subclass of one of {expected}"
+        )
     where = component.__qualname__
     absent = [attribute for attribute in ("name", "version") if not hasattr(component, attribute)]
     if absent:
-        raise SalframeError(f"{where} has no {' and no '.join(absent)}, expected class attributes with these names")
+        raise SalframeError(
+            f"the component class {where} has no class attribute {' and no class attribute '.join(absent)}, expected "
+            "both `name` and `version`"
+        )
     if not isinstance(component.name, str) or re.fullmatch(KEBAB, component.name) is None:
         raise SalframeError(
-            f"{where}.name is {component.name!r}, expected words of lower-case letters and digits joined by hyphens"
+            f"the class attribute {where}.name is {component.name!r}, expected words of lower-case letters and digits, "
+            "joined by hyphens, such as my-detector"
         )
     if component.name == AUTO:
-        raise SalframeError(f"{where}.name is {AUTO!r}, a reserved word for automatic selection: choose another name")
+        raise SalframeError(
+            f"the class attribute {where}.name is {AUTO!r}, a reserved word for automatic selection: choose another "
+            "name"
+        )
     for attribute in ("version", "extra"):
         if not isinstance(getattr(component, attribute), str):
-            raise SalframeError(f"{where}.{attribute} is {getattr(component, attribute)!r}, expected text")
+            raise SalframeError(
+                f"the class attribute {where}.{attribute} is {getattr(component, attribute)!r}, expected a string"
+            )
     for attribute in ("requires", "weights"):
         if not isinstance(getattr(component, attribute), tuple):
             raise SalframeError(
-                f"{where}.{attribute} is {type(getattr(component, attribute)).__name__}, expected a tuple"
+                f"the class attribute {where}.{attribute} has the type {type(getattr(component, attribute)).__name__}, "
+                "expected a tuple"
             )
     for package in component.requires:
         if not (isinstance(package, str) and package.isidentifier()):
-            raise SalframeError(f"{where}.requires contains {package!r}, expected the name of a top-level package")
+            raise SalframeError(
+                f"the class attribute {where}.requires contains {package!r}, expected the import name of a top-level "
+                "package, such as torch"
+            )
     for weights in component.weights:
         if not isinstance(weights, NetworkWeights):
-            raise SalframeError(f"{where}.weights contains {weights!r}, expected NetworkWeights")
+            raise SalframeError(
+                f"the class attribute {where}.weights contains {weights!r}, expected objects of type NetworkWeights"
+            )
     _check_settings(component, where)
 
 
 def _check_settings(component: type[Component], where: str) -> None:
     model = component.Config
     if not (isinstance(model, type) and issubclass(model, ComponentConfig)):
-        raise SalframeError(f"{where}.Config is {model!r}, expected a subclass of ComponentConfig")
+        raise SalframeError(f"the class attribute {where}.Config is {model!r}, expected a subclass of ComponentConfig")
     required = [name for name, field in model.model_fields.items() if field.is_required()]
     if required:
         raise SalframeError(
-            f"{where}.Config has no default for {', '.join(required)}, expected a default for every setting"
+            f"the settings class {where}.Config has no default for {', '.join(required)}, expected a default for every "
+            "setting"
         )
     defaults = model.model_construct()
     unordered = [name for name in model.model_fields if _holds_set(getattr(defaults, name))]
     if unordered:
         raise SalframeError(
-            f"{where}.Config has a set as the default of {', '.join(unordered)}, expected a tuple: sets have no order"
+            f"the settings class {where}.Config has a Python set as the default of {', '.join(unordered)}, expected a "
+            "tuple: sets have no order"
         )
     try:
         json.dumps(defaults.model_dump(mode="json", warnings=False))
     except (PydanticSerializationError, TypeError, ValueError) as error:
         raise SalframeError(
-            f"{where}.Config has a default that cannot be written as JSON: {describe_error(error)}"
+            f"the settings class {where}.Config has a default that cannot be written as JSON: {describe_error(error)}"
         ) from None
 
 
@@ -311,10 +347,11 @@ def check_preset(content: Mapping[str, Any], where: str, role: str) -> None:
         role: The role of the component.
     """
     if not isinstance(content.get("kind"), str):
-        raise ConfigError(f"{where}: `kind` is {content.get('kind')!r}, expected the name of a {role}")
+        received = f"is {content['kind']!r}" if "kind" in content else "is missing"
+        raise ConfigError(f"{where}: the key `kind` {received}, expected the name of {with_article(role)}")
     other = content.get(OTHERWISE)
     if not (other is None or isinstance(other, str)):
-        raise ConfigError(f"{where}: `{OTHERWISE}` is {other!r}, expected the name of another {role}")
+        raise ConfigError(f"{where}: the key `{OTHERWISE}` is {other!r}, expected the name of another {role}")
 
 
 @cache
@@ -340,12 +377,13 @@ def load_commands() -> tuple[dict[str, tuple[Any, str]], list[Failure]]:
             for name, command in dict(plugins.call(entry_point, "salframe_commands")).items():
                 if not (isinstance(name, str) and re.fullmatch(KEBAB, name) and callable(command)):
                     raise SalframeError(
-                        f"the command {name!r} of {package} is {command!r}, expected a kebab-case name and a function"
+                        f"the package {package} registers the command {name!r} as {command!r}, expected a name of "
+                        "lower-case words joined by hyphens, and a function"
                     )
                 if name in commands:
                     raise SalframeError(
-                        f"the command {name!r} of {package} is already provided by {commands[name][1]}: choose "
-                        "another name"
+                        f"the package {package} registers the command {name!r}, a name that {commands[name][1]} "
+                        "already uses: choose another name"
                     )
                 commands[name] = command, package
         except KeyboardInterrupt:

@@ -11,7 +11,7 @@ from salframe.framework.component import ROLE, ComponentConfig
 from salframe.framework.components.auto import Choice, parts_added, undecided
 from salframe.framework.components.defaults import AUTO, auto_order, default_of
 from salframe.framework.components.registry import registry
-from salframe.framework.errors import ConfigError
+from salframe.framework.errors import ConfigError, with_article
 from salframe.framework.validation import validate
 
 
@@ -74,10 +74,13 @@ def slots(role: str, default: tuple[str, ...], description: str) -> Any:
 
     def resolve(value: Any, info: ValidationInfo) -> tuple[ComponentConfig, ...]:
         if not isinstance(value, list | tuple) or not value:
-            raise ValueError(f"received {value!r}, expected a list of at least one {role}")
+            raise ValueError(f"received {value!r}, expected a list with at least one {role}")
         unnamed = [entry for entry in value if isinstance(entry, Mapping) and "kind" not in entry]
         if unnamed:
-            raise ValueError(f"received {unnamed[0]!r}, expected the key `kind` with the name of a {role}")
+            raise ValueError(
+                f"the list entry {unnamed[0]!r} has no key `kind`, expected `kind` with the name of "
+                f"{with_article(role)}"
+            )
         return tuple(_fill(role, "", entry, info) for entry in value)
 
     field = Field(
@@ -104,7 +107,7 @@ def _fill(role: str, default: str, value: Any, info: ValidationInfo) -> Componen
     if isinstance(value, str):
         value = {"kind": value}
     if not isinstance(value, Mapping):
-        raise ValueError(f"received {value!r}, expected the name of a {role} or a mapping with its settings")
+        raise ValueError(f"received {value!r}, expected the name of {with_article(role)}, or a mapping of settings")
     value = {"kind": default, **value}
     if value["kind"] != AUTO or not auto_order(role):
         return validate(registry().get(role, value["kind"]).Config, value, role, choice)
@@ -112,8 +115,8 @@ def _fill(role: str, default: str, value: Any, info: ValidationInfo) -> Componen
         if len(value) > 1:
             keys = ", ".join(f"{role}.{key}" for key in value if key != "kind")
             raise ConfigError(
-                f"received {keys}, but 'auto' selects a {role} only when the data are known: set {role} to one of "
-                f"{', '.join(auto_order(role))}, or specify the data"
+                f"received {keys}, but 'auto' selects {with_article(role)} only when the dataset is known: set {role} "
+                f"to one of {', '.join(auto_order(role))}, or specify the dataset"
             )
         return undecided(role).Config()
     component = choice.choose(role, parts_added(info.data.values()))

@@ -119,7 +119,7 @@ class _Workers:
     def _take(self) -> WorkerProcess:
         with self._lock:  # `stop` ends every worker that was started and prevents new ones
             if self._stopped:
-                raise SalframeError("the engine was stopped before all work was done: run the command again")
+                raise SalframeError("the worker processes were stopped before all work was done: run the command again")
             worker = self._idle.pop() if self._idle else self._start()
             self._busy.add(worker)
             return worker

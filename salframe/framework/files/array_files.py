@@ -25,6 +25,11 @@ _KIND_WORDS = {"b": "booleans", "i": "integers", "u": "unsigned integers", "f": 
 """The word for each `dtype.kind` of a saved array."""
 
 
+def spell_shape(shape: tuple[int | None, ...]) -> str:
+    """Return a shape as text, with `*` for an axis of any length."""
+    return f"({', '.join('*' if length is None else str(length) for length in shape)})"
+
+
 class ArrayKind(NamedTuple):
     """The expected kind and shape of a named array.
 
@@ -38,7 +43,8 @@ class ArrayKind(NamedTuple):
 
     def __str__(self) -> str:
         words = " or ".join(_KIND_WORDS[kind] for kind in self.kinds)
-        return f"{words} of shape ({', '.join('*' if length is None else str(length) for length in self.shape)})"
+        legend = " (*: any length)" if None in self.shape else ""
+        return f"{words} of shape {spell_shape(self.shape)}{legend}"
 
     def fits(self, kind: str, shape: tuple[int | None, ...]) -> bool:
         """Return whether an array of this `dtype.kind` and shape fits. None stands for an axis of varying length."""
@@ -61,13 +67,17 @@ def check_arrays(arrays: Mapping[str, np.ndarray], expected: Mapping[str, ArrayK
         DataError: An array is missing, unexpected, of the wrong kind or shape, or not finite.
     """
     if arrays.keys() != expected.keys():
-        wrong = ", ".join(sorted(arrays.keys() ^ expected.keys())[:3])
-        raise DataError(f"{where} has missing or unexpected arrays ({wrong}), expected {', '.join(expected)}")
+        lacking, unexpected = sorted(expected.keys() - arrays.keys())[:3], sorted(arrays.keys() - expected.keys())[:3]
+        received = [f"no array {' and no array '.join(lacking)}"] if lacking else []
+        received += [f"the unexpected array {' and the unexpected array '.join(unexpected)}"] if unexpected else []
+        raise DataError(f"{where} has {' and '.join(received)}, expected the arrays {', '.join(expected)}")
     for name, array in arrays.items():
         if not expected[name].fits(array.dtype.kind, array.shape):
-            raise DataError(f"{where}: {name} is {array.dtype} {array.shape}, expected {expected[name]}")
+            raise DataError(
+                f"{where}: the array {name} has dtype {array.dtype} and shape {array.shape}, expected {expected[name]}"
+            )
         if array.dtype.kind == "f" and not np.isfinite(array).all():
-            raise DataError(f"{where}: {name} contains NaN or infinity, expected finite numbers")
+            raise DataError(f"{where}: the array {name} contains NaN or infinity, expected finite numbers")
 
 
 def parse_arrays(content: bytes) -> dict[str, np.ndarray]:
@@ -77,14 +87,14 @@ def parse_arrays(content: bytes) -> dict[str, np.ndarray]:
             members = archive.infolist()
             num_bytes = sum(member.file_size for member in members)
             if num_bytes > MAX_BYTES:
-                raise ValueError(f"the arrays of the file have {num_bytes} bytes, expected at most {MAX_BYTES}")
+                raise ValueError(f"the arrays in the file have {num_bytes} bytes, expected at most {MAX_BYTES}")
             arrays = {member.filename.removesuffix(".npy"): _parse(archive.read(member)) for member in members}
     except ValueError:
         raise
     except Exception as error:  # zipfile and zlib raise many types of exceptions
-        raise ValueError(f"the archive is damaged ({error})") from None
+        raise ValueError(f"the .npz archive is damaged ({error})") from None
     if len(arrays) < len(members):
-        raise ValueError("two arrays of the file have the same name, expected different names")
+        raise ValueError("two arrays in the file have the same name, expected different names")
     return arrays
 
 
@@ -166,7 +176,7 @@ def _header(file: BinaryIO, size: int) -> tuple[np.dtype[Any], tuple[int, ...], 
         read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, by_columns, dtype = read(file)
     except Exception as error:  # numpy raises many types of exceptions
-        raise ValueError(f"the numpy header is invalid: {' '.join(str(error).split())[:100]}") from None
+        raise ValueError(f"the header of the .npy array is invalid: {' '.join(str(error).split())[:100]}") from None
     if dtype.hasobject or dtype.kind in "mM":
         content = "Python objects" if dtype.hasobject else dtype
         raise ValueError(f"the file has an array of {content}, expected numbers or text")
@@ -174,7 +184,7 @@ def _header(file: BinaryIO, size: int) -> tuple[np.dtype[Any], tuple[int, ...], 
     for length in shape:
         count *= length
     if min(shape, default=0) < 0 or (not num_bytes and max(shape, default=0) > MAX_AXIS):
-        raise ValueError(f"the file has an array of shape {shape}, expected lengths from 0 to {MAX_AXIS}")
+        raise ValueError(f"the file has an array of shape {shape}, expected axis lengths from 0 to {MAX_AXIS}")
     if count * dtype.itemsize != num_bytes:
         raise ValueError(
             f"the file has {num_bytes} bytes of values, expected {count * dtype.itemsize} for dtype {dtype} and "

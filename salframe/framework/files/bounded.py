@@ -96,7 +96,7 @@ def parse_yaml(content: bytes | str) -> Any:
 
 def _check_depth(depth: int) -> None:
     if depth > MAX_DEPTH:
-        raise ValueError(f"the content has {depth} levels of lists and mappings, expected at most {MAX_DEPTH}")
+        raise ValueError(f"the content has {depth} levels of nested lists and mappings, expected at most {MAX_DEPTH}")
 
 
 def _finite(text: str) -> float:
@@ -128,7 +128,8 @@ def _check_events(content: bytes | str) -> None:
             count = counts.get(anchor, 0)
             if count is None:
                 raise ValueError(
-                    f"the YAML alias *{anchor} refers to a value that contains it, expected no recursive alias"
+                    f"the YAML alias *{anchor} refers to a value that contains this alias, expected an alias of "
+                    "another value"
                 )
             nodes += count
         elif isinstance(event, yaml.ScalarEvent):
@@ -156,7 +157,7 @@ def _check_plain(value: Any) -> None:
     if isinstance(value, dict):
         for key, part in value.items():
             if isinstance(key, bool) or not isinstance(key, str | int):
-                raise ValueError(f"received the key {key!r}, expected text or an integer")
+                raise ValueError(f"received the key {key!r}, expected a key that is text or an integer")
             _check_plain(key)
             _check_plain(part)
     elif isinstance(value, list):

@@ -148,5 +148,5 @@ def _limit_bytes() -> int:
     except (ValueError, OverflowError):
         limit_bytes = -1
     if limit_bytes < 0:
-        raise ConfigError(f"received {LIMIT}={text!r}, expected a number of gigabytes that is at least 0")
+        raise ConfigError(f"the environment variable {LIMIT} is {text!r}, expected a number of gigabytes, at least 0")
     return limit_bytes

@@ -13,8 +13,8 @@ from urllib.parse import quote
 import numpy as np
 from pydantic import Field, model_validator
 
-from salframe.framework.errors import DataError
-from salframe.framework.files.array_files import MAX_AXIS, ArrayKind, map_array
+from salframe.framework.errors import DataError, counted
+from salframe.framework.files.array_files import MAX_AXIS, ArrayKind, map_array, spell_shape
 from salframe.framework.files.reading import read_model, reading
 from salframe.framework.files.writing import write_text
 from salframe.framework.validation import Settings
@@ -54,12 +54,12 @@ class _Table(Settings):
     def _check(self) -> _Table:
         names = [column.name for column in self.columns]
         if duplicates := [name for name in names if names.count(name) > 1]:
-            raise ValueError(f"the column {duplicates[0]!r} is listed twice, expected different names")
+            raise ValueError(f"the column {duplicates[0]!r} is listed twice, expected different column names")
         for column in self.columns:
             if len(set(column.absent)) < len(column.absent) or max(column.absent, default=-1) >= self.rows:
                 raise ValueError(
-                    f"the column {column.name} lists absent rows that are repeated or out of range, expected "
-                    f"distinct rows below {self.rows}"
+                    f"the list `absent` of the column {column.name!r} has a row number that is repeated or too large, "
+                    f"expected different row numbers below {self.rows}"
                 )
         return self
 
@@ -171,7 +171,8 @@ class _Spool:
         dimensions = sorted({self._empty.ndim, *(array.ndim for array in complete)})
         if len(dimensions) > 1:
             raise DataError(
-                f"arrays named {self._name!r} have {dimensions} dimensions, expected the same number in all"
+                f"the arrays named {self._name!r} have {' and '.join(map(str, dimensions))} dimensions, expected the "
+                "same number of dimensions in all frames"
             )
         self._shapes.append(np.array([array.shape for array in complete], np.int64).reshape(len(arrays), *dimensions))
         self.absent += [self._rows + i for i, array in enumerate(arrays) if array is None]
@@ -181,7 +182,7 @@ class _Spool:
             if len(self._contents) > 1 or "Python objects" in self._contents:
                 received = " and ".join(sorted(self._contents))
                 raise DataError(
-                    f"arrays named {self._name!r} contain {received}, expected either only numbers or only strings"
+                    f"the arrays named {self._name!r} contain {received}, expected either only numbers or only strings"
                 )
             self._write(np.concatenate(parts))
 
@@ -253,9 +254,8 @@ def read_columns(folder: Path, expected: Mapping[str, ArrayKind] | None = None) 
             shapes[:, axis] = next(lengths) if length is None else min(length, MAX_AXIS)
         if values.ndim != 1 or shapes.prod(1, dtype=float).sum() != len(values):
             raise DataError(
-                f"{path} has an array of shape {values.shape}, expected "
-                f"({shapes.prod(1, dtype=float).sum():.0f},), the number of values in {folder / TABLE}: build the map "
-                "again"
+                f"{path} has an array of shape {values.shape}, expected ({shapes.prod(1, dtype=float).sum():.0f},) "
+                f"according to {folder / TABLE}: build the map again"
             )
         if expected is not None and column.words is None:
             _check_values(path, values, expected[column.name])
@@ -306,8 +306,9 @@ def _check_columns(path: Path, table: _Table, expected: Mapping[str, ArrayKind])
         kind = expected[column.name]
         if column.absent or not kind.fits("U" if column.words is not None else kind.kinds[0], column.shape):
             raise DataError(
-                f"{path}: the column {column.name} has arrays of shape {column.shape}, and {len(column.absent)} rows "
-                f"without one, expected {kind} in every row: build the map again"
+                f"{path}: the column {column.name} has arrays of shape {spell_shape(column.shape)} and "
+                f"{counted(len(column.absent), 'row')} without an array, expected {kind} in every row: build the map "
+                "again"
             )
 
 
@@ -325,7 +326,8 @@ def _check_words(path: Path, numbers: np.ndarray, words: Sequence[str]) -> None:
         )
     if len(numbers) and numbers.max() >= len(words):
         raise DataError(
-            f"{path} contains the index {numbers.max()}, expected an index below {len(words)}: build the map again"
+            f"{path} contains the word number {numbers.max()}, expected a number below {len(words)}, the number of "
+            "words: build the map again"
         )
 
 

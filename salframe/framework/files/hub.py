@@ -175,7 +175,10 @@ def fetch_hub_model(name: str, progress: ByteProgress = lambda done, total: None
         pass
     if importlib.util.find_spec("huggingface_hub") is None:
         remedy = f"pip install '{EXTRA}'"
-        raise RequirementMissing(f"{reference} needs huggingface_hub, which is not installed: {remedy}", remedy)
+        raise RequirementMissing(
+            f"the download of {reference} needs the Python package huggingface_hub, which is not installed: {remedy}",
+            remedy,
+        )
     from huggingface_hub import HfApi
 
     api = HfApi(endpoint=os.environ.get("HF_ENDPOINT"))
@@ -233,8 +236,8 @@ def _select(reference: HubReference, files: Sequence[Any]) -> list[Any]:
     if "config.json" not in names or not weights:
         missing = "no config.json" if "config.json" not in names else "no model.safetensors"
         raise WeightsError(
-            f"{reference} has {missing}, expected both config.json and model.safetensors (other formats can execute "
-            "code): choose a revision with both files, such as @refs/pr/1"
+            f"the model {reference} has {missing}, expected both config.json and model.safetensors (other formats can "
+            "execute code): choose a revision with both files, such as @refs/pr/1"
         )
     texts = {name for name in names if re.fullmatch(r"[\w.-]+", name) and name.endswith(_TEXTS) and name != MANIFEST}
     return sorted((file for file in files if file.rfilename in weights | texts), key=lambda file: file.rfilename)
@@ -312,8 +315,8 @@ def _explaining(reference: HubReference, endpoint: str) -> Iterator[None]:
         yield
     except errors.GatedRepoError:
         raise WeightsError(
-            f"{reference} is for registered users: accept its terms at {endpoint}/{reference.repository}, "
-            "and set the environment variable HF_TOKEN to your access token"
+            f"the model {reference} is restricted to registered users: accept its terms at "
+            f"{endpoint}/{reference.repository}, and set the environment variable HF_TOKEN to your access token"
         ) from None
     except errors.RepositoryNotFoundError:
         raise WeightsError(
@@ -328,6 +331,6 @@ def _explaining(reference: HubReference, endpoint: str) -> Iterator[None]:
     except Exception as error:  # the exceptions of its HTTP client have no common base class
         reason = shorten(one_line(error), 120) or type(error).__name__
         raise WeightsError(
-            f"cannot download {reference} from {endpoint} ({reason}): fetch it on another machine and copy the folder "
-            f"{reference.folder} to this machine, or name a local folder of the model"
+            f"cannot download the model {reference} from {endpoint} ({reason}): download it on another machine and "
+            f"copy the folder {reference.folder} to this machine, or use a local folder of the model"
         ) from None

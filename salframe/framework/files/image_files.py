@@ -100,7 +100,7 @@ def decode_image(content: bytes, mode: int, name: str) -> ImageFile:
         raise _unreadable(name, content) from None
     if width * height > MAX_PIXELS:
         raise DataError(
-            f"{name} is {width} x {height}, expected at most {MAX_PIXELS} pixels: reduce the size of the image"
+            f"{name} is {width} x {height}, expected at most {MAX_PIXELS} pixels in total: reduce the size of the image"
         )
     is_large = width * height > MAX_DECODED_PIXELS
     halved = {cv2.IMREAD_COLOR: cv2.IMREAD_REDUCED_COLOR_2, cv2.IMREAD_GRAYSCALE: cv2.IMREAD_REDUCED_GRAYSCALE_2}
@@ -116,7 +116,9 @@ def decode_image(content: bytes, mode: int, name: str) -> ImageFile:
 
 
 def _unreadable(name: str, content: bytes) -> DataError:
-    return DataError(f"{name} is not a readable image ({len(content)} bytes), expected a complete JPEG or PNG")
+    return DataError(
+        f"{name} is not a readable image (file size {len(content)} bytes), expected a complete JPEG or PNG"
+    )
 
 
 def _check_complete(content: bytes) -> tuple[int, int, tuple[bytes, ...]]:

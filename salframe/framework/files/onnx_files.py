@@ -55,11 +55,13 @@ def _resolve(path: Path, location: str) -> Path:
     file = path.parent / location
     if is_absolute or ".." in windows.parts or not file.resolve().is_relative_to(path.parent.resolve()):
         raise WeightsError(
-            f"{path} stores weights in {location!r}, outside its own folder: save the network again, with all files "
-            "in one folder"
+            f"the network {path} stores weights in {location!r}, outside the folder of the network, expected all files "
+            "in one folder: save the network again"
         )
     if not file.is_file():
-        raise WeightsError(f"{path} stores weights in {location!r}, but this file is missing: copy it to {file}")
+        raise WeightsError(
+            f"the network {path} stores weights in {location!r}, but this file is missing: copy it to {file}"
+        )
     return file
 
 

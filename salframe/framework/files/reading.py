@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
-from salframe.framework.errors import ConfigError, DataError, WeightsError, one_line
+from salframe.framework.errors import ConfigError, DataError, WeightsError, content_type, one_line
 from salframe.framework.files.array_files import MAX_BYTES, parse_arrays
 from salframe.framework.files.bounded import check_regular, parse_json, read_bytes, why
 from salframe.framework.validation import describe_faults, validate
@@ -86,7 +86,7 @@ def read_model(path: Path, model: type[_Model]) -> _Model:
     """Read JSON as an instance of a pydantic model. Raises DataError if it is invalid."""
     content = read_json(path)
     if not isinstance(content, Mapping):
-        raise DataError(f"{path} contains {type(content).__name__}, expected a JSON object")
+        raise DataError(f"{path} contains {content_type(content)}, expected a JSON object")
     try:
         return validate(model, content, f"{path}:")
     except ConfigError as error:
@@ -108,7 +108,7 @@ def read_lines(path: Path) -> Iterator[Any]:
             yield parse_json(line)
         except ValueError:
             raise DataError(
-                f"{path}, line {number}, is not JSON: remove this line, and its result is computed again"
+                f"{path}, line {number}, is not valid JSON: remove this line; the next run computes its result again"
             ) from None
 
 
@@ -181,7 +181,7 @@ def read_csv_numbers(path: Path, columns: Sequence[str], optional: Sequence[str]
             except ValueError:
                 numbers[number, place] = np.nan
             if not np.isfinite(numbers[number, place]):
-                raise DataError(f"{path}: {name} is {text!r} in row {number + 1}, expected a finite number")
+                raise DataError(f"{path}: the column {name} is {text!r} in row {number + 1}, expected a finite number")
     return numbers
 
 

@@ -144,7 +144,7 @@ class Download:
                 except OSError as error:
                     failures.append(f"{address}: {getattr(error, 'reason', None) or error}")
             else:
-                raise WeightsError(f"download failed: {'; '.join(failures)}")
+                raise WeightsError(f"the download of the weights file {file.name} failed: {'; '.join(failures)}")
             before += file.size_bytes
 
 
@@ -218,7 +218,9 @@ class Shipped:
 
     def fetch(self, files: tuple[WeightsFile, ...], directory: Path, progress: ByteProgress) -> None:
         """Raise WeightsError, since the files have no other source."""
-        raise WeightsError(f"{self.folder} has no {', '.join(file.name for file in files)}: install salframe again")
+        raise WeightsError(
+            f"the folder {self.folder} has no file {', '.join(file.name for file in files)}: install salframe again"
+        )
 
 
 @dataclass(frozen=True)
@@ -296,7 +298,7 @@ class NetworkWeights:
             names = ", ".join(file.name for file in self.files)
             if len(self.files) > 1 and override.is_file():
                 raise WeightsError(
-                    f"weights {self.name!r}: {override} is a file, expected a folder that contains {names}"
+                    f"weights {self.name!r}: the path {override} is a file, expected a folder that contains {names}"
                 )
             return tuple(
                 self._local_path(override / file.name if override.is_dir() else override) for file in self.files
@@ -309,7 +311,7 @@ class NetworkWeights:
         path = path if path.is_file() else self.source.installed(file) or path
         if not path.is_file():
             raise WeightsError(
-                f"weights {self.name!r}: {path} is missing (sha256 {file.sha256}); download it with: "
+                f"weights {self.name!r}: the file {path} is missing (sha256 {file.sha256}); download it with: "
                 f"{self._fetch_command}",
                 self._fetch_command,
             )
@@ -319,8 +321,8 @@ class NetworkWeights:
         """Return the path of a local file. Raises WeightsError if there is none."""
         if not path.is_file():
             raise WeightsError(
-                f"weights {self.name!r}: {path} does not exist; correct the path in the settings, or download the "
-                f"weights with: {self._fetch_command}",
+                f"weights {self.name!r}: the file {path} does not exist; correct the path in the settings, or download "
+                f"the weights with: {self._fetch_command}",
                 self._fetch_command,
             )
         return path
@@ -343,4 +345,4 @@ def _verify(path: Path, file: WeightsFile, context: str) -> None:
     """Raise WeightsError if the sha256 of a file is wrong. `context` ends the message."""
     received = file_sha256(path)
     if received != file.sha256:
-        raise WeightsError(f"{path} has sha256 {received}, expected {file.sha256}; {context}")
+        raise WeightsError(f"the file {path} has the sha256 hash {received}, expected {file.sha256}; {context}")

@@ -70,7 +70,7 @@ def new_folder(path: Path) -> Iterator[Path]:
         ConfigError: `path` exists.
     """
     if path.exists():
-        raise ConfigError(f"{path} already exists: remove it, or choose another folder")
+        raise ConfigError(f"the output {path} already exists, expected a new path: remove it, or choose another folder")
     temporary = path.with_name(f".{path.name}-{os.getpid()}-{time.monotonic_ns()}")
     temporary.mkdir(parents=True)
     try:
@@ -105,7 +105,7 @@ def lock_folder(folder: Path, instead: str) -> Iterator[None]:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise ConfigError(
-                f"another process writes to {folder}: wait until that process ends, or {instead}"
+                f"another process writes to the folder {folder}: wait until that process ends, or {instead}"
             ) from None
         except OSError:  # some network file systems have no locks
             pass
@@ -153,4 +153,4 @@ def write_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
 def check_picture_output(path: Path) -> None:
     """Raise ConfigError if `path` exists and is not a PNG."""
     if path.exists() and not (path.is_file() and read_start(path, len(PNG)) == PNG):
-        raise ConfigError(f"{path} exists and is not a PNG file: choose a new file name")
+        raise ConfigError(f"the output file {path} exists and is not a PNG image: choose a new file name")

@@ -119,5 +119,5 @@ def test_a_run_without_a_measured_method_has_a_page(fakes):
 
 def test_a_task_without_a_page_is_refused(furnished, tmp_path):
     run = measure_matching(Request(("points",), "furnished", engine="inline")).run
-    with pytest.raises(ConfigError, match="a run of the task 'matching', which has no HTML report"):
+    with pytest.raises(ConfigError, match="has the task 'matching', which has no HTML report"):
         write_report([run], tmp_path / "page.html")

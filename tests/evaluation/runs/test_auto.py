@@ -41,13 +41,13 @@ def taken(*settings):
 
 
 def test_annotations_come_first(detectors):
-    assert taken() == ("annotations", ("objects: auto selected the detector annotations",))
+    assert taken() == ("annotations", ("objects: 'auto' selected the detector 'annotations'",))
 
 
 def test_segments_come_next_where_their_weights_are(detectors):
-    assert taken(BARE) == ("segments", ("objects: auto selected the detector segments",))
+    assert taken(BARE) == ("segments", ("objects: 'auto' selected the detector 'segments'",))
     ABSENT.touch()
-    assert taken(BARE) == ("panoseg", (f"objects: auto selected the detector panoseg, which {REMARK}",))
+    assert taken(BARE) == ("panoseg", (f"objects: 'auto' selected the detector 'panoseg', which {REMARK}",))
 
 
 def test_a_name_that_nobody_brings_is_left_out(plugins):
@@ -63,13 +63,13 @@ def test_where_none_can_one_line_says_why_for_each(detectors):
     row = result.row("objects")
     assert not row.available
     assert row.reason == (
-        "'auto' cannot select a detector for furnished: "
-        "annotations: needs annotations, which the data does not have; "
-        "segments: no file ade20k.tflite; get it with: salframe weights fetch ade20k; "
-        "panoseg: needs range, which the data does not have"
+        "'auto' cannot select a detector for furnished, because none can run: "
+        "'annotations': needs annotations, which the data does not have; "
+        "'segments': no file ade20k.tflite; get it with: salframe weights fetch ade20k; "
+        "'panoseg': needs range images, which the data does not have"
     )
     assert result.row("named").measured
-    with pytest.raises(InputMissing, match=r"'auto' cannot select a detector .*; segments: no file"):
+    with pytest.raises(InputMissing, match=r"'auto' cannot select a detector .*; 'segments': no file"):
         resolve(request(settings=(BARE, NO_RANGE, "detector.noise=none")))
 
 
@@ -78,7 +78,9 @@ def test_settings_go_to_what_it_became_or_are_refused_in_its_name(detectors):
     ABSENT.touch()
     found = resolve(request(settings=(BARE, "detector.min_score=0.5")))
     assert found.methods["objects"].detector.min_score == 0.5
-    with pytest.raises(ConfigError, match=r"unknown key detector\.noise .* \('auto' selected the detector 'panoseg'\)"):
+    with pytest.raises(
+        ConfigError, match=r"unknown setting detector\.noise .* \('auto' selected the detector 'panoseg'\)"
+    ):
         resolve(request(settings=(BARE, "detector.noise=none")))
     with pytest.raises(
         ConfigError, match=r"detector\.min_score: received 'x'.* \('auto' selected the detector 'panoseg'\)"
@@ -92,11 +94,11 @@ def test_a_named_detector_is_taken_as_it_is(detectors):
     Path("mine.yaml").write_text("kind: objects\ndetector: {kind: auto, noise: none}\n")
     found = resolve(request("mine.yaml", "objects"))
     assert found.methods["mine"].detector.noise == "none"
-    assert found.notes == ("mine, objects: auto selected the detector annotations",)
+    assert found.notes == ("mine, objects: 'auto' selected the detector 'annotations'",)
 
 
 def test_it_is_told_in_table_json_and_report_and_is_what_ran(detectors):
-    note = "objects: auto selected the detector annotations"
+    note = "objects: 'auto' selected the detector 'annotations'"
     asked = ("compare", "--methods", "objects", "--data", "furnished", "--engine", "inline")
     printed = salframe(*asked)
     assert printed.code == 0
@@ -124,7 +126,7 @@ def test_a_run_is_another_one_once_it_becomes_another(detectors):
 
 def test_a_map_holds_what_it_became_and_opens_without_the_data(detectors):
     done = salframe("build", "furnished", "-o", "map", "--method", "objects")
-    assert (done.code, done.err) == (0, "objects: auto selected the detector annotations\n")
+    assert (done.code, done.err) == (0, "objects: 'auto' selected the detector 'annotations'\n")
     assert map_config(Path("map")).detector.kind == "annotations"
     assert open_map(Path("map")).localizer.config.detector.kind == "annotations"
     asked = salframe("localize", "map", "bedroom-query", "--data", "furnished")
@@ -132,7 +134,10 @@ def test_a_map_holds_what_it_became_and_opens_without_the_data(detectors):
     ABSENT.touch()
     refused = salframe("build", "furnished", "-o", "none", "--method", "objects", "--set", BARE, "--set", NO_RANGE)
     assert (refused.code, refused.out, refused.err.count("\n")) == (2, "", 1)
-    assert "'auto' cannot select a detector for furnished: annotations: needs annotations" in refused.err
+    assert (
+        "'auto' cannot select a detector for furnished, because none can run: 'annotations': needs annotations"
+        in refused.err
+    )
 
 
 def test_it_is_varied_by_an_ablation(detectors):
@@ -140,14 +145,14 @@ def test_it_is_varied_by_an_ablation(detectors):
     Path("kinds.yaml").write_text(yaml.safe_dump(plan))
     done = salframe("ablate", "kinds.yaml", "--engine", "inline", "--json")
     assert [row["input"] for row in done.json["rows"]] == [["annotations"], ["rgb", "range"]]
-    assert "objects[detector.kind=auto]: auto selected the detector annotations" in done.json["notes"]
+    assert "objects[detector.kind=auto]: 'auto' selected the detector 'annotations'" in done.json["notes"]
 
 
 def test_without_data_it_stays_undecided_and_is_not_built(detectors):
     config = configure_default("localizer", "objects")
     assert config.detector.kind == "auto"
     with pytest.raises(
-        ConfigError, match=r"'auto' selects a detector only when the data are known.*\(annotations, seg"
+        ConfigError, match=r"'auto' selects a detector only when the dataset is known.*\(annotations, seg"
     ):
         registry().build("localizer", config)
     with pytest.raises(ConfigError, match=r"received detector\.noise, but 'auto' selects .* one of annotations"):
@@ -163,7 +168,9 @@ def test_a_listing_says_whether_anything_could_run(detectors, plugins):
     assert entry["available"]
     plugins("salframe_objects")
     (entry,) = [one for one in salframe("methods", "--json").json if one["name"] == "objects"]
-    assert entry["missing"] == "'auto' cannot select a detector for this machine: none is installed"
+    assert (
+        entry["missing"] == "'auto' cannot select a detector, because none can run on this machine: none is installed"
+    )
     with pytest.raises(RequirementMissing, match="none is installed"):
         registry().build("localizer", configure_default("localizer", "objects"))
 
@@ -185,7 +192,7 @@ def test_where_agents_walk_and_topologies_are_made_the_same_is_said(plugins):
         "salframe_trackers",
         folders=(".", "navigation"),
     )
-    reason = "'auto' cannot select a detector for apartment: annotations: needs annotations, "
+    reason = "'auto' cannot select a detector for apartment, because none can run: 'annotations': needs annotations, "
     walked = navigate(Request(("objects",), "apartment", engine="inline"), episodes=2)
     assert walked.row("objects").reason.startswith(reason)
     made = salframe("map", "build", "apartment", "-o", "map", "--method", "objects")

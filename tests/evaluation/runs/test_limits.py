@@ -10,8 +10,11 @@ from salframe.evaluation.runs.request import Request
 from salframe.evaluation.tasks.localization.task import compare
 from salframe.framework.errors import ConfigError
 
-DIED = "its process died: it was killed, ran out of memory, or a library crashed"
-LONG, LARGE = "took more than 3 s, the limit of --timeout", "used more than 450 MB, the limit of --memory"
+DIED = "the worker process died: it was killed, ran out of memory, or crashed in a library"
+LONG, LARGE = (
+    "the worker process took more than 3 s, the limit of --timeout",
+    "the worker process used more than 450 MB, the limit of --memory",
+)
 
 
 def ask(*settings: str, methods: tuple[str, ...] = ("deadly", "reader"), **limits: float):

@@ -94,10 +94,10 @@ def test_settings_that_the_stand_in_cannot_take_leave_it_as_it_is(faults, preset
     assert found.methods["plain"].refuse_in == 4
     (note,) = found.notes
     assert note.startswith(
-        "plain is used instead of fancy: narrow needs no_such_package, which is not installed; plain runs with its "
-        "default "
+        "plain is used instead of fancy: narrow needs the Python package no_such_package, which is not installed; "
+        "plain runs with its default "
     )
-    assert "does not have the requested ones: unknown key plain.depth (known: offset," in note
+    assert "does not have the requested ones: unknown setting plain.depth (known settings: offset," in note
 
 
 def test_a_stand_in_that_cannot_run_as_it_is_set_leaves_the_method(faults, presets):

@@ -49,7 +49,7 @@ def test_a_damaged_line_in_the_middle_is_an_error(tmp_path):
 def test_rows_refuse_nan(tmp_path):
     with (
         RowWriter(tmp_path / "rows.jsonl") as rows,
-        pytest.raises(InvalidAnswer, match=r"NaN or infinite.*query_ms.*nan"),
+        pytest.raises(InvalidAnswer, match=r"NaN or infinity.*query_ms.*nan"),
     ):
         rows.append({"query_ms": float("nan")})
     assert list(read_rows(tmp_path / "rows.jsonl", dict)) == []
@@ -67,7 +67,7 @@ def test_a_covariance_on_the_floor_and_in_space_is_read_again(tmp_path, side):
     with RowWriter(tmp_path / "rows.jsonl") as rows:
         rows.append({**row, "covariance": [[1.0, 0.0], [0.0, 1.0]]})
     with pytest.raises(
-        DataError, match=r"covariance of a pose has \d+ rows of lengths \[.*\], expected 3 x 3 or 6 x 6"
+        DataError, match=r"`covariance` of an answer has \d+ rows of lengths .*, expected 3 x 3 or 6 x 6"
     ):
         list(read_rows(tmp_path / "rows.jsonl", AnswerRow))
 

@@ -93,8 +93,8 @@ NONSENSE = {
     "posed": "a localization has the status no-pose and a pose, expected no pose",
     "poseless": "a localization has the status ok and no pose, expected a pose",
     "placeless": "a localization has the status no-pose and no place, expected a place",
-    "elsewhere": "the function `match` returned the frame 'map-9' with the place 'room-9', expected a reference frame",
-    "misplaced": "the function `match` returned the frame 'map-0' with the place 'room-1', expected a reference frame",
+    "elsewhere": "the function `match` of the method returned the frame 'map-9' with the place 'room-9'",
+    "misplaced": "the function `match` of the method returned the frame 'map-0' with the place 'room-1'",
     "mapping": "the function `match` returned dict, expected a Localization",
     "nothing": "the function `match` returned NoneType, expected a Localization",
     "text": "the function `match` returned str, expected a Localization",
@@ -148,7 +148,7 @@ def test_another_comparison_with_a_method_more_asks_only_that_one(fakes, asked):
     assert asked == ["greedy"] * 6
     assert after["reader"] == before["reader"]
     assert kept(second) == kept(first)
-    assert f"reader: the answers and times of the run {first.run} are reused" in second.notes
+    assert f"method reader: the answers and times of the earlier run {first.run} are reused" in second.notes
     assert "reused" not in " ".join(first.notes)
     assert run(["reader", "greedy"], name="another")[1].notes == second.notes  # of the resumed run too
 
@@ -241,7 +241,7 @@ def test_a_full_disk_costs_the_report_and_not_the_table(fakes, monkeypatch):
     done = salframe("compare", "--methods", "reader", "--data", "rooms", "--engine", "inline")
     assert done.code == 0
     assert "100.0 (72-100)" in done.out
-    assert "metrics and report could not be written: No space left on device" in done.out
+    assert "the metrics and the report of the run could not be written: No space left on device" in done.out
 
 
 def test_a_folder_that_cannot_be_written_to_is_one_line(fakes, tmp_path):

@@ -166,7 +166,9 @@ def test_a_table_that_is_wrong_costs_itself(rooms):
 def test_wrong_experiments_are_told(rooms):
     with pytest.raises(UnknownName, match="unknown experiment 'roms', did you mean 'rooms'"):
         read_experiment("roms")
-    with pytest.raises(ConfigError, match="first: quick: unknown method 'one of', did you mean 'one off'"):
+    with pytest.raises(
+        ConfigError, match="first: the key `quick` has an unknown method 'one of', did you mean 'one off'"
+    ):
         run_experiment(write(first={**ROOMS, "quick": {"methods": ["one of"]}}), REQUEST, results="results", quick=True)
     with pytest.raises(ConfigError, match="unknown column 'acuracy'"):
         read_experiment(write(first={**ROOMS, "columns": ["acuracy"]}))

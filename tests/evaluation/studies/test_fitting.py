@@ -89,10 +89,13 @@ def test_runs_with_hidden_places_have_another_fingerprint_and_share_descriptions
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("greedy", "--data", "rooms", "-o", "out.txt"), "the file out.txt, expected one that ends in .yaml or .yml"),
+        (
+            ("greedy", "--data", "rooms", "-o", "out.txt"),
+            "the output file is out.txt, expected a file name that ends in .yaml or .yml",
+        ),
         (("plain", "--data", "rooms", "-o", "out.yaml"), "unknown method 'plain'"),
         (("reader", "--data", "rooms", "--set", "data.rooms=1", "-o", "out.yaml"), "0 answers to out-of-map queries"),
-        (("ranger", "--data", "rooms", "-o", "out.yaml"), "needs range, which the dataset rooms does not have"),
+        (("ranger", "--data", "rooms", "-o", "out.yaml"), "needs range images, which the dataset rooms does not have"),
     ],
 )
 def test_what_cannot_be_fitted_is_one_line(fakes, tmp_path, arguments, message):
@@ -159,8 +162,8 @@ def test_settings_are_tried_and_evidence_is_weighed(fakes, monkeypatch, tmp_path
     refused = run("fit", "weighing", *ROOMS, "-o", "no.yaml", "--try", "colour=1")
     assert (refused.code, len(refused.err.splitlines())) == (2, 1)
     assert (
-        "--try received {'colour': 1}, which changes how panoramas are described, expected settings of the matching"
-        in refused.err
+        "--try received colour=1, which changes the descriptions (features) of panoramas, expected settings of the "
+        "matching" in refused.err
     )
 
 

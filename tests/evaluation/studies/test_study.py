@@ -102,14 +102,14 @@ def test_methods_by_name_have_settings_of_their_own(fakes):
 
 def test_a_shipped_ablation_is_read_by_its_name():
     assert read_study(Path("positioners")).vary["positioner"] == ("robust", "least-squares", None)
-    with pytest.raises(ConfigError, match="cannot read position"):
+    with pytest.raises(ConfigError, match="cannot read the file position"):
         read_study(Path("position"))
 
 
 def test_values_that_are_spelt_alike_are_told_apart_or_refused(fakes):
     file = write(method="reader", data="rooms", vary={"offset": [1, 1]})
     with pytest.raises(
-        ConfigError, match=r"sweep\.yaml: two combinations of settings have the label reader\[offset=1\]"
+        ConfigError, match=r"sweep\.yaml: two combinations of settings have the same label reader\[offset=1\]"
     ):
         ablate(file, Request((), engine="inline"))
 

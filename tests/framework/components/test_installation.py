@@ -63,7 +63,10 @@ def test_components_are_listed_with_what_they_lack(models):
     assert found["model"].missing is None
     assert (found["model"].version, found["model"].package) == ("3", "a-package")
     assert found["model"].summary == "A model whose summary takes two lines."
-    lacks = "demanding needs no_such_package_of_salframe, which is not installed: pip install 'no-such-package[all]'"
+    lacks = (
+        "demanding needs the Python package no_such_package_of_salframe, which is not installed: "
+        "pip install 'no-such-package[all]'"
+    )
     assert found["demanding"].missing == lacks
     assert found["crashing"].missing == "ZeroDivisionError: division by zero"
     with pytest.raises(RequirementMissing):

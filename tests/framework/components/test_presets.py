@@ -116,14 +116,14 @@ def test_a_yaml_file_is_a_method_and_a_data_set(fakes, tmp_path, suffix):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("offset: 2\n", r"mine\.yaml: `kind` is None, expected the name of a localizer"),
-        ("kind: 3\n", r"mine\.yaml: `kind` is 3"),
+        ("offset: 2\n", r"mine\.yaml: the key `kind` is missing, expected the name of a localizer"),
+        ("kind: 3\n", r"mine\.yaml: the key `kind` is 3"),
         (
             "kind: reader\notherwise: [x]\n",
-            r"mine\.yaml: `otherwise` is \['x'\], expected the name of another localizer",
+            r"mine\.yaml: the key `otherwise` is \['x'\], expected the name of another localizer",
         ),
-        ("- kind\n", r"mine\.yaml contains list, expected a mapping"),
-        ("kind: [\n", r"mine\.yaml is not YAML: "),
+        ("- kind\n", r"mine\.yaml contains a list, expected a mapping"),
+        ("kind: [\n", r"mine\.yaml is not valid YAML: "),
         (None, r"cannot read .*mine\.yaml: No such file"),
         ("kind: reader\nbase: absent.yaml\n", r"cannot read .*absent\.yaml: No such file"),
     ],
@@ -176,5 +176,7 @@ def test_settings_are_nested_by_their_scope():
     given = [(("data", "a", "b"), 1), (("data", "c"), 2)]
     assert nest_for(given, ("data", "engine")) == {"data": [{"a": {"b": 1}}, {"c": 2}], "engine": []}
     for path in (("rooms",), ("data",), ("localizer", "a")):
-        with pytest.raises(ConfigError, match=r"received the setting .*, expected data\.KEY or engine\.KEY"):
+        with pytest.raises(
+            ConfigError, match=r"received the setting .*, expected a name of the form data\.KEY or engine\.KEY"
+        ):
             nest_for([(path, 1)], ("data", "engine"))

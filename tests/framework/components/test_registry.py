@@ -60,27 +60,30 @@ class Nameless(SaliencyModel):
     [
         (
             declared(name="My model"),
-            "Changed.name is 'My model', expected words of lower-case letters and digits joined by",
+            "Changed.name is 'My model', expected words of lower-case letters and digits, joined by",
         ),
         (declared(name="two--hyphens"), "Changed.name is 'two--hyphens'"),
         (declared(name=7), "Changed.name is 7, expected words"),
-        (Nameless, "Nameless has no name and no version"),
-        (declared(version=2), "Changed.version is 2, expected text"),
-        (declared(extra=None), "Changed.extra is None, expected text"),
-        (declared(requires="torch"), "Changed.requires is str, expected a tuple"),
-        (declared(weights=[]), "Changed.weights is list, expected a tuple"),
-        (declared(weights=("small.pt",)), "Changed.weights contains 'small.pt', expected NetworkWeights"),
+        (Nameless, "Nameless has no class attribute name and no class attribute version"),
+        (declared(version=2), "Changed.version is 2, expected a string"),
+        (declared(extra=None), "Changed.extra is None, expected a string"),
+        (declared(requires="torch"), "Changed.requires has the type str, expected a tuple"),
+        (declared(weights=[]), "Changed.weights has the type list, expected a tuple"),
+        (
+            declared(weights=("small.pt",)),
+            "Changed.weights contains 'small.pt', expected objects of type NetworkWeights",
+        ),
         (
             declared(Config=config(labels=(frozenset[str], frozenset("ab")))),
-            "Changed.Config has a set as the default of labels",
+            "Changed.Config has a Python set as the default of labels",
         ),
         (
             declared(Config=config(parts=(dict, {"a": ({1},)}))),
-            "Changed.Config has a set as the default of parts, expected a tuple",
+            "Changed.Config has a Python set as the default of parts, expected a tuple",
         ),
         (
             declared(requires=("torch.nn",)),
-            "Changed.requires contains 'torch.nn', expected the name of a top-level package",
+            "Changed.requires contains 'torch.nn', expected the import name of a top-level package",
         ),
         (declared(requires=("opencv-python",)), "Changed.requires contains 'opencv-python'"),
         (
@@ -121,7 +124,8 @@ def test_a_name_that_is_taken_names_both_packages(found):
     found.add(Declared, "first-package")  # the same class again is no clash
     with pytest.raises(
         SalframeError,
-        match="the saliency 'declared' of second-package is already provided by first-package: choose another name",
+        match="the package second-package registers the saliency 'declared', a name that the package first-package "
+        "already uses",
     ):
         found.add(declared(), "second-package")
     assert found.get("saliency", "declared") is Declared
@@ -134,7 +138,7 @@ def test_a_role_that_is_taken_is_refused(found):
         role = "saliency"
 
     with pytest.raises(
-        SalframeError, match=r"the role 'saliency' of a-package has the same name as the role .*SaliencyModel"
+        SalframeError, match=r"the package a-package registers the role 'saliency', a name that the role class Saliency"
     ):
         found.add(Saliency, "a-package")
 
@@ -144,7 +148,7 @@ def test_a_role_that_is_taken_is_refused(found):
 )
 def test_a_role_that_is_declared_badly_is_refused(found, attribute, value):
     role = type("Compass", (Role,), {"role": "compass", attribute: value})
-    with pytest.raises(SalframeError, match=rf"Compass\.{attribute} of a-package is .*, expected text"):
+    with pytest.raises(SalframeError, match=rf"Compass\.{attribute} in the package a-package is .*, expected a string"):
         found.add(role, "a-package")
     assert "compass" not in found.roles
 
@@ -183,7 +187,7 @@ def test_what_a_plugin_declares_badly_is_its_packages_failure(found, plugin):
     found.load(plugin("a_plugin", "class Loud(Even):\n    name = 'LOUD'\n", "Loud"))
     (failure,) = found.failures
     assert failure.package == "a_plugin"
-    assert failure.reason.startswith("Loud.name is 'LOUD', expected words of lower-case letters")
+    assert failure.reason.startswith("the class attribute Loud.name is 'LOUD', expected words of lower-case letters")
 
 
 def test_a_hook_that_is_not_marked_is_a_failure(found, plugin, tmp_path):
@@ -191,15 +195,19 @@ def test_a_hook_that_is_not_marked_is_a_failure(found, plugin, tmp_path):
     path = tmp_path / "a_plugin.py"
     path.write_text(path.read_text().replace("@salframe.hookimpl", ""))
     found.load(entry_point)
-    reason = "a_plugin.salframe_provides is not marked as a hook: decorate it with @salframe.hookimpl"
+    reason = (
+        "the function a_plugin.salframe_provides is not marked as a plugin hook: decorate it with @salframe.hookimpl"
+    )
     assert found.failures == [Failure("a_plugin", "a_plugin", reason)]
 
 
 def test_a_name_that_a_broken_plugin_may_hold_says_how_to_repair_it(found):
     found.failures.append(Failure("even", "salframe-even", "ImportError: no numpy"))
-    with pytest.raises(PluginFailed, match=r"even of salframe-even failed to load \(ImportError: no numpy\); try: pip"):
+    with pytest.raises(
+        PluginFailed, match=r"even of the package salframe-even failed to load \(ImportError: no numpy\); try: pip"
+    ):
         found.get("saliency", "even")
-    with pytest.raises(UnknownName, match=r"1 plugin\(s\) failed to load: even \(ImportError: no numpy\)"):
+    with pytest.raises(UnknownName, match=r"1 plugin failed to load: even \(ImportError: no numpy\)"):
         found.get("saliency", "odd")
 
 
@@ -251,7 +259,8 @@ def test_a_preset_whose_name_is_taken_is_refused(found, tmp_path):
     found.add(Presets(tmp_path / "one"), "one")
     with pytest.raises(
         SalframeError,
-        match=r"the preset .*two/methods/calm\.yaml of two has the same name as the preset .*one/methods/calm\.yaml",
+        match=r"the package two registers the preset .*two/methods/calm\.yaml, which has the same name as the "
+        r"preset .*one/methods/calm\.yaml",
     ):
         found.add(Presets(tmp_path / "two"), "two")
     assert found.list_presets("methods") == {"calm": "one"}
@@ -269,13 +278,17 @@ def write_presets(folder: Path, **content: str) -> Presets:
 @pytest.mark.parametrize(
     ("name", "content", "reason"),
     [
-        ("methods__odd", "[kind", "odd.yaml is not YAML"),
-        ("ablations__odd", "- kind", "odd.yaml contains list, expected a mapping"),
-        ("methods__odd", "offset: 1", "odd.yaml: `kind` is None, expected the name of a localizer"),
-        ("data__odd", "kind: [rooms]", r"odd.yaml: `kind` is \['rooms'\], expected the name of a dataset"),
-        ("methods__odd", "kind: even\notherwise: [calm]", r"odd.yaml: `otherwise` is \['calm'\], expected the name"),
+        ("methods__odd", "[kind", "odd.yaml is not valid YAML"),
+        ("ablations__odd", "- kind", "odd.yaml contains a list, expected a mapping"),
+        ("methods__odd", "offset: 1", "odd.yaml: the key `kind` is missing, expected the name of a localizer"),
+        ("data__odd", "kind: [rooms]", r"odd.yaml: the key `kind` is \['rooms'\], expected the name of a dataset"),
+        (
+            "methods__odd",
+            "kind: even\notherwise: [calm]",
+            r"odd.yaml: the key `otherwise` is \['calm'\], expected the name",
+        ),
         ("methods__odd", "base: odd.yaml", "odd.yaml inherits from itself"),
-        ("methods__odd", "base: 3", "odd.yaml: base is 3, expected the name of a file"),
+        ("methods__odd", "base: 3", "odd.yaml: the key `base` is 3, expected the name of a file"),
     ],
 )
 def test_a_faulty_preset_costs_only_itself(found, tmp_path, name, content, reason):
@@ -285,7 +298,9 @@ def test_a_faulty_preset_costs_only_itself(found, tmp_path, name, content, reaso
     assert (failure.plugin, failure.package) == (f"{folder}/odd.yaml", "a-package")
     assert re.search(reason, failure.reason)
     assert [path.stem for path, _ in found.preset_files()] == ["calm"]
-    with pytest.raises(PluginFailed, match=f"the preset {folder}/odd.yaml of a-package is invalid: .*{reason}"):
+    with pytest.raises(
+        PluginFailed, match=f"the preset {folder}/odd.yaml of the package a-package is invalid: .*{reason}"
+    ):
         found.find_preset(folder, "odd")
 
 
@@ -373,10 +388,13 @@ def test_commands_that_fail_cost_only_their_plugin(monkeypatch, plugin):
     assert found == {"greet": (print, "first"), "wave": (print, "last")}
     reasons = {failure.package: failure.reason for failure in failures}
     assert reasons.keys() == {"again", "leaving", "listing", "loud", "hollow"}
-    assert reasons["again"] == "the command 'greet' of again is already provided by first: choose another name"
+    assert (
+        reasons["again"]
+        == "the package again registers the command 'greet', a name that first already uses: choose another name"
+    )
     assert reasons["leaving"] == "SystemExit: 4"
-    assert "expected a kebab-case name and a function" in reasons["loud"]
-    assert reasons["hollow"].startswith("the command 'wave' of hollow is None")
+    assert "expected a name of lower-case words joined by hyphens, and a function" in reasons["loud"]
+    assert reasons["hollow"].startswith("the package hollow registers the command 'wave' as None")
 
 
 def test_an_interrupt_passes_while_commands_are_loaded(monkeypatch, plugin):

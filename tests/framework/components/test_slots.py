@@ -97,7 +97,7 @@ def test_a_slot_without_a_default_takes_that_of_the_defaults_file(models):
 
 def test_a_slot_whose_role_has_no_default_is_refused(fakes, monkeypatch):
     monkeypatch.delitem(defaults(), "saliency")
-    with pytest.raises(ConfigError, match="no default for 'saliency', expected one of methods, "):
+    with pytest.raises(ConfigError, match="no key 'saliency', expected one of the keys methods, "):
         registry().add(Outer, "test")
 
 
@@ -115,16 +115,16 @@ def test_a_configuration_survives_json(models):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"modle": 1}, r"unknown key mine\.modle, did you mean 'model' \(known: model, judge, grid\)"),
-        ({"grid": {"size": 1}}, r"unknown key mine\.grid\.size"),
+        ({"modle": 1}, r"unknown setting mine\.modle, did you mean 'model' \(known settings: model, judge, grid\)"),
+        ({"grid": {"size": 1}}, r"unknown setting mine\.grid\.size"),
         ({"grid": {"size_m": 0}}, r"mine\.grid\.size_m: received 0, expected a number greater than 0"),
         ({"grid": {"size_m": "wide"}}, r"mine\.grid\.size_m: received 'wide', expected a number"),
         ({"model": {"share": 2}}, r"saliency\.share: received 2, expected a number less than or equal to 1"),
-        ({"model": 3}, r"mine\.model: received 3, expected the name of a saliency or a mapping with its settings"),
-        ({"kind": "inner"}, r"mine: kind is 'inner', expected 'outer'"),
+        ({"model": 3}, r"mine\.model: received 3, expected the name of a saliency, or a mapping of settings"),
+        ({"kind": "inner"}, r"mine: the key `kind` \(name of the component\) is 'inner', expected 'outer'"),
         (
             {"a": 1, "b": 2, "c": 3, "d": 4, "e": 5},
-            r"unknown key mine\.a .*; unknown key mine\.c .*; and 2 more errors",
+            r"unknown setting mine\.a .*; unknown setting mine\.c .*; and 2 more errors",
         ),
     ],
 )

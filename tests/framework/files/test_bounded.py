@@ -53,9 +53,9 @@ def test_json_that_is_none(text):
         ("a: !!python/object/apply:os.system [ls]", "tag"),
         ("a: 2020-01-01", "the date 2020-01-01, expected text"),
         ("a: .nan", "finite"),
-        ("a: &b [*b]", r"\*b refers to a value that contains it"),
+        ("a: &b [*b]", r"\*b refers to a value that contains this alias"),
         ("? [1]\n: 2", "key"),
-        ("1.5: a", "the key 1.5, expected text or an integer"),
+        ("1.5: a", "the key 1.5, expected a key that is text or an integer"),
     ],
 )
 def test_yaml_that_is_no_plain_data(text, message):
@@ -115,6 +115,6 @@ def test_a_picture_of_too_many_pixels_is_not_decoded(tmp_path):
 
     Image.new("1", (20000, 20000)).save(tmp_path / "a.png")
     with pytest.raises(
-        DataError, match="20000 x 20000, expected at most 268435456 pixels: reduce the size of the image"
+        DataError, match="20000 x 20000, expected at most 268435456 pixels in total: reduce the size of the image"
     ):
         read_image(tmp_path / "a.png", 0)

@@ -97,7 +97,9 @@ def test_a_damaged_file_is_reported_and_fetched_again(serve):
     serve()
     path = fetch_weights(NAME)[1]
     path.write_bytes(b"else")
-    with pytest.raises(WeightsError, match=r"has sha256 .*, expected .*: salframe weights fetch hf:org/model@c0ffee"):
+    with pytest.raises(
+        WeightsError, match=r"has the sha256 hash .*, expected .*: salframe weights fetch hf:org/model@c0ffee"
+    ):
         find_weights(NAME, registry()).paths()
     assert fetch_weights(NAME)[1].read_bytes() == FILES["model.safetensors"]
 
@@ -140,7 +142,10 @@ def test_a_model_without_safetensors_or_configuration_is_refused(serve, folder, 
     [
         ("hf:org/gone", r"http://\S+ has no public model org/gone, expected a public model as hf:ORG/MODEL"),
         ("hf:org/model@v9", r"http://\S+/org/model has no revision 'v9', expected a branch, tag or commit"),
-        ("hf:org/gated", r"hf:org/gated is for registered users: accept its terms at http://\S+/org/gated, and "),
+        (
+            "hf:org/gated",
+            r"hf:org/gated is restricted to registered users: accept its terms at http://\S+/org/gated, and ",
+        ),
         ("hf:model", r"'hf:model' is not a name of a Hugging Face model, expected hf:ORG/MODEL\[@REVISION\]"),
         ("hf:../../etc", r"'hf:../../etc' is not a name of a Hugging Face model, expected"),
     ],
@@ -157,8 +162,8 @@ def test_without_a_hub_one_line_names_the_ways_out(folder, monkeypatch):
     printed = run("weights", "fetch", NAME)
     assert printed.code != 0
     (line,) = printed.err.strip().splitlines()
-    assert line.startswith("error: cannot download hf:org/model from http://127.0.0.1:9 (")
-    assert "fetch it on another machine" in line
+    assert line.startswith("error: cannot download the model hf:org/model from http://127.0.0.1:9 (")
+    assert "download it on another machine" in line
     assert "local folder" in line
 
 
@@ -166,7 +171,8 @@ def test_without_huggingface_hub_one_line_says_how_to_install_it(folder, monkeyp
     find = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "huggingface_hub" else find(name))
     with pytest.raises(
-        RequirementMissing, match=r"needs huggingface_hub, which is not installed: pip install 'salframe\[trans"
+        RequirementMissing,
+        match=r"needs the Python package huggingface_hub, which is not installed: pip install 'salframe\[trans",
     ):
         fetch_weights(NAME)
 

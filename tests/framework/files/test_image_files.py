@@ -113,6 +113,6 @@ def test_a_bomb_is_refused_with_advice(tmp_path):
     parts = [chunk(b"IHDR", header), chunk(b"IDAT", zlib.compress(b"\0" * 1000)), chunk(b"IEND", b"")]
     (tmp_path / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(parts))
     with pytest.raises(
-        DataError, match="is 30000 x 15000, expected at most 268435456 pixels: reduce the size of the image"
+        DataError, match="is 30000 x 15000, expected at most 268435456 pixels in total: reduce the size of the image"
     ):
         read_image(tmp_path / "a.png", cv2.IMREAD_COLOR)

@@ -44,8 +44,8 @@ def test_missing_weights_say_where_what_and_how(served, cache):
         served.paths()
     assert (
         str(caught.value)
-        == f"weights 'net': {cache}/net/net.pt is missing (sha256 {DIGEST}); download it with: salframe weights "
-        f"fetch net"
+        == f"weights 'net': the file {cache}/net/net.pt is missing (sha256 {DIGEST}); download it with: "
+        "salframe weights fetch net"
     )
 
 
@@ -72,8 +72,8 @@ def test_a_damaged_file_is_one_clear_line_and_is_fetched_anew(served, cache):
         served.paths()
     received = hashlib.sha256(b"damaged").hexdigest()
     assert (
-        str(caught.value)
-        == f"{path} has sha256 {received}, expected {DIGEST}; download it again with: salframe weights fetch net"
+        str(caught.value) == f"the file {path} has the sha256 hash {received}, expected {DIGEST}; "
+        "download it again with: salframe weights fetch net"
     )
     assert served.fetch()[0].read_bytes() == CONTENT
 
@@ -88,7 +88,9 @@ def test_a_download_with_another_hash_is_refused_and_leaves_nothing(served, tmp_
 def test_urls_that_do_not_answer_are_all_named(tmp_path):
     urls = ((tmp_path / "one").as_uri(), (tmp_path / "two").as_uri())
     weights = NetworkWeights("net", "MIT", (WeightsFile("net.pt", DIGEST, 1),), Download(urls))
-    with pytest.raises(WeightsError, match=r"download failed: .*one/net.pt: .*; .*two/net.pt: ") as caught:
+    with pytest.raises(
+        WeightsError, match=r"the download of the weights file .*one/net.pt: .*; .*two/net.pt: "
+    ) as caught:
         weights.fetch()
     assert "\n" not in str(caught.value)
 

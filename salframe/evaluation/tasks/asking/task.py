@@ -191,5 +191,5 @@ def _summarize(records: Sequence[Record[DescriptionRow]]) -> AskingRow:
 def _checked(options: TaskOptions) -> AskingOptions:
     """Return the options. Raises TypeError if they are options of another task."""
     if not isinstance(options, AskingOptions):
-        raise TypeError(f"options is {type(options).__name__}, expected AskingOptions")
+        raise TypeError(f"the argument options has the type {type(options).__name__}, expected AskingOptions")
     return options

@@ -13,6 +13,7 @@ from salframe.evaluation.runs.rows import PieceStatus
 from salframe.evaluation.statistics import estimate_mean, median
 from salframe.evaluation.tasks.detection.rows import PanoramaRow
 from salframe.evaluation.tasks.detection.table import Counts, DetectionRow
+from salframe.framework.errors import counted
 
 
 def summarize_detector(
@@ -27,7 +28,7 @@ def summarize_detector(
     good = [row for row in rows if row.status == PieceStatus.OK]
     if len(good) < panoramas:
         first = next(iter(line.errors.values()), "no answer")
-        line = replace(line, reason=f"{panoramas - len(good)} panorama(s) failed, the first: {first}")
+        line = replace(line, reason=f"{counted(panoramas - len(good), 'panorama')} failed, the first error: {first}")
     if not good:
         return line
     # The objects of a failed panorama count as missed; a panorama that could not be read is left out.
@@ -36,19 +37,22 @@ def summarize_detector(
         for row, place in zip(all_rows, places, strict=True)
         if row is not None and row.annotated is not None
     ]
-    counted, places = [row for row, _ in readable], [place for _, place in readable]
+    readable_rows, places = [row for row, _ in readable], [place for _, place in readable]
     annotated, detected, right = (
         sum((Counter(objects) for objects in of_rows), Counter[str]())
-        for of_rows in zip(*((row.annotated, row.detections, row.right) for row in counted), strict=True)
+        for of_rows in zip(*((row.annotated, row.detections, row.right) for row in readable_rows), strict=True)
     )
     num_annotated, num_detected, num_right = np.array(
-        [[sum((objects or {}).values()) for objects in (row.annotated, row.detections, row.right)] for row in counted]
+        [
+            [sum((objects or {}).values()) for objects in (row.annotated, row.detections, row.right)]
+            for row in readable_rows
+        ]
     ).T
     classes = {
         label: Counts.of(annotated[label], detected[label], right[label]) for label in sorted({*annotated, *detected})
     }
     overall = Counts.of(annotated.total(), detected.total(), right.total())
-    joined = {label: name for row in counted for label, name in sorted((row.joined or {}).items())}
+    joined = {label: name for row in readable_rows for label, name in sorted((row.joined or {}).items())}
     return replace(
         line,
         overall=overall,

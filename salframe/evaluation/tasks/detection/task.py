@@ -134,7 +134,9 @@ class _Detecting(Worker[QueryFrame]):
         detections = self._detector.detect(panorama)
         ms = (time.perf_counter() - start) * 1e3
         if not isinstance(detections, Detections):
-            raise InvalidAnswer(f"detect returned {type(detections).__name__}, expected Detections")
+            raise InvalidAnswer(
+                f"the function `detect` of the detector returned {type(detections).__name__}, expected Detections"
+            )
         truth = annotated_detections(panorama)
         joined = joined_labels(truth) | joined_labels(detections)
         truth, detections = with_common_labels(truth), with_common_labels(detections)

@@ -21,7 +21,7 @@ def summarize_program(records: Sequence[Record[ProgramRow]], queries: int) -> La
         return line
     if len(rows) < queries:
         first = next(iter(line.errors.values()), "no answer")
-        line = replace(line, reason=f"{queries - len(rows)} of {queries} queries failed, the first: {first}")
+        line = replace(line, reason=f"{queries - len(rows)} of {queries} queries failed, the first error: {first}")
     later = [row for row in rows if not row.first] or rows
     query_ms = [row.query_ms for row in later if row.query_ms is not None]
     firsts = [row for row in rows if row.first]

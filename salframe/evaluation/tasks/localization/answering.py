@@ -90,8 +90,8 @@ class Answering(Worker[Query]):
         for ranked in answer.places:
             if self._places.get(ranked.frame) != ranked.place:
                 raise InvalidAnswer(
-                    f"the function `match` returned the frame {ranked.frame!r} with the place {ranked.place!r}, "
-                    "expected a reference frame of the map, and its place in the map"
+                    f"the function `match` of the method returned the frame {ranked.frame!r} with the place "
+                    f"{ranked.place!r}, expected a reference frame of the map, and its place in the map"
                 )
         return {**answer_row(answer, query.seconds * 1e3, query_ms), "status": answer.status, "error": None}
 
@@ -134,12 +134,14 @@ class Answering(Worker[Query]):
     @property
     def warning(self) -> str | None:
         problems = {
-            "map(s) with objects without position": list(self._completed.values()),
-            "query frame(s) that cannot be used": self._unusable_queries,
-            "queries of several views answered view by view": self._fused,
-            "frame(s) partly described": list(self._descriptions.notes.values()),
+            "of maps that have objects without position": list(self._completed.values()),
+            "of query frames that cannot be used": self._unusable_queries,
+            "of queries with several views that were localized view by view": self._fused,
+            "of frames that could only be described in part": list(self._descriptions.notes.values()),
         }
-        parts = [f"{len(reasons)} {what}, the first: {reasons[0]}" for what, reasons in problems.items() if reasons]
+        parts = [
+            f"number {what}: {len(reasons)}, the first: {reasons[0]}" for what, reasons in problems.items() if reasons
+        ]
         return "; ".join([*filter(None, [unusable_note(self._unusable_frames)]), *parts]) or None
 
 

@@ -81,7 +81,7 @@ def find_details(
                 try:
                     _look(details, query_set, number, arm, entry, views[entry.run], progress)
                 except SalframeError as error:
-                    details.notes.append(f"{arm.name}: no details of its answers: {error}")
+                    details.notes.append(f"{arm.name}: the report has no details of the answers: {error}")
     return details
 
 

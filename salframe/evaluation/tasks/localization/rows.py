@@ -60,8 +60,8 @@ class AnswerRow(PieceRow):
             sides = {len(self.covariance), *map(len, self.covariance)}
             if sides not in ({3}, {6}):
                 raise ValueError(
-                    f"the covariance of a pose has {len(self.covariance)} rows of lengths "
-                    f"{sorted(set(map(len, self.covariance)))}, expected 3 x 3 or 6 x 6"
+                    f"the key `covariance` of an answer has {len(self.covariance)} rows of lengths "
+                    f"{' and '.join(map(str, sorted(set(map(len, self.covariance)))))}, expected 3 x 3 or 6 x 6"
                 )
         if len(self.probabilities or ()) != (0 if self.out_of_map_probability is None else len(self.places)):
             raise ValueError(

@@ -14,6 +14,7 @@ from salframe.evaluation.statistics import Estimate, estimate_mean
 from salframe.evaluation.tasks.matching.judging import THRESHOLDS_PX
 from salframe.evaluation.tasks.matching.rows import PairRow
 from salframe.evaluation.tasks.matching.table import MatchingRow
+from salframe.framework.errors import counted
 
 
 def summarize_pairs(records: Sequence[Record[PairRow]], places: Sequence[str], seed: int) -> MatchingRow:
@@ -29,11 +30,15 @@ def summarize_pairs(records: Sequence[Record[PairRow]], places: Sequence[str], s
     finished = [row for row in rows if row is not None]
     good, failed = ([row for row in finished if (row.status == PieceStatus.OK) == ok] for ok in (True, False))
     if failed:
-        line = replace(line, reason=f"{len(failed)} pair(s) failed, the first: {failed[0].error}")
+        line = replace(
+            line, reason=f"{counted(len(failed), 'pair')} of frames failed, the first error: {failed[0].error}"
+        )
     if not good:
         return line
     if len({row.kind for row in good}) > 1:
-        return replace(line, reason="matched points in some pairs and nodes in others")
+        return replace(
+            line, reason="the method matched points in some pairs of frames, but objects (graph nodes) in others"
+        )
     kind, matches = good[0].kind, sum(row.matches or 0 for row in good) / pairs
     done = np.array([row is not None and row.status == PieceStatus.OK for row in rows])
     shares, others = (_points if kind == "points" else _nodes)(good, done)

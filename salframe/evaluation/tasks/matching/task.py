@@ -114,15 +114,16 @@ class _Matching(Worker[FramePair]):
         )
         matches = correspond(self._localizer, query, reference)
         if matches is None:
-            raise MethodUnavailable("the method matches neither points nor objects")
+            raise MethodUnavailable("the method returned no matches, expected a method that matches points or objects")
         if not isinstance(matches, PointMatches | NodeMatches):
             raise InvalidAnswer(
-                f"correspond returned {type(matches).__name__}, expected PointMatches, NodeMatches or None"
+                f"the function `correspond` of the method returned {type(matches).__name__}, expected PointMatches, "
+                "NodeMatches or None"
             )
         if self._kind not in (None, type(matches)):
             raise InvalidAnswer(
-                f"correspond returned {type(matches).__name__}, and {self._kind.__name__} for earlier pairs of frames, "
-                "expected the same type for all pairs"
+                f"the function `correspond` of the method returned {type(matches).__name__}, but {self._kind.__name__} "
+                "for earlier pairs of frames, expected the same type for all pairs"
             )
         self._kind = type(matches)
         row = check_matches(matches, piece.query.load(), piece.reference.load(), piece.T_reference_query)
@@ -154,8 +155,8 @@ def choose_pairs(dataset: Dataset) -> list[FramePair]:
                 pairs.append(FramePair(fold.id, query, reference, T_reference_query))
     if not pairs:
         reason = (
-            f"the dataset {dataset.name} has no query in a place with a reference frame of kind scene, expected at "
-            "least one"
+            f"the dataset {dataset.name} has no query in a place with a reference frame of kind scene (in a room), "
+            "expected at least one"
         )
         raise DataError("; ".join([reason, *places_notes(dataset)]))
     return pairs

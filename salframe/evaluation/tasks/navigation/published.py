@@ -64,8 +64,8 @@ class Published:
         root: Path | None = getattr(data, "root", None)
         if root is None:
             raise InputMissing(
-                f"the episodes {self} are in the folder of the dataset {data.kind}, received no folder: pass this "
-                "folder as --data-dir DIR"
+                f"the episodes {self} need the folder of the dataset {data.kind}, received no folder: pass the folder "
+                "as --data-dir DIR"
             )
         return root
 

@@ -173,7 +173,7 @@ class NavigationTask(PagedTask[Episode, NavigationSurvey, EpisodeRow, Navigation
     @classmethod
     def plan(cls, request: Request, options: TaskOptions) -> tuple[NavigationTask, Resolved]:
         if not isinstance(options, NavigationOptions):
-            raise TypeError(f"options is {type(options).__name__}, expected NavigationOptions")
+            raise TypeError(f"the argument options has the type {type(options).__name__}, expected NavigationOptions")
         return plan_navigation(request, options.episodes, options.positioning)
 
     def view(
@@ -227,7 +227,9 @@ def plan_navigation(
 ) -> tuple[NavigationTask, Resolved]:
     """Return the task of a request, and its methods with a label for each agent. Raises SalframeError as `navigate`."""
     if isinstance(episodes, int) and not 1 <= episodes <= MAX_EPISODES:
-        raise ConfigError(f"received {shorten(str(episodes), 40)} episodes, expected from 1 to {MAX_EPISODES}")
+        raise ConfigError(
+            f"received {shorten(str(episodes), 40)} as the number of episodes, expected 1 to {MAX_EPISODES}"
+        )
     resolved: Resolved = resolve(request, scopes=("navigation",))
     content: dict[str, Any] = {}
     for one_scope in resolved.scopes["navigation"]:

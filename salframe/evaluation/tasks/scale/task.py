@@ -90,8 +90,10 @@ class ScaleTask(Task[int, Survey[int], SceneRow, ScaleRow]):
 
     @classmethod
     def plan(cls, request: Request, options: TaskOptions) -> tuple[ScaleTask, Resolved]:
-        if not isinstance(options, ScaleOptions) or len(options.scenes) != 1:
-            raise TypeError(f"options is {options!r}, expected ScaleOptions with one number of scenes")
+        if not isinstance(options, ScaleOptions):
+            raise TypeError(f"the argument options has the type {type(options).__name__}, expected ScaleOptions")
+        if len(options.scenes) != 1:
+            raise TypeError(f"options.scenes is {list(options.scenes)}, expected one number of scenes")
         return cls(options.scenes[0]), resolve(request)
 
     def parameters(self) -> dict[str, Any]:
@@ -125,7 +127,10 @@ def _matcher_config(method: Localizer) -> ComponentConfig:
     for _, config in components_in(method.config):
         if issubclass(config.component, GraphMatcher) and config.component.uses_scene_index:
             return config
-    raise MethodUnavailable("the method has no scene index, expected a method that has one, such as proposed")
+    raise MethodUnavailable(
+        "the method has no scene index (search over reference frames), expected a method with a scene index, such as "
+        "proposed"
+    )
 
 
 class _ScaleWorker(Worker[int]):

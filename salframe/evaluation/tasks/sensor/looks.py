@@ -11,6 +11,7 @@ from salframe.evaluation.runs.records import Record
 from salframe.evaluation.runs.rows import PieceStatus, Row
 from salframe.evaluation.tasks.sensor.fitting import SensorSample
 from salframe.evaluation.tasks.sensor.rows import LookRow, ObjectsLine
+from salframe.framework.errors import counted
 from salframe.graphs.annotated import annotated_objects, as_detections
 from salframe.graphs.detections import Detections
 from salframe.graphs.visibility import ObjectVisibility, object_visibility
@@ -81,5 +82,9 @@ def failures_of(records: Sequence[Record[LookRow]]) -> list[str]:
     """Return notes on panoramas that were left out, and on panoramas on which the detector failed."""
     failed = [row for record in records for row in record.rows if row is not None and row.status != PieceStatus.OK]
     unread, blind = ([row for row in failed if (row.truth is None) == lacking] for lacking in (True, False))
-    words = {"were left out": unread, "count as missed, where the detector failed": blind}
-    return [f"{len(rows)} panorama(s) {what}, the first: {rows[0].error}" for what, rows in words.items() if rows]
+    words = {"left out": unread, "with an error of the detector (the objects count as missed)": blind}
+    return [
+        f"{counted(len(rows), 'panorama')} {what}, the first error: {rows[0].error}"
+        for what, rows in words.items()
+        if rows
+    ]

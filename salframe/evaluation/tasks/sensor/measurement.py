@@ -147,7 +147,9 @@ def measure_sensor(
     looks = [look for look in looks_of(records) if look is not None]
     failures = failures_of(records)
     if not looks:
-        raise DataError(f"no panorama of {', '.join(requests)} can be used: {(*failures, 'there are none')[0]}")
+        raise DataError(
+            f"no panorama of {', '.join(requests)} can be used: {(*failures, 'the data have no panorama')[0]}"
+        )
     observations = observe(looks)
     provenance = {
         "salframe": installed_version("salframe"),

@@ -17,6 +17,7 @@ from salframe.evaluation.tasks.sensor.looks import annotated, pack_look
 from salframe.evaluation.tasks.sensor.measures import summarize_detector
 from salframe.evaluation.tasks.sensor.rows import LookRow
 from salframe.evaluation.tasks.sensor.table import COLUMNS, DEFAULT_COLUMNS, SensorRow, alike_tables
+from salframe.framework.components.auto import name_parts
 from salframe.framework.errors import FRAME_ERRORS, InputMissing, InvalidAnswer
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
@@ -42,8 +43,8 @@ class SensorTask(Task[Frame, Survey[Frame], LookRow, SensorRow]):
 
     def survey(self, dataset: Dataset) -> Survey[Frame]:
         if absent := {"annotations", "range"} - dataset.provides:
-            lacks = f"the dataset {dataset.name} does not have {' and '.join(sorted(absent))}"
-            raise InputMissing(f"the task sensor needs annotations and range, but {lacks}")
+            lacks = f"the dataset {dataset.name} does not have {name_parts(absent)}"
+            raise InputMissing(f"the task sensor needs annotations and range images, but {lacks}")
         frames: dict[str, Frame] = {}
         for fold in dataset.folds():
             frames.update((frame.id, frame) for frame in fold.references)
@@ -93,5 +94,7 @@ class _Looking(Worker[Frame]):
         truth, visibility = annotated(panorama)
         detections = self._detector.detect(panorama)
         if not isinstance(detections, Detections):
-            raise InvalidAnswer(f"detect returned {type(detections).__name__}, expected Detections")
+            raise InvalidAnswer(
+                f"the function `detect` of the detector returned {type(detections).__name__}, expected Detections"
+            )
         return {**pack_look(SensorSample(truth, visibility, detections)), "status": PieceStatus.OK, "error": None}

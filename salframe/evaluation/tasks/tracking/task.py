@@ -153,7 +153,7 @@ class TrackingTask(Task[Walk, TrackingSurvey, WalkRow, TrackingRow]):
 def _checked(options: TaskOptions) -> TrackingOptions:
     """Return the options. Raises TypeError if they are options of another task."""
     if not isinstance(options, TrackingOptions):
-        raise TypeError(f"options is {type(options).__name__}, expected TrackingOptions")
+        raise TypeError(f"the argument options has the type {type(options).__name__}, expected TrackingOptions")
     return options
 
 

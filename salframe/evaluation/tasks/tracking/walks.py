@@ -79,7 +79,8 @@ def draw_walk(site: Site, number: int, seed: int) -> Walk:
         if len(poses) == NUM_VIEWS and len({*places} - {""}) > 1:
             return Walk(f"{world.id}-walk-{number}", number, world.id, tuple(poses), places)
     raise DataError(
-        f"no walk fits into {world.id}, expected a path of {(NUM_VIEWS - 1) * STEP_M:g} m through at least two rooms"
+        f"no camera path (walk) fits into the building {world.id}, expected room for a path of "
+        f"{(NUM_VIEWS - 1) * STEP_M:g} m through at least two rooms"
     )
 
 

@@ -74,7 +74,7 @@ def test_the_command_prints_what_is_measured_and_a_wrong_setting_is_one_line(tin
     result = run("detection", "--detectors", "annotations", "--data", str(tiny), "--classes")
     assert result.code == 0
     assert "precision %" in result.out
-    with pytest.raises(ConfigError, match=r"received the setting noize: unknown key 'noize', did you mean 'noise'"):
+    with pytest.raises(ConfigError, match=r"received the setting 'noize': unknown key 'noize', did you mean 'noise'"):
         measure(tiny, "noize=none")
 
 
@@ -128,7 +128,10 @@ def test_a_detector_that_exits_costs_its_own_row(tiny, monkeypatch):
 def test_what_is_no_detections_costs_the_detector_its_row(tiny, monkeypatch, answer):
     monkeypatch.setattr(AnnotationDetector, "detect", lambda self, panorama: answer)
     result = measure(tiny)
-    assert result.rows[0].reason == f"detect returned {type(answer).__name__}, expected Detections"
+    assert (
+        result.rows[0].reason
+        == f"the function `detect` of the detector returned {type(answer).__name__}, expected Detections"
+    )
     assert result.crashed
 
 

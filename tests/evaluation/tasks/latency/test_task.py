@@ -84,7 +84,7 @@ def test_the_first_question_of_each_process_stands_apart():
 def test_questions_that_failed_are_told():
     failed = ProgramRow(query="query", status="error", error="no picture")
     row = summarize(asked(300.0, first=True), asked(2.0), failed)
-    assert row.reason == "1 of 3 queries failed, the first: no picture"
+    assert row.reason == "1 of 3 queries failed, the first error: no picture"
     assert row.query_median_ms == 2.0
 
 
@@ -105,7 +105,7 @@ def test_what_cannot_save_a_map_costs_its_own_row(tiny, tmp_path):
     result = running(tiny, tmp_path / "runs", "lines", "saliency-graph")
     lines, graph = result.rows
     assert not lines.measured
-    assert "needs rgb" in lines.reason
+    assert "needs colour images" in lines.reason
     assert graph.measured
 
 

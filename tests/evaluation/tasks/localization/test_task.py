@@ -71,7 +71,7 @@ def test_a_method_that_cannot_run_keeps_its_row(fakes):
     rows, _, result = run(["reader", "weightless", "ranger"])
     for method, reason in (
         ("weightless", "salframe weights fetch weightless"),
-        ("ranger", "needs range, which the dataset rooms does not have"),
+        ("ranger", "needs range images, which the dataset rooms does not have"),
     ):
         assert not rows[method].available
         assert reason in rows[method].reason
@@ -94,7 +94,7 @@ def test_a_method_that_crashes_does_not_stop_the_others(fakes):
 
 def test_a_process_that_dies_costs_its_own_row(fakes):
     rows, _, result = run(["suicidal", "reader"], engine="processes")
-    assert "its process died" in rows["suicidal"].reason
+    assert "the worker process died" in rows["suicidal"].reason
     assert rows["reader"].accuracy.value == 1.0
     assert result.crashed
 

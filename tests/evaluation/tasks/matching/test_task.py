@@ -144,7 +144,10 @@ def test_rows_of_points_and_of_nodes(furnished):
     assert nodes.recall.value == pytest.approx((5 / 7 + 5 / 6) / 2)
     assert (nodes.recall.low, nodes.recall.high) == pytest.approx((5 / 7, 5 / 6))
     assert nodes.mma_3 is None
-    assert (neither.available, neither.reason) == (False, "the method matches neither points nor objects")
+    assert (neither.available, neither.reason) == (
+        False,
+        "the method returned no matches, expected a method that matches points or objects",
+    )
     assert result.measured
     assert not result.crashed
 
@@ -169,7 +172,7 @@ def test_a_pair_that_crashes_counts_as_wrong_and_is_asked_again(furnished):
         0,
         1,
     )  # of two places, one of which may be both
-    assert rows["points"].reason == "1 pair(s) failed, the first: ValueError: no more"
+    assert rows["points"].reason == "1 pair of frames failed, the first error: ValueError: no more"
     assert rows["nodes"].precision.value == 1
     assert result.crashed
     before = {path.parent.name: path.read_text() for path in result.run.glob("methods/*/rows.jsonl")}
@@ -226,7 +229,10 @@ def test_a_method_that_exits_costs_its_own_row(furnished, engine):
 
 def test_what_is_no_match_costs_its_own_row(furnished):
     rows, result = measure(["confused", "points"])
-    assert rows["confused"].reason == "correspond returned list, expected PointMatches, NodeMatches or None"
+    assert (
+        rows["confused"].reason
+        == "the function `correspond` of the method returned list, expected PointMatches, NodeMatches or None"
+    )
     assert not rows["confused"].measured
     assert result.crashed
     assert rows["points"].mma_1.value == 1
@@ -239,7 +245,7 @@ def test_the_command_prints_two_tables_and_resumes(furnished):
     pixels, counts = first.out.split("precision %")
     assert "MMA@3 %" in pixels
     assert "MMA" not in counts
-    assert "neither: the method matches neither points nor objects" in counts
+    assert "neither: the method returned no matches, expected a method that matches points or objects" in counts
     again = run(*options, "--json")
     assert again.json["rows"][0]["mma_1"] == 1
     assert again.json["run"] in first.out

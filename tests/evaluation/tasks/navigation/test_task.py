@@ -150,9 +150,9 @@ def test_the_settings_are_part_of_the_run():
     table, other = run(["seer"], "navigation.budget=1", "navigation.planner=dijkstra")
     assert one.run != other.run
     assert table["seer"].panoramas == 1.0
-    with pytest.raises(ConfigError, match=r"unknown key navigation\.bugdet"):
+    with pytest.raises(ConfigError, match=r"unknown setting navigation\.bugdet"):
         run(["seer"], "navigation.bugdet=1")
-    with pytest.raises(ConfigError, match="received 0 episodes, expected from 1 to 100000"):
+    with pytest.raises(ConfigError, match="received 0 as the number of episodes, expected 1 to 100000"):
         run(["seer"], episodes=0)
 
 
@@ -184,7 +184,10 @@ def test_the_command_prints_the_table_and_the_report(read):
             ("--data", "apartment", "--episodes", "none.json"),
             "error: cannot read none.json: No such file or directory, expected JSON\n",
         ),
-        (("--data", "apartment", "--episodes", "-2"), "error: received -2 episodes, expected from 1 to 100000\n"),
+        (
+            ("--data", "apartment", "--episodes", "-2"),
+            "error: received -2 as the number of episodes, expected 1 to 100000\n",
+        ),
     ],
 )
 def test_bad_input_is_one_line(arguments, line):

@@ -82,11 +82,14 @@ def test_what_a_map_costs_and_what_is_found_in_it(furnished, tmp_path, monkeypat
 def test_a_method_without_an_index_is_told(furnished):
     (row,) = run_study(Study(**{**STUDY, "set": {}}, methods=["points"]), Request(engine="inline")).rows
     assert not row.measured
-    assert row.reason == "the method has no scene index, expected a method that has one, such as proposed"
+    assert (
+        row.reason == "the method has no scene index (search over reference frames), expected a method "
+        "with a scene index, such as proposed"
+    )
 
 
 def test_scenes_belong_to_this_task_alone():
-    with pytest.raises(ValidationError, match=r"scale\.scenes is missing"):
+    with pytest.raises(ValidationError, match=r"the required setting scenes is missing"):
         Study(task="scale", method="proposed")
     with pytest.raises(ValidationError, match="unknown key scenes"):
         Study(method="proposed", scenes=[10])

@@ -124,7 +124,7 @@ def test_panoramas_that_cannot_be_read_are_left_out_and_told(tmp_path):
     measured = measure_sensor("annotations", [str(folder)], settings=PERFECT)
     assert measured.sensor.provenance.panoramas == 5
     assert len(measured.notes) == 1
-    assert measured.notes[0].startswith("1 panorama(s) were left out, the first: ")
+    assert measured.notes[0].startswith("1 panorama left out, the first error: ")
 
 
 def test_an_experiment_pools_seeds_as_one_measurement_of_both(tmp_path):
@@ -182,7 +182,10 @@ def test_what_a_detector_fails_on_counts_as_not_found_and_is_told(tiny, monkeypa
     assert measured.crashed
     assert not whole.crashed
     (note,) = measured.notes
-    assert note == ("1 panorama(s) count as missed, where the detector failed, the first: RuntimeError: no light")
+    assert note == (
+        "1 panorama with an error of the detector (the objects count as missed), "
+        "the first error: RuntimeError: no light"
+    )
     told = run("sensor", "annotations", "--data", tiny, "--set", "detector.noise=none", "--engine", "inline")
     assert told.code == 1
 
@@ -220,12 +223,13 @@ def test_what_cannot_be_measured_is_told_in_one_line(tiny, tmp_path):
         del frame["range"]
     (bare / "manifest.json").write_text(json.dumps(content))
     with pytest.raises(
-        InputMissing, match=r"the task sensor needs annotations and range, but the dataset folder does not have range"
+        InputMissing,
+        match=r"the task sensor needs annotations and range images, but the dataset folder does not have range images",
     ):
         measure_sensor("annotations", [str(bare)])
     with pytest.raises(UnknownName, match=r"unknown detector 'panosec'.* did you mean 'panoseg'"):
         measure_sensor("panosec", [tiny])
-    with pytest.raises(ConfigError, match=r"received the setting noisy: unknown key 'noisy'.* did you mean 'noise'"):
+    with pytest.raises(ConfigError, match=r"received the setting 'noisy': unknown key 'noisy'.* did you mean 'noise'"):
         measure_sensor("annotations", [tiny], settings=["noisy=none"])
     with pytest.raises(ConfigError, match=r"received the dataset 'tiny\d*' twice"):
         measure_sensor("annotations", [tiny, tiny])
