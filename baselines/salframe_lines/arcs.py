@@ -45,7 +45,10 @@ class Arcs(NamedTuple):
 
 
 class Lines3d(NamedTuple):
-    """3D lines along one axis k, in a principal frame.
+    """3D lines along one axis k of the principal frame.
+
+    The principal frame is the frame of the panorama, rotated about the vertical until x and y are parallel to the
+    walls.
 
     Attributes:
         across_m: (N, 2) position on the axes k + 1 and k + 2.

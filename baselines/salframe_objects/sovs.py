@@ -19,8 +19,9 @@ from salframe_objects.salient import SalientObjects
 class SalientVolumesLocalizer(SalientObjects):
     """Matches salient objects one-to-one by label, saliency, direction and range. It gives a place and no pose.
 
-    The method follows the description of SOVS by Meena et al. (2024). They give no formula. The formulas below are
-    ours. An object a of the query and an object b of the reference frame with the same label contribute
+    The method follows the description of SOVS by Meena et al. (2024), who use this abbreviation for their method. They
+    give no formula. The formulas below are ours. An object a of the query and an object b of the reference frame with
+    the same label contribute
 
         s_ab(t) = min(w_a, w_b) * max(cos phi_ab(t), 0) * min(r_a, r_b) / max(r_a, r_b)
 

@@ -157,7 +157,7 @@ Columns = Annotated[
     typer.Option(
         "--columns",
         metavar="NAMES",
-        help="Columns of the tables, comma-separated (default: main columns; an unknown name lists all)",
+        help="Columns to print, comma-separated; `help` lists them (default: main columns)",
     ),
 ]
 Timeout = Annotated[

@@ -77,12 +77,13 @@ class Head(Settings):
         return relative_logarithm(objects, self.objects)
 
     def standardize(self, contrast: np.ndarray, nu: np.ndarray) -> np.ndarray:
-        """Return z (see the class): contrasts minus the mean contrast of out-of-map queries, divided by its standard
-        deviation, (N,) float64.
+        """Return standardized contrasts z = (contrast - mean) / deviation, (N,) float64.
+
+        They are the mean and the standard deviation of the contrasts of out-of-map queries, and depend on nu.
 
         Args:
             contrast: (N,) contrasts.
-            nu: (N,) result of `relative_objects`.
+            nu: (N,) values of nu (see the class), as returned by `relative_objects`.
         """
         mean = self.absent_mean * np.exp(self.mean_effect * nu)
         return np.asarray((contrast - mean) / (self.absent_deviation * np.exp(self.deviation_effect * nu)))

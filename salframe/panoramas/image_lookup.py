@@ -27,10 +27,10 @@ class FrameImage(NamedTuple):
 def find_frame_image(path: Path) -> FrameImage | None:
     """Return the frame whose image is at a path; None if no manifest.json names it.
 
-    The search starts with the manifests in the folders above the image, with and without following symbolic links. If
-    none of them names the image, it continues in the subfolders of the nearest two folders above the image, because a
-    manifest may name images outside of its folder. Malformed manifests in these subfolders are ignored. An image is
-    compared by its path, in any Unicode normalization, and then by the file that its symbolic links lead to.
+    The search starts with the manifests in the folders above the image (`dataset_folders`). If none of them names the
+    image, it continues in the subfolders of the nearest two folders above the image, because a manifest may name images
+    outside of its folder. Malformed manifests in these subfolders are ignored. An image is compared by its path, in any
+    Unicode normalization, and then by the file that its symbolic links lead to.
 
     Raises:
         DataError: A manifest in a folder above the image is malformed, or several of its frames name the image.
@@ -50,7 +50,11 @@ def find_frame_image(path: Path) -> FrameImage | None:
 
 
 def dataset_folders(path: Path) -> list[Path]:
-    """Return the folders above a path, with and without following links, that have a manifest, the nearest first."""
+    """Return the folders above a path that have a manifest, the nearest first.
+
+    A path with symbolic links has two chains of parent folders: those of the path as written, and those of the file
+    that the links lead to. Both chains are searched. A folder that is in both chains is returned once.
+    """
     spellings = [Path(os.path.abspath(path)), path.absolute(), Path(os.path.realpath(path))]
     folders = [parent for spelling in spellings for parent in spelling.parents if (parent / MANIFEST).exists()]
     return list({os.path.realpath(folder): folder for folder in reversed(folders)}.values())[::-1]

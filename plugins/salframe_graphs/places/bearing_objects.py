@@ -45,8 +45,10 @@ hypotheses are made for several heights."""
 class BearingObjects(ObservedObjects):
     """Compares n query objects without range with the M objects of an index.
 
-    The two components of the angle between the bearings, horizontal and vertical, have a two-dimensional Student t
-    distribution. The solid angle depends on the size of the map object and its distance.
+    For a pose of the camera, each map object has an expected bearing, and an expected solid angle that follows from its
+    size and its distance. The likelihood compares both with the query object. The angle between the two bearings has a
+    horizontal and a vertical component, which have a two-dimensional Student t distribution. The logarithm of the solid
+    angle has a normal distribution, with a lower bound (MIN_SIZE_RATIO).
     """
 
     def __init__(

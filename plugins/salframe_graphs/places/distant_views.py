@@ -55,15 +55,15 @@ class ViewGroup:
 
     @property
     def distance_m(self) -> float:
-        """Distance of the group from the last view in metres."""
+        """Distance in metres between the last view of this group and the last view of the query."""
         return float(np.linalg.norm(self.T_last_group[:3, 3]))
 
     def poses(self, shift_m: np.ndarray, yaw_rad: float, count: int) -> Poses:
-        """Return the world pose of the group, repeated for `count` places.
+        """Return the world pose of the last view of this group, repeated for `count` places.
 
         Args:
-            shift_m: (2,) world position of the last view, in metres.
-            yaw_rad: World yaw of the last view.
+            shift_m: (2,) world position of the last view of the query, in metres.
+            yaw_rad: World yaw of the last view of the query.
             count: Number of places.
         """
         offset = np.exp(1j * yaw_rad) * as_complex(self.T_last_group[None, :2, 3])

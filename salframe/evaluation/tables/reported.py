@@ -1,4 +1,4 @@
-"""Figures that papers report, with their source. They are shown beside a comparison, never among its rows."""
+"""Results that papers report, with their source. They are shown beside a comparison, never among its rows."""
 
 from __future__ import annotations
 
@@ -13,7 +13,13 @@ from salframe.framework.validation import Settings, validate
 
 
 class ReportedTable(Settings):
-    """One table of a paper, as printed. `rows` holds a number for each of `figures`, by method."""
+    """One table of a paper, as printed.
+
+    Attributes:
+        title: Title of the table.
+        figures: Headings of the columns.
+        rows: Mapping from each method to its numbers, one for each column.
+    """
 
     title: str
     figures: tuple[str, ...] = Field(min_length=1)
@@ -31,7 +37,13 @@ class ReportedTable(Settings):
 
 
 class Reported(Settings):
-    """The tables of one paper: its `source`, and a `note` on the data of the figures."""
+    """The tables of one paper.
+
+    Attributes:
+        source: Authors and title of the paper.
+        note: What the paper measured, and whether its numbers can be compared with measured results.
+        tables: The tables, as printed in the paper.
+    """
 
     source: str
     note: str
