@@ -9,6 +9,7 @@ import numpy as np
 
 from salframe.framework.errors import DataError
 from salframe.panoramas import images
+from salframe.panoramas.blank_rows import blank_rows
 from salframe.panoramas.fisheye import is_dual_fisheye
 from salframe.panoramas.panorama import Annotations, Panorama
 from salframe.panoramas.photo_sphere import PhotoSphere, read_photo_sphere
@@ -32,6 +33,9 @@ def load_panorama(
     If the Photo Sphere XMP of the picture declares a crop, the picture is placed on the full sphere, and `valid` is
     false elsewhere. If the XMP declares a tilt and `level` is true, the picture is turned upright. The other images are
     changed in the same way.
+
+    `valid` is also false in black bands without range at the top and bottom of the picture (`blank_rows`), such as the
+    patch that hides a tripod.
 
     Args:
         id: Id of the panorama.
@@ -68,10 +72,13 @@ def load_panorama(
     encoding = encoding or RangeEncoding()
     if (steps := parts["range"]) is not None:
         parts["range"] = encoding.panorama_range(steps)
+    parts["valid"], num_masked = _mask_blank_rows(parts)
     if sphere is not None and level:
         parts = {name: None if image is None else sphere.level(image) for name, image in parts.items()}
     if sphere is not None and (note := sphere.note(levelled=level)):
         notes.append(note)
+    if num_masked:
+        notes.append(f"has {num_masked} black rows at the top or bottom, which are masked")
     instance_id = parts["instances"]
     annotations = None if instance_id is None else Annotations(instance_id, labels or {}, rendered=rendered)
     return Panorama(
@@ -123,3 +130,22 @@ def _place(parts: Mapping[str, np.ndarray | None], sphere: PhotoSphere) -> dict[
             placed["valid"] = np.ones(picture.shape[:2], bool)
         placed = {name: None if image is None else sphere.place(image, 0) for name, image in placed.items()}
     return placed
+
+
+def _mask_blank_rows(parts: Mapping[str, np.ndarray | None]) -> tuple[np.ndarray | None, int]:
+    """Return the mask `valid` without the blank rows of the picture, and the number of rows that it loses by this.
+
+    If it loses no row, it is returned unchanged, even if it is None. Images of different sizes, which `Panorama`
+    refuses, change nothing.
+    """
+    rgb, range_m, valid = parts["rgb"], parts["range"], parts["valid"]
+    if rgb is None or any(image is not None and image.shape[:2] != rgb.shape[:2] for image in parts.values()):
+        return valid, 0
+    visible = np.ones(rgb.shape[:2], bool) if valid is None else valid
+    rows = np.flatnonzero(visible.any(axis=1))
+    lost = rows[blank_rows(rgb[rows], None if range_m is None else range_m[rows])]
+    if not len(lost):
+        return valid, 0
+    masked = visible.copy()
+    masked[lost] = False
+    return masked, len(lost)

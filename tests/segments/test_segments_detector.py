@@ -14,8 +14,10 @@ from salframe.framework.components.presets import configure
 from salframe.framework.errors import ConfigError, InputMissing, WeightsError
 from salframe.panoramas.exposure import DARK_LUMINANCE, brighten_dark, mean_luminance
 from salframe.panoramas.geometry import column_azimuth, equirectangular_rays, row_elevation, wrap_angle
+from salframe.panoramas.images import write_color
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.query_image import QueryImage, change_image
+from salframe.panoramas.shot import read_panorama
 from salframe.panoramas.turning import turned
 
 HEIGHT = 256
@@ -134,6 +136,18 @@ def test_a_partial_panorama_gives_what_it_shows_and_no_more(detector):
     assert cut_sr == pytest.approx(found.solid_angle_sr[0] / 2, rel=0.1)
     assert len(detector.detect(replace(panorama, valid=np.zeros_like(ahead)))) == 0
     assert mask.any()
+
+
+def test_the_black_patch_below_a_camera_is_no_object(tmp_path, monkeypatch):
+    """A network for which black is a television finds none in the patch, because the file reader masks it."""
+    monkeypatch.setitem(COLOURS, "tv", (0, 0, 0))
+    detector = build(write_network(tmp_path / "black.onnx"), tilted_views=4)
+    rgb = np.full((HEIGHT, 2 * HEIGHT, 3), COLOURS["wall"], np.uint8)
+    rgb[-HEIGHT // 4 :] = 0
+    write_color(tmp_path / "a.jpg", rgb)
+    panorama = read_panorama(tmp_path / "a.jpg")
+    assert len(detector.detect(panorama)) == 0
+    assert set(detector.detect(replace(panorama, valid=None)).labels) == {"television"}
 
 
 def test_a_lamp_overhead_needs_views_that_look_up(network):
