@@ -59,7 +59,9 @@ class DetectorRules(Rules[Detector]):
         step = self._detector.column_step
         turned_by = [columns for columns in (step // 2, HEIGHT_PX + 1) if columns % step]
         if not turned_by:
-            raise DoesNotApply("the column_step of the detector is 1, so no rotation lies between two steps")
+            raise DoesNotApply(
+                "the column_step of the detector is 1, so every rotation by whole columns is a multiple of it"
+            )
         redetected = total = 0
         for room, detections in self._rooms:
             for columns in turned_by:

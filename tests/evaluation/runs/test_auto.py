@@ -155,7 +155,9 @@ def test_without_data_it_stays_undecided_and_is_not_built(detectors):
         ConfigError, match=r"'auto' selects a detector only when the dataset is known.*\(annotations, seg"
     ):
         registry().build("localizer", config)
-    with pytest.raises(ConfigError, match=r"received detector\.noise, but 'auto' selects .* one of annotations"):
+    with pytest.raises(
+        ConfigError, match=r"detector\.noise cannot be set, because .* 'auto' selects .* one of annotations"
+    ):
         configure("localizer", "objects", {"detector": {"noise": "none"}})
     choice = Choice("mine", lambda: frozenset({"annotations"}))
     decided = configure("localizer", "objects", {}, [{"detector": {"noise": "none"}}], choice)
