@@ -28,9 +28,15 @@ _RANKING, _KEYPOINTS = "ranking_", "keypoints_"
 class VerifiedPlaces(Localizer):
     """Ranks places by another localizer, and re-ranks the first ones by keypoint matches.
 
-    Another localizer (`ranking`) ranks the places. The first `places` places then get a new score: the score by
-    `ranking` plus weight * ln(1 + n / min_inliers). n is the number of inliers in the best reference frame of the
-    place, as in the localizer `keypoints`. At most three reference frames of each place are compared.
+    Another localizer, the setting `ranking`, ranks the places. The first ones (setting `places`) are then compared with
+    the query by keypoints, as in the localizer `keypoints`. At most three reference frames of each place are compared.
+    The new score of a place is
+
+        s + weight * ln(1 + n / min_inliers)
+
+    - s: score of the place in the first ranking
+    - n: number of inliers in the best reference frame of the place
+    - `weight` and `min_inliers`: settings
 
     The answer is the first place of the new order. Its pose is computed from keypoints. If this pose has too few
     inliers, the pose by `ranking` is used instead, but only if the first place is the same in both orders. Otherwise,

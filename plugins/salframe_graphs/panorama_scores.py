@@ -47,9 +47,10 @@ class PanoramaScoresConfig(ComponentConfig):
     )
     nearest_scene: bool = match_only(
         True,
-        description="true: the answer is never a doorway. If the best match is a reference frame in a doorway, the "
-        "answer is the reference frame in a room that is nearest to the estimated pose; false: the answer can be a "
-        "reference frame in a doorway",
+        description="true: if the best match is a reference frame in a doorway, the reference frame in a room that is "
+        "nearest to the estimated pose replaces it; false: it is not replaced, and `saliency-graph` answers with the "
+        "doorway. With both values, `saliency-places` answers with a doorway only if the map has no reference frame in "
+        "a room",
     )
 
 

@@ -59,12 +59,13 @@ class IrradianceGrid:
         self._packed[6:] += irradiance.T
 
     def at(self, row: np.ndarray, column: np.ndarray, surface: RayHits) -> np.ndarray:
-        """Interpolate the irradiance at surfaces.
+        """Interpolate the irradiance at surface points.
 
         Args:
-            row: Pixel row of each surface, (M,); whole numbers are pixel centres.
-            column: Pixel column of each surface, (M,).
-            surface: The surfaces.
+            row: Row of the pixel that shows each surface point, (M,). It may be a fraction; whole numbers are pixel
+                centres.
+            column: Column of the pixel, (M,).
+            surface: The M surface points, as hits of rays from the camera.
 
         Returns:
             (M, 3) float32 in Fortran order.

@@ -81,8 +81,8 @@ def find_cameras(
                 received, expected = ("pictures", "depth images") if expects_depth else ("depth images", "pictures")
                 option = "depth" if expects_depth else "image"
                 raise DataError(
-                    f"the topic {topic} contains {received}, expected {expected} in the setting {option}: pass --set "
-                    f"{option}=TOPIC"
+                    f"the topic {topic} (setting {option}) contains {received}, expected {expected}: choose another "
+                    f"topic with --set {option}=TOPIC"
                 )
     cameras = []
     for color, depth, info in zip(color_topics, depth_topics, info_topics, strict=True):

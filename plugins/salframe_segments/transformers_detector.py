@@ -64,9 +64,9 @@ class TransformersDetector(Detector):
         labels: tuple[str, ...] | UserFile | None = Field(
             None,
             union_mode="left_to_right",
-            description="labels that a zero-shot network (a network for any text) searches for. a list: your labels; "
-            "a path: the labels of a saved map; null: the names of salframe's vocabulary. A network with fixed labels "
-            "requires null",
+            description="labels that a zero-shot network searches for. Such a network receives the labels as text, so "
+            "it can search for any object. a list: your labels; a path: the labels of a saved map; null: the names of "
+            "salframe's vocabulary. A network with fixed labels requires null",
         )
         fov_deg: float = Field(
             90.0,

@@ -57,8 +57,9 @@ class LevelledConfig(ComponentConfig):
 
     level: Literal["auto", "off"] = added(
         "auto",
-        description="whether tilted panoramas are turned upright before they are processed. auto: yes, by the tilt of "
-        "the pose. If the pose is unknown or exactly level, the tilt is estimated from the images; off: no",
+        description="auto: a tilted panorama is turned upright before it is processed. The tilt of a reference frame "
+        "is that of its pose, unless this pose is exactly level. All other tilts are measured by an IMU or estimated "
+        "from the images; off: panoramas are not turned",
     )
 
 

@@ -1,4 +1,4 @@
-"""Parse a description of a room in words: the objects, how many there are, and their order around the speaker."""
+"""Parse a description of a room in words: the objects, how many there are, and their order as seen by the writer."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _SEPARATORS = re.compile(r"[,;.\n]|\band\b|\bwith\b|\bplus\b|\b(?=without\b)")
 
 
 class Direction(StrEnum):
-    """The order of two objects around the speaker."""
+    """Direction of an object relative to another object, as seen by the person who wrote the description."""
 
     LEFT = "left of"
     RIGHT = "right of"

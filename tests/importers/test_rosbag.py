@@ -341,8 +341,16 @@ def test_clocks_that_differ_by_half_a_second_are_named(tmp_path):
     [
         (["depth_kind=cube"], "the setting depth_kind is 'cube', expected z or ray for pinhole images"),
         (["projection=equirectangular"], "images of 640 x 480 without intrinsics, expected width = 2 x height"),
-        (["depth=/camera/image_raw"], "the topic /camera/image_raw contains pictures, expected depth"),
-        (["image=/camera/depth/image"], "the topic /camera/depth/image contains depth images, expected pictures"),
+        (
+            ["depth=/camera/image_raw"],
+            "the topic /camera/image_raw (setting depth) contains pictures, expected depth images: choose another "
+            "topic with --set depth=TOPIC",
+        ),
+        (
+            ["image=/camera/depth/image"],
+            "the topic /camera/depth/image (setting image) contains depth images, expected pictures: choose another "
+            "topic with --set image=TOPIC",
+        ),
         (["camera_info=/camera/image_raw"], "has the type sensor_msgs/msg/Image, expected sensor_msgs/msg/CameraInfo"),
         (["num_views=20"], "num_views is 20, expected less than 20, the value of sequence_period"),
         (["num_views=3", "group_by=motion"], "num_views is 3 with group_by=motion, expected 0: set num_views=0"),

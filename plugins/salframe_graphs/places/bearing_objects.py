@@ -159,9 +159,16 @@ class BearingObjects(ObservedObjects):
         return self._log_odds(i, relative)
 
     def pair_points(self, i: np.ndarray, j: np.ndarray, camera_height_offset_m: float) -> PairPoints:
-        """Return the positions of query objects at the ranges that agree with their elevation and solid angle.
+        """Return estimated positions of query objects i (P,), each paired with a map object j (P,).
 
-        The range has the mean and the variance over RANGES_M, weighted by the likelihood of elevation and solid angle.
+        The unknown range of a query object is estimated: RANGES_M are weighted by the likelihood of the elevation and
+        the solid angle at each range. The estimate is their weighted mean, and its variance is their weighted variance
+        plus the variance of RANGE_ERROR_SHARE.
+
+        Args:
+            i: Indices of the query objects.
+            j: Indices of the map objects.
+            camera_height_offset_m: Height of the query's camera relative to its expected height, in metres.
         """
         errors = self._errors
         _, side_m, log_area = (values[j, None] for values in self._map_size)

@@ -15,7 +15,8 @@ from salframe_graphs.sectors import BINS, MIDDLES_RAD, azimuth_bins
 OUTLINE = "outline_m"
 """Key of the outline in a description."""
 LOWEST_M, HIGHEST_M = 1.85, 2.3
-"""Minimum and maximum height (m) above the floor of an outline's points: above most furniture and below lintels."""
+"""Minimum and maximum height (m) above the floor of an outline's points. Most furniture is lower. More than half of
+this interval is above a door of 2 m."""
 USUAL_HEIGHT_M = 1.5
 """Assumed height (m) of a camera above the floor if its height is unknown."""
 ERROR_LOG, OUTLIER_FRACTION, PEAK, MAX_SQUARED = 0.1, 0.15, 3.0, 50.0

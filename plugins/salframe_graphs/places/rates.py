@@ -96,12 +96,12 @@ class BearingErrors(Settings):
     )
     detection_logit: float = Field(
         -0.76,
-        description="constant a of the log-odds of detection at a distance of 2 m, for a query without range. They "
-        "are a + b x. Here, x is the log-odds of detection of the same object at 2 m, for a query with range (see "
-        "`rates.detection_logit`)",
+        description="constant a in the formula a + b x for the log-odds of detection at a distance of 2 m, in a query "
+        "without range. x: log-odds of detection of the same object at 2 m in a query with range, computed from "
+        "`rates`; b: `likelihood.bearings.detection_per_logit`",
     )
     detection_per_logit: float = Field(
-        1.62, description="factor b of the log-odds of detection a + b x (see `likelihood.bearings.detection_logit`)"
+        1.62, description="factor b in the formula a + b x of `likelihood.bearings.detection_logit`"
     )
     detection_per_distance: float = Field(
         -1.09, description="change of the log-odds of detection if ln(distance from the camera) increases by 1"
@@ -132,8 +132,8 @@ class Likelihood(Settings):
         0.33,
         gt=0,
         le=1,
-        description="factor (0 to 1) that multiplies the odds that an object of the query is an object of the place. "
-        "Only used for places in which no pose was estimated. Positions are ignored there",
+        description="factor (0 to 1) that multiplies the odds that an object of the query is an object of the place, "
+        "in the likelihood ratio without a pose. This ratio ignores positions",
     )
     scale_error: float = Field(
         0.1,

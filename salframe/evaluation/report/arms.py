@@ -1,5 +1,5 @@
-"""Arms of a report: methods with their settings, from several runs, side by side. Runs that differ only in the seed of
-the data are pooled."""
+"""Arms of a report. An arm is a method with its settings. The arms of several runs are compared side by side. Runs that
+differ only in the seed of the data are pooled."""
 
 from __future__ import annotations
 
@@ -65,7 +65,13 @@ def find_entries(views: Sequence[RunView[Any, Any]]) -> list[tuple[Entry, ...]]:
 def name_arms(
     views: Sequence[RunView[Any, Any]], entries: Sequence[tuple[Entry, ...]], rows: Sequence[MethodRow]
 ) -> list[Arm]:
-    """Return the arms with their names, from the result of `find_entries` and the row of each arm."""
+    """Return the arms of a report, each with a short name that is unique in the report.
+
+    Args:
+        views: The runs of the report.
+        entries: The entries of each arm, as `find_entries` returns them.
+        rows: The row of each arm.
+    """
     labels = [views[arm_entries[0].run].records[arm_entries[0].method].label for arm_entries in entries]
     bases = [base_of(label) for label in labels]
     settings = [

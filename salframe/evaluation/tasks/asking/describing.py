@@ -1,4 +1,4 @@
-"""Descriptions of the objects around a camera in words, as a speaker may write them."""
+"""Descriptions of the objects around a camera in words, as a person may write them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def describe_in_words(
     object nearest to the camera.
 
     Args:
-        objects: The objects around the speaker.
+        objects: The objects around the camera.
         labels: The labels that wrong words are drawn from.
         count: Number of labels to name.
         wrong_share: Probability that a label is replaced by a random one.
