@@ -87,7 +87,8 @@ def test_labels_of_no_name_are_not_mixed_with_names():
 
 def test_masks_of_another_frame_are_refused():
     with pytest.raises(
-        DataError, match="cover most of the place hall with other regions: use masks in the world frame"
+        DataError,
+        match="assign most of the area of hall, a place of the map, to other places: use new masks in the world frame",
     ):
         join_floors([HALL], [floor("kkkkk kkkkk", k="kitchen")])
     assert join_floors([HALL], [floor("kkk", k="kitchen")])  # half of it and no more
