@@ -40,7 +40,7 @@ Heading = Annotated[
     typer.Option(
         parser=number_parser("--heading", float, -MAX_ANGLE_DEG, MAX_ANGLE_DEG),
         metavar="DEG",
-        help="Direction that you face at the start, in degrees counter-clockwise from the world x axis (default: unknown)",
+        help="Direction you face at the start, in degrees counter-clockwise from the world x axis (default: unknown)",
     ),
 ]
 

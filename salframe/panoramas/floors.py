@@ -257,8 +257,8 @@ def _lay_over(below: FloorMasks, above: FloorMasks) -> FloorMasks:
     rows, columns = (np.maximum(below.region.shape, shift + above.region.shape) - corner).tolist()
     if rows * columns > MAX_PIXELS:
         raise DataError(
-            f"the rectangle around the old and the new masks of the floor at z = {above.z_m:g} m has {columns} x {rows} "
-            f"pixels, expected at most {MAX_PIXELS} in total, so the masks are far apart: use new masks in the world "
+            f"the rectangle around the old and the new masks of the floor at z = {above.z_m:g} m has {columns} x "
+            f"{rows} pixels, expected at most {MAX_PIXELS} in total, so the masks are far apart: use new masks in the world "
             "frame of the map"
         )
     above = _spread(_relabel(above, below), shift - corner, (rows, columns))
@@ -269,8 +269,8 @@ def _lay_over(below: FloorMasks, above: FloorMasks) -> FloorMasks:
         if 2 * (in_place & labelled).sum() > in_place.sum():
             raise DataError(
                 f"the new masks of the floor at z = {above.z_m:g} m assign most of the area of {place}, a place of the "
-                "map, to other places: use new masks in the world frame of the map, or remove the place from the map if "
-                "it no longer exists"
+                "map, to other places: use new masks in the world frame of the map, or remove the place from the map "
+                "if it no longer exists"
             )
     is_covered = above.free | above.obstacle | labelled
     return replace(

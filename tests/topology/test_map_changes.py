@@ -257,7 +257,7 @@ def test_what_does_not_fit_is_one_line_and_changes_nothing(rooms):
         (
             lambda: add_to_map("map", "upstairs", overrides=(at_zero,)),
             DataError,
-            "the floor at z = 0 m assign most of the area of room-0, a place of the map, to other places: use new masks in",
+            "the floor at z = 0 m assign most of the area of room-0, a place of the map, to other places: use",
         ),
         (lambda: remove_from_map("map", ["rom-1"]), UnknownName, "unknown place 'rom-1', did you mean 'room-1'"),
         (
