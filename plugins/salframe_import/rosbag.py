@@ -106,7 +106,7 @@ class RosBagImporter(Importer):
             ge=0,
             le=100,
             description="number of views (images) of each query, which is a short sequence of the recording; 0: no "
-            "images become queries",
+            "queries of several views",
         )
         sequence_period: int = Field(
             20,

@@ -26,7 +26,7 @@ class Annotated:
         points_m: (n, 3) float32, points of the object in the panorama frame, in metres: one point per pixel, or the
             corners of the box of a listed object. In an instance image without range, unit vectors through the pixels.
         solid_angle_sr: (n,), solid angle that each point stands for, in steradians. For a listed object, NaN if its
-            range is known, otherwise an eighth of the mean solid angle of its box.
+            range is known, otherwise the mean solid angle of its box divided by 8, the number of corners.
         text: The text on the object, "" if it has none.
     """
 

@@ -202,8 +202,9 @@ def calibrate_posterior(
 ) -> MapCalibration:
     """Calibrate the posterior of a localizer with the reference frames of a map.
 
-    The localizer indexes maps without the hidden frames, at most PLACE_GROUPS + MAX_FRAMES_OF_PLACE times. Call its
-    `index` for the whole map afterwards.
+    Some reference frames are hidden (removed from the map) and localized as queries. The localizer indexes the other
+    frames at most PLACE_GROUPS times without whole places, and at most MAX_FRAMES_OF_PLACE times without single frames.
+    Call its `index` for the whole map afterwards.
 
     Args:
         localizer: A localizer with a posterior.

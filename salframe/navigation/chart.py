@@ -73,7 +73,7 @@ class Chart(ABC):
 
 
 class FloorChart(Chart):
-    """The masks of the floors of a building, and discs around the obstacles of collisions, which the agent avoids.
+    """The floor masks of a building, and discs that the agent avoids: one around each point of a collision.
 
     Args:
         map: The topological map of the floors.

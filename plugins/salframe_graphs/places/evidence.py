@@ -117,7 +117,7 @@ class PlaceEvidence:
         return self._added(joined, lambda model: model.join(descriptions, T_last_view))
 
     def pack(self, packed: Description, description: Description) -> Description:
-        """Return the packed description with the arrays of each component."""
+        """Return `packed` with the additional arrays that each evidence component packs from `description`."""
         for model in self._models:
             packed = _merged(packed, model.pack(description), model.name)
         return packed

@@ -263,7 +263,12 @@ def ablate(file: str | Path, request: Request, *, progress: Progress | None = No
 
 @dataclass(frozen=True, eq=False)
 class PooledRuns:
-    """Runs whose rows are pooled: task, request and configurations of each, and the varied settings of the data."""
+    """Runs whose rows are pooled into one table row per method.
+
+    Attributes:
+        runs: Task, request and configurations of each run.
+        settings: The settings of the dataset that the study varies, with their values in these runs.
+    """
 
     runs: Sequence[tuple[AnyTask, Request, Resolved]]
     settings: Mapping[str, Any]
