@@ -103,25 +103,25 @@ Set = Annotated[
     list[str] | None,
     set_option(
         "Change a setting of all methods (KEY), one method (METHOD.KEY), the dataset (data.KEY) or the "
-        "engine (engine.KEY), such as data.seed=1"
+        "workers (engine.KEY), such as data.seed=1"
     ),
 ]
 SetForDetectors = Annotated[
     list[str] | None,
     set_option(
         "Change a setting of all detectors (KEY), one detector (DETECTOR.KEY), the dataset (data.KEY) or "
-        "the engine (engine.KEY), such as data.seed=1"
+        "the workers (engine.KEY), such as data.seed=1"
     ),
 ]
 SetForMethod = Annotated[
     list[str] | None,
     set_option(
-        "Change a setting of the method (KEY), the dataset (data.KEY) or the engine (engine.KEY), such as data.seed=1"
+        "Change a setting of the method (KEY), the dataset (data.KEY) or the workers (engine.KEY), such as data.seed=1"
     ),
 ]
 SetForData = Annotated[
     list[str] | None,
-    set_option("Change a setting of the dataset (data.KEY) or the engine (engine.KEY), such as data.seed=1"),
+    set_option("Change a setting of the dataset (data.KEY) or the workers (engine.KEY), such as data.seed=1"),
 ]
 Name = Annotated[
     str | None, typer.Option(metavar="NAME", help="Prefix of the name of the run folder (default: name of the dataset)")

@@ -18,7 +18,7 @@ SensorSettings = Annotated[
     typer.Option(
         "--set",
         metavar="KEY=VALUE",
-        help="Change a setting of the detector (detector.KEY), the dataset (data.KEY) or the engine "
+        help="Change a setting of the detector (detector.KEY), the dataset (data.KEY) or the workers "
         "(engine.KEY), such as detector.min_score=0.5",
     ),
 ]

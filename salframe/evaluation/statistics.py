@@ -187,7 +187,9 @@ def average_precision(evidence: np.ndarray, right: np.ndarray, count: int) -> fl
 
 
 def precision_at(evidence: np.ndarray, right: np.ndarray, count: int) -> tuple[float | None, ...]:
-    """Return the highest precision at each recall of AT_RECALLS or above; None if no threshold reaches the recall.
+    """For each recall of AT_RECALLS, return the highest precision of all thresholds with at least this recall.
+
+    A value is None if no threshold reaches the recall.
 
     The arguments are those of `average_precision`.
     """

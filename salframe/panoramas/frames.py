@@ -114,7 +114,8 @@ class QueryFrame:
 
     @property
     def views(self) -> tuple[QueryFrame, ...]:
-        """All views, in the order in which they were taken. The last one is this panorama alone."""
+        """All views of the query, in the order in which they were taken. The last one is this frame without the
+        earlier views."""
         return (*self.earlier, replace(self, earlier=(), T_last_view=None))
 
 

@@ -67,8 +67,8 @@ class Problem(Exception):
 def problem_of(error: BaseException) -> Problem:
     """Convert an exception to a problem.
 
-    The message of an error in the input is sent to the client. Any other exception is written to the log. For an
-    exception that is not a SalframeError, the client receives the status 500 without the message.
+    The client receives the message of each SalframeError. All exceptions but errors in the input are written to the
+    log. For an exception that is not a SalframeError, the client receives the status 500 without the message.
     """
     if isinstance(error, Problem):
         return error

@@ -101,7 +101,10 @@ class ObservedObjects(ABC):
 
 
 def label_ratio(label: np.ndarray, same_label: np.ndarray, index: PlaceIndex, rates: Rates) -> np.ndarray:
-    """Return the log likelihood ratio (n, M) of the query objects' labels (n,): map object against clutter."""
+    """Return the log likelihood ratios (n, M) of the labels of n query objects and M map objects.
+
+    The ratio compares two cases: the query object is this map object, or it is clutter.
+    """
     same = np.log(rates.label_agreement / index.frequency[label])[:, None]
     return np.where(same_label, same, np.log(1 - rates.label_agreement))
 

@@ -48,7 +48,14 @@ def reason(log: str, timeout_s: float | None, memory_mb: float | None) -> str:
 
 
 def watch(process: psutil.Process, max_mb: float, end: Path, log: Path) -> None:
-    """Poll the process until it ends. Kill it and its children if they exceed a limit."""
+    """Poll the process until it ends. Kill it and its children if they exceed a limit.
+
+    Args:
+        process: The process.
+        max_mb: Maximum memory of the process and its children in MB.
+        end: File with the time limit, see `is_late`.
+        log: File to write the reason of the kill to.
+    """
     while process.is_running() and process.status() != psutil.STATUS_ZOMBIE:
         used_mb = resident_mb(process)
         if used_mb > max_mb or is_late(end):

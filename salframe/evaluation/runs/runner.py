@@ -119,7 +119,7 @@ class _Work:
     limits: Limits
 
     def do(self, label: str, config: ComponentConfig) -> Outcome:
-        """Run a method on its remaining pieces, by one worker or by several workers with a share of the pieces each.
+        """Run a method on its remaining pieces of work, such as queries, by one or several workers.
 
         If a worker dies, the others continue. The piece that the worker worked on is tried once more. It is skipped if
         a worker dies on it again, or if it exceeded a limit. A method with too many skipped pieces ends as crashed.
