@@ -92,7 +92,7 @@ def describe_error(error: BaseException) -> str:
     if isinstance(error, OSError) and error.strerror and error.filename is not None:
         return f"cannot use the file or folder {shorten(one_line(error.filename))}: {error.strerror}"
     message = one_line(error)
-    return message if isinstance(error, SalframeError) else f"{type(error).__name__}: {message}".rstrip()
+    return message if isinstance(error, SalframeError) else f"{type(error).__name__}: {message}".rstrip(": ")
 
 
 def one_line(text: object) -> str:

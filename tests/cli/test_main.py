@@ -115,7 +115,7 @@ def test_a_plugin_that_fails_to_import_is_told_and_stops_nothing(fakes, monkeypa
     registry.cache_clear()
     listed = run("plugins")
     assert listed.code == 0
-    assert "no_such_plugin failed to load: ModuleNotFoundError" in listed.out
+    assert "the plugin no_such_plugin (package no_such_plugin) failed to load: ModuleNotFoundError" in listed.out
     assert run("compare", "--methods", "reader", "--data", "rooms", "--engine", "inline").code == 0
     done = run("compare", "--methods", "no_such_plugin", "--data", "rooms")
     assert (done.code, done.err.count("\n")) == (2, 1)
@@ -173,7 +173,7 @@ def test_a_component_that_ends_the_process_is_an_error(ending, method, error):
     done = run(*COMPARE, "--json")
     assert (done.code, done.out, done.err.count("\n")) == (2, "", 1)
     assert "ended the process (SystemExit:" in done.err
-    assert "ending_plugin.py line 11" in done.err
+    assert "ending_plugin.py, line 11" in done.err
     assert run("methods").code == run("plugins").code == 0
 
 

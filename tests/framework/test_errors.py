@@ -22,7 +22,7 @@ def missing_file(name: str) -> OSError:
     [
         (DataError("a is 1, expected 2"), "a is 1, expected 2"),
         (ValueError("a\nb"), "ValueError: a b"),
-        (ValueError(), "ValueError:"),
+        (ValueError(), "ValueError"),
         (missing_file("no/file"), "cannot use the file or folder no/file: No such file or directory"),
         (missing_file("no/a\x07"), r"cannot use the file or folder no/a\x07: No such file or directory"),
         (
