@@ -111,8 +111,8 @@ def floor_masks(
         cells = width_m / resolution_m * (height_m / resolution_m)
     if not cells <= _MAX_CELLS:
         raise DataError(
-            f"the outlines of {rooms[0].place} and other rooms span {width_m:g} x {height_m:g} m, "
-            f"expected a floor mask of at most {_MAX_CELLS} cells of {resolution_m:g} m"
+            f"the outlines of {rooms[0].place} and other rooms span {width_m:g} x {height_m:g} m, which is {cells:.3g} "
+            f"cells of {resolution_m:g} m, expected at most {_MAX_CELLS} cells: check the unit of the outlines"
         )
     columns, rows = int(np.ceil(width_m / resolution_m)), int(np.ceil(height_m / resolution_m))
     origin_m = np.array([left_m, top_m])

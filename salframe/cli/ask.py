@@ -23,7 +23,7 @@ def ask(
 
     Prints the five likeliest places with their probabilities, and the yes-or-no question that would best tell them
     apart. Commas separate objects. A number or "no" may stand before an object. "left of", "right of" or "opposite" may
-    stand between two objects. Unknown words and colours are reported.
+    stand between two objects. Colours and unknown words are ignored, with a note.
     """
     from salframe.localization.map import open_map
     from salframe.localization.text_places import ask as run

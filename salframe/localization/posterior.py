@@ -189,8 +189,8 @@ def read_fitted(part: str, value: Any) -> Any:
 
     Args:
         part: Name of the mapping with the parameters in a file of `salframe fit`.
-        value: The path of such a file, or a mapping of parameters. The key `kind` of a mapping names a file; the other
-            keys replace parameters of the file.
+        value: The path of such a file, or a mapping of parameters. The mapping may contain the path of such a file, in
+            the key `kind`. Its other keys then replace parameters of the file.
 
     Returns:
         The mapping of parameters; another value unchanged.

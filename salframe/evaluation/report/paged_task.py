@@ -57,9 +57,10 @@ class PagedTask(Task[Piece, Surveyed, PieceRowT, LineT]):
     def islands(
         cls, views: Sequence[Any], arms: Sequence[Arm], full: bool, progress: Progress | None = None
     ) -> Islands | None:
-        """Return the content of the HTML page for each query, pair or episode; None: no content (default).
+        """Return the details of each query, pair or episode that the HTML page of the run shows; None: no details
+        (default).
 
-        `full` shows panoramas in full resolution instead of thumbnails.
+        `arms` are the measured methods. `full` shows panoramas in full resolution instead of thumbnails.
         """
         return None
 

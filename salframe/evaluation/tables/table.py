@@ -44,7 +44,7 @@ def draw_table(
     Args:
         columns: The columns, from left to right.
         rows: The rows.
-        leading: Text of each row by heading, left of the columns. None: the title of the method.
+        leading: Additional columns at the left: for each heading, the texts of all rows. None: the title of the method.
         title: The table's title.
     """
     leading = leading_methods(rows) if leading is None else leading
