@@ -101,7 +101,7 @@ class MatterportAnnotations(NavigableDataset):
         )
         one_map: bool = match_only(
             False,
-            description="true: each map contains all buildings, 1 km apart along x. Several such maps are used: each is "
+            description="true: each map contains all buildings, 1 km apart along x. Several such maps are used, each "
             "for at most one query of each building, whose viewpoint is removed from the map (see `leave_out`). With "
             "`map_share`, there is a single map; false: each map contains one building. If the dataset has a single "
             "building, true and false give the same maps",
