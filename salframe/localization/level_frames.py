@@ -65,7 +65,10 @@ def upright_frame(localizer: Localizer, frame: ReferenceFrame) -> ReferenceFrame
 
 
 def split_level(description: Description) -> tuple[Description, np.ndarray | None]:
-    """Return the description without R_LEVEL_PANO, and this rotation (3, 3); None if the panorama was not levelled."""
+    """Return the description without its entry R_LEVEL_PANO, and the rotation (3, 3) in this entry.
+
+    The rotation is None if the panorama was not levelled.
+    """
     if R_LEVEL_PANO not in description:
         return description, None
     return {name: value for name, value in description.items() if name != R_LEVEL_PANO}, description[R_LEVEL_PANO]

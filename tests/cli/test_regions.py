@@ -44,7 +44,7 @@ def swapped(tmp_path, monkeypatch):
 def test_a_map_with_wrong_masks_is_refused(swapped, tmp_path, command):
     built = run(*command, "data", "-o", "map")
     assert built.code == 2
-    (line,) = [line for line in built.err.splitlines() if "auto selected" not in line]
+    (line,) = [line for line in built.err.splitlines() if "selected the detector" not in line]
     assert line.startswith(f"error: {BEGIN}bedroom-map (place bedroom, region ")
     assert CAUSE in line
     assert not (tmp_path / "map").exists()

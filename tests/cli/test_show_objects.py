@@ -162,7 +162,7 @@ def test_only_pictures_of_ours_are_overwritten(pictures):
         (("hall.jpg", "-o", "desk.png"), 2, "desk.png is a file, expected a folder"),
         (("hall.jpg", "other/hall.png"), 2, "2 images would be drawn to the same file hall.objects.png"),
         (("hall.jpg", "--fov", "180"), 2, "received --fov '180', expected a number from 5.0 to 170.0"),
-        (("hall.jpg", "--range", "hall.jpg"), 1, "hall.jpg has 3 channel(s) of 8 bits, expected 1 channel of 16 bits"),
+        (("hall.jpg", "--range", "hall.jpg"), 1, "hall.jpg has 3 channels of 8 bits, expected 1 channel of 16 bits"),
         (("hall.jpg", "--range", "desk.depth.png"), 1, "the range image is 640 x 480"),
         (("hall.jpg", "--detector", "range-balls"), 1, "'range-balls' needs range (--range FILE), which"),
         (("hall.jpg", "--set", "detector.fail=true"), 1, "no ball today"),

@@ -11,7 +11,7 @@ from tiny_folder import write_tiny_folder
 from salframe.panoramas.images import read_range, write_range
 
 SAID = "the floor lies 6 m below the camera ({}), expected 0.45 to 2.8 m: "
-MAPPED = "median of 3 panoramas from bedroom-map on"
+MAPPED = "median of 3 panoramas, the first: bedroom-map"
 LIKELY = "ranges may be about 4 times too large, likely quarter millimetres read as millimetres\n"
 
 

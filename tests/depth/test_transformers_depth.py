@@ -168,7 +168,7 @@ def test_one_line_says_what_does_not_fit(models, tmp_path):
         assert "\n" not in str(caught.value)
 
     with pytest.raises(
-        WeightsError, match="the range model 'transformers-depth' has no network: set `model` to the folder"
+        WeightsError, match="the range model 'transformers-depth' has no network: set the setting `model` to the folder"
     ):
         TransformersDepth(configure("range-model", "transformers-depth", {}))
     refused(

@@ -110,11 +110,12 @@ def test_candidates_that_score_less_are_left_out_and_boxes_end_at_the_border():
 
 def test_other_shapes_are_told():
     with pytest.raises(
-        WeightsError, match=r"is \(8, 100\) for each image, expected \(126, 8\) for the decoder 'yolox'"
+        WeightsError, match=r"have the shapes \(8, 100\) for each image, expected \(126, 8\) for the decoder 'yolox'"
     ):
         decoder("yolox").decode([np.zeros((1, 8, 100), np.float32)], REQUEST)
     with pytest.raises(
-        WeightsError, match=r"is \(100, 3\) for each image, expected \(\*, 4\), \(\*, 4\) for the decoder 'detr'"
+        WeightsError,
+        match=r"have the shapes \(100, 3\) for each image, expected \(\*, 4\), \(\*, 4\) for the decoder 'detr'",
     ):
         decoder("detr").decode([np.zeros((1, 100, 3), np.float32)], REQUEST)
 

@@ -163,7 +163,7 @@ def test_a_map_needs_range():
     frame = ReferenceFrame(
         "flat", "bedroom", stand(ROOMS[0]), load=lambda: look(ROOMS[0], "flat", stand(ROOMS[0]), {"annotations"})
     )
-    with pytest.raises(InputMissing, match="flat cannot be a reference frame: it has no range"):
+    with pytest.raises(InputMissing, match="flat cannot be a reference frame: the panorama has no range image"):
         LocalizationMap.build(SaliencyGraphLocalizer(SaliencyGraphLocalizer.Config(detector="annotations")), [frame])
     localizer = SaliencyGraphLocalizer(SaliencyGraphLocalizer.Config(detector="annotations"))
     built = LocalizationMap.build(localizer, map_frames())

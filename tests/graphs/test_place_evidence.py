@@ -74,7 +74,7 @@ def test_the_weights_are_those_of_the_columns_listed():
         ),
         ({"weights": None}, "received None, expected a dictionary"),
         ({"weights": {"outline": "heavy"}}, "received 'heavy', expected a number"),
-        ({"evidence": []}, r"received \[\], expected a list of at least one evidence"),
+        ({"evidence": []}, r"received \[\], expected a list with at least one evidence"),
         ({"evidence": ["paintt"]}, "unknown evidence 'paintt', did you mean 'paint'"),
     ],
 )

@@ -95,7 +95,7 @@ CHANGES = {
     "posterior.max_out_of_map_probability": (0.0001, {}),
     "posterior.calibrate": (False, {}),
     "posterior.query_distance_m": (5.0, {}),
-    "posterior.max_false_accept": (0.15, {}),
+    "posterior.max_false_accept": (0.15, {"posterior": {"query_distance_m": 0.1}}),
     "candidates": (2, {}),
     "scene_index": ("compiled-lists", {"candidates": 2}),
     "merged": (False, {}),

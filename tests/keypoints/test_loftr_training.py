@@ -126,7 +126,7 @@ def test_a_run_that_was_stopped_ends_like_one_that_was_not(train, tmp_path):
 
 def test_a_folder_holds_one_run(train, tmp_path):
     (tmp_path / "settings.json").write_text(tiny(seed=1).model_dump_json())
-    with pytest.raises(ConfigError, match="contains a run with other settings"):
+    with pytest.raises(ConfigError, match="contains a training run with other settings"):
         train(tiny(), tmp_path, lambda row: None)
 
 

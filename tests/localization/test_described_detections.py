@@ -59,7 +59,7 @@ def test_a_reference_frame_and_its_description(opened):
 
 def test_a_method_without_objects_refuses_detections(fakes):
     rooms = LocalizationMap.build(Reader(), reference_frames(Rooms()))
-    with pytest.raises(InputMissing, match="received detections, which reader does not use"):
+    with pytest.raises(InputMissing, match="received detections, which the method 'reader' does not use"):
         rooms.describe_detections(box_detections(ROOMS[0]))
 
 

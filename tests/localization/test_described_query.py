@@ -83,8 +83,8 @@ def test_a_query_that_is_not_turned_is_told(localizer):
     assert describe_query(localizer, listed, None, CAMERA_Z_M, warnings.append).turned == ()
     assert calls == []
     assert warnings == [
-        "q0 seems to be upside down: it shows the floor 1.10 m below the camera and the ceiling 1.50 m above it, and "
-        "the cameras of the map are at z = 1.50 m"
+        "q0 seems to be upside down: the image shows the floor 1.10 m below the camera and the ceiling 1.50 m above "
+        "it, but the cameras of the map are at z = 1.50 m"
     ]
 
 

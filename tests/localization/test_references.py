@@ -51,7 +51,7 @@ def test_completed_frames_are_counted_and_unfit_ones_are_left_out():
     assert [int(one["count"]) for one in done.descriptions] == [4, 3]
     assert [frame.id for frame in done.frames] == ["frame-0", "frame-3"]
     assert {id: str(error) for id, error in done.unusable_frames.items()} == {
-        name: f"{name} cannot be a reference frame: one object is too few" for name in ("frame-1", "frame-2")
+        name: f"panorama {name} cannot be a reference frame: one object is too few" for name in ("frame-1", "frame-2")
     }
     (note,) = done.notes
     assert note.startswith("8 of 16 objects in 3 reference frames without range are left out")

@@ -174,7 +174,7 @@ def test_a_score_is_the_logistic_function_of_the_mean_probability(detector, pano
         np.sort(score)[::-1][:5],
     )  # objects with low scores are left out
     np.testing.assert_allclose(logit(score), slope * logit(probability) + offset, atol=1e-6)
-    with pytest.raises(ConfigError, match=r"panoseg\.json: calibration.*slope"):
+    with pytest.raises(ConfigError, match=r"panoseg\.json: key calibration\.slope: received -1"):
         PanoSegDetector(own(tmp_path, card=card | {"calibration": {"slope": -1}}))
 
 

@@ -44,7 +44,7 @@ def test_a_run_that_another_process_has_in_hand_is_left_to_it(site):
     second = site.call(slow, place)
     assert second.code == 2
     message = (
-        r"error: another process writes to runs/rooms-\w+: wait until that process ends, "
+        r"error: another process writes to the folder runs/rooms-\w+: wait until that process ends, "
         r"or give the run another --name\n"
     )
     assert re.fullmatch(message, second.err), second.err

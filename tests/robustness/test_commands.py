@@ -42,7 +42,7 @@ WORDS = {
     "pipe": (("ablate", "pipe.yaml", "--data", "./data"), "pipe.yaml: the path is a pipe.*expected a regular file"),
     "device": (("ablate", "/dev/zero", "--data", "./data"), "expected a regular file"),
     "base of itself": (("ablate", "self.yaml"), "self.yaml inherits from itself"),
-    "base is a list": (("ablate", "list.yaml"), r"base is \['a'\], expected the name of a file"),
+    "base is a list": (("ablate", "list.yaml"), r"the key `base` is \['a'\], expected the name of a file"),
     "binary": (("ablate", "binary.yaml"), "tag .*binary, expected values without tags"),
     "alias of itself": (("ablate", "alias.yaml"), r"\*a refers to a value that contains this alias"),
 }

@@ -56,7 +56,10 @@ def test_a_walk_up_the_stairs_connects_the_storeys_of_a_map():
     length_m = np.hypot(0.4, 0.5) + 3 * np.hypot(0.4, 0.6) + np.hypot(0.4, 0.7)
     assert connection.length_m == pytest.approx(length_m)
     assert connection.kind == EdgeKind.STAIRS
-    assert topology.notes[-1] == f"the frames d to up-d show stairs of {length_m:.1f} m"
+    assert (
+        topology.notes[-1]
+        == f"two floors are connected by stairs of {length_m:.1f} m, recorded from the frame d to the frame up-d"
+    )
     steps = [str(step) for step in directions(find_route(topology, "a", "up-a"))]
     assert any(step.startswith("take the stairs to floor 2, to ") for step in steps)
     assert connect_by_walks(apart, frames[:4] + frames[8:]).connections == ()  # no frame on the stairs

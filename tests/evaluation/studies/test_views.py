@@ -40,7 +40,7 @@ def test_a_method_without_join_is_answered_view_by_view_and_its_row_says_so(stud
     assert rows["reader"].input == ("rgb", "3 views fused")
     assert rows["joiner"].reason is None
     assert f"queries with several views that were localized view by view: {2 * ROOMS}" in rows["reader"].reason
-    assert "because reader cannot join them" in rows["reader"].reason
+    assert "because the method 'reader' cannot localize several views together" in rows["reader"].reason
 
 
 def test_fusions_are_rows(study):

@@ -126,7 +126,7 @@ def test_the_limit_is_set_by_the_environment(tmp_path, monkeypatch):
     assert Cache(tmp_path).limit_bytes == 500_000_000
     for text in ("much", "nan", "-1", "inf"):
         monkeypatch.setenv("SALFRAME_CACHE_GB", text)
-        with pytest.raises(ConfigError, match=f"received SALFRAME_CACHE_GB='{text}', expected a number of gigabytes"):
+        with pytest.raises(ConfigError, match=f"SALFRAME_CACHE_GB is '{text}', expected a number of gigabytes"):
             Cache(tmp_path)
 
 

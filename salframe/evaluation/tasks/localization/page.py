@@ -23,7 +23,7 @@ ACCURACY = "accuracy.svg"
 
 
 def make_part(views: Sequence[LocalizationView], arms: Sequence[Arm]) -> dict[str, Any]:
-    """Return the figures and queries of runs, as JSON."""
+    """Return the part of the report on localization, as JSON: the drawings and the queries of runs."""
     return {"outcomes": OUTCOMES, "figures": draw_figures(arms, views), "sets": list_sets(arms, views)}
 
 
