@@ -33,7 +33,7 @@ def fit(
     posterior_only: Annotated[
         bool,
         typer.Option(
-            "--posterior-only", help="Fit only the posterior, and keep the weights of the terms (not with --try)"
+            "--posterior-only", help="Fit only the posterior, keep the weights of the evidence (excludes --try)"
         ),
     ] = False,
     data_dir: DataDir = None,

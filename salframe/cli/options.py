@@ -141,7 +141,7 @@ Workers = Annotated[
         "--workers",
         parser=number_parser("--workers", int, 1, MAX_WORKERS),
         metavar="N",
-        help="Number of worker processes (default: one per core to render data; else one process using all cores)",
+        help="Number of worker processes (default: for rendering, one per core; for other work, one using all cores)",
     ),
 ]
 parse_seed = number_parser("--seed", int, 0, MAX_SEED)
