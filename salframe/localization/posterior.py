@@ -143,8 +143,8 @@ class Posterior(Settings):
         gt=0,
         lt=1,
         description="maximum false accept rate (0 to 1): the share of out-of-map queries whose answers are accepted. "
-        "A conformal test limits this share. It compares an answer with the answers to the reference frames, each "
-        "localized in the map without its place; null: no test",
+        "A conformal test limits this share. For the test, each reference frame is localized like a query, in the map "
+        "without the place of this frame; null: no test",
     )
 
     def contrast(self, scores: np.ndarray) -> float:

@@ -81,7 +81,7 @@ class Folder:
             where = self.root / (self.manifest.truth or MANIFEST)
             raise TruthMissing(
                 f"{where} has no true place of the query {query_id!r}, which an evaluation needs: add the place to the "
-                "file in the key `truth` of the manifest"
+                "truth file, which the key `truth` of the manifest names"
             ) from None
         return Truth(entry.place, self._pose(entry.pose), entry.instances)
 

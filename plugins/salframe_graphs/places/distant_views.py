@@ -29,9 +29,9 @@ class DistantViews(Settings):
     window_m: float = Field(
         5.0,
         gt=0,
-        description="maximum distance (m) of an object from the nearest reference frame of a candidate place, if a "
-        "query has several groups of views (see `distant_views.near_m`). All groups together are matched with the "
-        "objects within this distance, even objects of other places, to estimate the pose",
+        description="radius (m) of the window of a candidate place. The window contains all objects within this "
+        "distance of a reference frame of the place, even objects of other places. If a query has several groups of "
+        "views (see `distant_views.near_m`), all its views are matched with the window to estimate the pose",
     )
     same_place_m: float = Field(
         2.0,

@@ -132,8 +132,8 @@ class Likelihood(Settings):
         0.33,
         gt=0,
         le=1,
-        description="factor (0 to 1) that multiplies the odds that an object of the query is an object of the place, "
-        "in the likelihood ratio without a pose. This ratio ignores positions",
+        description="factor (0 to 1) that multiplies the odds that an object of the query is an object of the place. "
+        "Only used in the likelihood ratio without a pose, which ignores positions",
     )
     scale_error: float = Field(
         0.1,
