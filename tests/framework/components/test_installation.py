@@ -144,7 +144,7 @@ def test_a_component_that_ends_the_process_ends_no_listing(fakes):
     registry().add(Leaving, "a-package")
     registry().add(Hidden, "a-package")
     found = {one.name: one for one in (*list_components(), *list_names("saliency"))}
-    assert found["leaving"].missing == "SystemExit:"
+    assert found["leaving"].missing == "SystemExit"
     assert found["hidden"].missing == "SystemExit: 0"
     assert diagnose().weights == {"hidden": "SystemExit: 0"}
 

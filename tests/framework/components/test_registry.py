@@ -166,7 +166,7 @@ RAISING = {
     [
         ("SystemExit(3)", "SystemExit: 3"),
         ("ImportError('no module named tensorflow')", "ImportError: no module named tensorflow"),
-        ("GeneratorExit()", "GeneratorExit: "),
+        ("GeneratorExit()", "GeneratorExit"),
     ],
 )
 def test_a_plugin_that_raises_costs_only_itself(found, plugin, code, error, reason):
