@@ -6,7 +6,7 @@ import pytest
 from salframe.graphs.boxes import detections_from_points
 from salframe.graphs.score_calibration import ScoreCalibration
 from salframe.panoramas.geometry import equirectangular_rays
-from training.segments.calibration import apply, brier, curve, fit, interval, left_out_scores
+from training.segments.calibration import apply, brier, curve, fit, interval, left_out_scores, undo
 from training.segments.measures import ROWS, accuracy, confusion, count, lay_objects, mean_iou, one_structure, parts_of
 from training.segments.photographs import CENTRE_PX, FOCAL_PX, normals, upright
 from training.segments.thirteen import CLASSES, class_of
@@ -89,6 +89,7 @@ def test_the_fit_finds_the_logistic_function_and_the_card_applies_the_same():
     assert (slope, offset) == pytest.approx((0.6, -0.5), abs=0.05)
     card = ScoreCalibration(slope=0.6, offset=-0.5)
     assert [card.score(value) for value in p[:5]] == pytest.approx(apply(p[:5], 0.6, -0.5).tolist())
+    assert undo(apply(p, 0.6, -0.5), 0.6, -0.5) == pytest.approx(p)
     views, truth = np.split(p, 10), np.split(right, 10)
     assert brier(left_out_scores(views, truth), truth) < brier(views, truth)
 

@@ -22,7 +22,7 @@ from salframe.framework.errors import SalframeError
 from salframe.graphs.detections import Detections
 from salframe.graphs.vocabulary import common_label
 from salframe.localization.preparing import prepare
-from training.segments.calibration import apply, brier, curve, fit, logit
+from training.segments.calibration import apply, brier, curve, fit, undo
 
 MIN_PROBABILITY = 0.25
 """Minimum mean class probability of the objects that are counted."""
@@ -52,7 +52,7 @@ def run(detector: PanoSegDetector, data: str, seeds: str) -> tuple[list[np.ndarr
         for query in dataset.folds()[0].queries:
             panorama = query.load()
             detections = with_common_labels(detector.detect(panorama))
-            probability = 1 / (1 + np.exp((offset - logit(detections.scores)) / slope))
+            probability = undo(detections.scores, slope, offset)
             counted = probability >= MIN_PROBABILITY
             plain.append(probability[counted])
             right.append(is_right(detections, with_common_labels(annotations.detect(panorama)))[counted])

@@ -43,6 +43,11 @@ def apply(p: np.ndarray, slope: float, offset: float) -> np.ndarray:
     return 1 / (1 + np.exp(-slope * logit(p) - offset))
 
 
+def undo(scores: np.ndarray, slope: float, offset: float) -> np.ndarray:
+    """Return the scores without calibration: the inverse of `apply`."""
+    return apply(scores, 1 / slope, -offset / slope)
+
+
 def left_out_scores(p: Sequence[np.ndarray], right: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Return the scores of the objects of each view with a calibration that is fitted on the other views."""
     scores = []

@@ -28,7 +28,7 @@ from salframe.graphs.detector import Detector
 from salframe.panoramas.geometry import rays_to_pixels
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.photograph import lay_on_sphere, see_panorama
-from training.segments.calibration import brier, curve, fit, interval, left_out_scores, logit
+from training.segments.calibration import brier, curve, fit, interval, left_out_scores, undo
 from training.segments.measures import (
     ROWS,
     Counts,
@@ -120,7 +120,7 @@ def measure(detector: Detector, views: Sequence[View], height: int) -> dict[str,
     if isinstance(detector, SegmentsDetector):
         figures["pixels"] = {"accuracy": accuracy(pixels), "mean_iou": mean_iou(pixels)}
         slope, offset = detector.calibration.slope, detector.calibration.offset
-        plain = [1 / (1 + np.exp((offset - logit(result.objects.score)) / slope)) for result in results]
+        plain = [undo(result.objects.score, slope, offset) for result in results]
         scores = left_out_scores(plain, named)
         figures["calibration"] = {
             "fit": fit(np.concatenate(plain), np.concatenate(named)),
