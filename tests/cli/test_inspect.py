@@ -98,8 +98,8 @@ def test_commands_that_cannot_be_loaded_are_told_once_and_stop_nothing(fakes, mo
     registry.cache_clear()
     done = run("--help")
     plugin = "the commands of the plugin broken_commands (package broken_commands)"
-    told = f"{plugin} failed to load: SystemExit: no commands today\n"
-    assert (done.code, done.err) == (0, told)
+    message = f"{plugin} failed to load: SystemExit: no commands today\n"
+    assert (done.code, done.err) == (0, message)
     assert run("compare", "--methods", "reader", "--data", "rooms", "--engine", "inline").code == 0
 
 

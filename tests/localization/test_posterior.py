@@ -182,16 +182,18 @@ def test_a_file_or_parameters_or_both(tmp_path):
 def test_bad_files_and_parameters_are_one_line(tmp_path):
     from salframe_objects.localizer import ObjectSetLocalizer
 
-    def told(value):
+    def error_of(value):
         with pytest.raises(ConfigError) as error:
             validate(ObjectSetLocalizer.Config, {"posterior": value}, "objects")
         assert "\n" not in str(error.value)
         return str(error.value)
 
     (tmp_path / "other.yaml").write_text("kind: objects\n")
-    assert "cannot read the file nowhere.yaml: No such file" in told("nowhere.yaml")
-    assert "has no mapping `posterior`, expected a file that `salframe fit` wrote" in told(str(tmp_path / "other.yaml"))
-    assert "objects.posterior.temperature: received 0, expected a number greater than 0" in told(
+    assert "cannot read the file nowhere.yaml: No such file" in error_of("nowhere.yaml")
+    assert "has no mapping `posterior`, expected a file that `salframe fit` wrote" in error_of(
+        str(tmp_path / "other.yaml")
+    )
+    assert "objects.posterior.temperature: received 0, expected a number greater than 0" in error_of(
         {"temperature": 0, "head": NEUTRAL}
     )
-    assert "the required setting objects.posterior.head is missing" in told({"temperature": 1.0})
+    assert "the required setting objects.posterior.head is missing" in error_of({"temperature": 1.0})
