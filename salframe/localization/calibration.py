@@ -26,9 +26,10 @@ PLACE_GROUPS = 10
 """Maximum number of groups of places. All places of a group are removed at once, so that the map is indexed once for
 each group."""
 ABSENT_PRIOR = 10.0
-"""Weight of the mean and the deviation of the fitted posterior, as an equivalent number of out-of-map answers."""
+"""Weight of the contrast mean and deviation of the fitted posterior when they are averaged with those of the map, as a
+number of out-of-map answers."""
 ACCURACY_PRIOR = 4.0
-"""Weight of the accuracy of the fitted posterior, as an equivalent number of answers."""
+"""Weight of the accuracy of the fitted posterior when it is averaged with that of the map, as a number of answers."""
 DISTANCE_EXPONENT = 0.3
 """The share of correct answers is proportional to d ** -DISTANCE_EXPONENT, with d the distance to the nearest reference
 frame. Fitted on tuning data: ten buildings at half of their viewpoints, and `house-42` with the errors of two
@@ -37,16 +38,17 @@ FITTED_DISTANCE_M = 1.0
 """Distance in metres to the nearest reference frame at which the accuracy of a fitted posterior is valid: about the
 mean distance in the tuning data."""
 ACCURACY_LIMITS = (0.01, 0.99)
-"""Minimum and maximum accuracy of a calibrated `Head`."""
+"""Minimum and maximum accuracy (share of correct answers) of a calibrated `Head`, the model of the in-map
+probability."""
 BIAS_DEVIATION = 2.0
-"""Standard deviation of the normal prior of the change of the bias. Like DISTANCE_SPREAD, it was fitted on the tuning
-data of DISTANCE_EXPONENT."""
+"""Standard deviation of the normal prior of the amount by which the calibration changes the bias of a `Head`. Like
+DISTANCE_SPREAD, it was fitted on the tuning data of DISTANCE_EXPONENT."""
 DISTANCE_SPREAD = 0.5
 """A correct answer at the distance d to the nearest reference frame has the weight exp(-x^2 / 2) in the change of the
 bias, with x = ln(d / query_distance_m) / DISTANCE_SPREAD. Answers at other distances than those of queries have little
-weight, because the contrast depends on the distance."""
+weight, because the contrast (score difference between the first place and the others) depends on the distance."""
 MAX_BIAS_CHANGE = 4.0
-"""Maximum magnitude of the change of the bias."""
+"""Maximum magnitude of the amount by which the calibration changes the bias of a `Head`."""
 PROBABILITY_DIGITS = 4
 """Number of decimals of the stored probabilities. Few decimals keep maps small."""
 MIN_DISTANCE_M = 0.1
@@ -55,7 +57,7 @@ MIN_DISTANCE_M = 0.1
 
 @dataclass(frozen=True, eq=False)
 class FrameAnswers:
-    """Answers to N scene frames of a map that were used as queries.
+    """Answers to N scene frames (reference frames in rooms) of a map that were used as queries.
 
     Before a frame is localized, it is hidden (removed from the map), either alone or with all frames of its place.
 
@@ -104,8 +106,8 @@ class MapCalibration(Settings):
         head: The calibrated head of the posterior. Its mean, deviation, accuracy and number of objects are adapted to
             this map.
         present_frames: Number of frames that were localized while they were hidden, but not their places.
-        absent_in_map: Probabilities of being in the map, computed by `head`, of the frames whose places were hidden;
-            ascending. Their answers are the out-of-map answers.
+        absent_in_map: In-map probabilities, ascending, that `head` computes for the frames whose places were hidden.
+            The answers to these frames are the out-of-map answers.
         before: Quality of the probabilities without calibration; None if there are no present or no absent frames.
         after: Quality with calibration, cross-validated: for the frames of a place, the calibration does not use these
             frames.
@@ -185,7 +187,7 @@ OTHER_CALIBRATION = (
     "the probabilities are not calibrated, because the map was calibrated with other settings or by another version of "
     "the method: run `salframe map calibrate MAP`, or build the map with the new settings"
 )
-"""Note of answers in a map whose calibration does not apply."""
+"""Note in the answers of a map that was calibrated with other settings or by another version of the method."""
 
 
 def is_calibrated(localizer: Localizer) -> bool:
@@ -242,7 +244,8 @@ def localize_frames(
     frames: Sequence[ReferenceFrame],
     floors: Sequence[FloorMasks],
 ) -> FrameAnswers:
-    """Localize scene frames of a map after they, or all frames of their places, were removed from the map.
+    """Localize scene frames (reference frames in rooms) of a map after they, or all frames of their places, were
+    removed from the map.
 
     Answers without a place are left out. Frames that cause an exception in the localizer are left out too. Arguments
     are those of `calibrate_posterior`.
@@ -283,9 +286,10 @@ def calibrate_head(posterior: Posterior, answers: FrameAnswers) -> Head:
     """Return the head of a posterior calibrated for a map, from the answers to frames of this map.
 
     The number of objects is the mean over the frames. The mean and the deviation of the contrast are computed from the
-    absent frames and averaged with the values of the posterior, which have the weight of ABSENT_PRIOR answers. The
-    accuracy is computed from the present frames, for the distance `query_distance_m`. The accuracy of the posterior has
-    the weight of ACCURACY_PRIOR answers at FITTED_DISTANCE_M. The bias is changed by `_bias_change`.
+    absent frames (whose places were hidden) and averaged with the values of the posterior, which have the weight of
+    ABSENT_PRIOR answers. The accuracy is computed from the present frames (other frames of their places were not
+    hidden), for the distance `query_distance_m`. The accuracy of the posterior has the weight of ACCURACY_PRIOR answers
+    at FITTED_DISTANCE_M. The bias is changed by `_bias_change`.
     """
     head = posterior.head
     if head.objects and answers.objects.any():

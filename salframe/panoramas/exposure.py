@@ -61,7 +61,7 @@ def brighten_dark(rgb: np.ndarray, valid: np.ndarray | None = None) -> np.ndarra
 
 
 def exposure_setting() -> Any:
-    """Return the field of the setting `exposure` of a detector that applies `brighten_dark` to its input."""
+    """Return the pydantic field of the setting `exposure`, for detectors that apply `brighten_dark` to their input."""
     return Field(
         "auto",
         description="correction of the exposure before the network runs. auto: a dark panorama (mean luminance below "
