@@ -115,7 +115,7 @@ class SaliencyGraph:
 
     @cached_property
     def weights(self) -> np.ndarray:
-        """(E,) edge weights w_ab = sqrt(S_a S_b)."""
+        """(E,) float64 edge weights w_ab = sqrt(S_a S_b), with the saliency S of the nodes a and b."""
         return np.sqrt(self.saliency[self.edges[:, 0]] * self.saliency[self.edges[:, 1]])
 
     @cached_property

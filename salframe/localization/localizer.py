@@ -88,9 +88,10 @@ class Localizer(Role):
     """Maximum deviation of the pose if the panorama is rotated by a multiple of `column_step`: of the position in
     metres, and of the heading in radians."""
     range_model: RangeModel | None = None
-    """The component that the setting `range` selects."""
+    """The range model that the setting `range` selects; None: range is not estimated."""
     posterior: Posterior | None = None
-    """The value of the setting `posterior`."""
+    """The value of the setting `posterior`: the parameters that convert scores to probabilities; None: no
+    probabilities."""
     level: str = "auto"
     """The value of the setting `level`, if the Config has it: whether tilted panoramas are levelled."""
     odometry: OdometryNoise = OdometryNoise()

@@ -18,7 +18,7 @@ _CHUNK = 1 << 14
 """Number of poses to check at a time."""
 _NAME = ArrayKind("U", ())
 FRAME_COLUMNS = {"id": _NAME, "place": _NAME, "kind": _NAME, "pose": ArrayKind("f", (None,))}
-"""Columns of a table of frames."""
+"""Kind and shape of each column of the table of reference frames in a saved map, by name."""
 _LEVEL, _TILTED = 5, 12
 """Number of values in the two formats of a pose. Level, for an upright panorama: x, y, z, cosine and sine of the yaw.
 Tilted: the first three rows of the pose matrix."""

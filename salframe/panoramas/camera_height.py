@@ -29,7 +29,7 @@ MIN_CONFIRMED_M = 0.1
 """Minimum height of a camera that the z of a pose can confirm. If the origin of the world is a camera, z is often near
 0 and confirms nothing."""
 NUM_FRAMES = 3
-"""Number of panoramas to check."""
+"""Maximum number of panoramas that are loaded for a check, such as of the unit of the ranges."""
 
 UNITS = {
     1 / 4: "quarter millimetres read as millimetres",

@@ -7,7 +7,7 @@ import numpy as np
 from salframe.panoramas.geometry import equirectangular_rays
 
 NUM_ROWS = 128
-"""Approximate number of rows after subsampling."""
+"""Approximate number of rows of a range image after subsampling."""
 MIN_KNOWN_SHARE = 0.03
 """Minimum share of the panorama that the face below the camera must fill with known values. The whole face fills 1/4 of
 its pixels."""

@@ -57,7 +57,7 @@ class ImageFiles:
 
     @property
     def by_part(self) -> dict[str, Path]:
-        """The files by part."""
+        """Mapping from the part of a panorama, such as "rgb", to its image file."""
         files = {"rgb": self.rgb, "range": self.range, "valid": self.valid}
         return {part: path for part, path in files.items() if path is not None}
 

@@ -35,7 +35,7 @@ MIN_RATIO = 0.88
 """A lower `Agreement.ratio` of all frames causes a warning. The ratio is 0.99 to 1.00 in rendered buildings, and 0.95
 if positions have errors of 0.1 m."""
 MIN_EVIDENCE = 0.08
-"""Minimum `Agreement.evidence` to trust the ratio."""
+"""Minimum `Agreement.evidence` of all frames at which `Agreement.ratio` is used."""
 MIN_ON_SURFACE = 0.25
 """Minimum share of agreeing points after a correction, for frames of one place that see no common surface before."""
 MIN_PAIR_RATIO, MIN_PAIR_EVIDENCE = 0.6, 0.2

@@ -36,7 +36,7 @@ MIN_JUMP_SHARE = 0.9
 """Minimum share of neighbouring pixels with a jump of the range (MIN_JUMP), along the border of the pixels with the
 value. Along the border of a real surface, the share is smaller, because the surface touches other surfaces."""
 NUM_FRAMES = 6
-"""Number of panoramas to check."""
+"""Maximum number of panoramas that are loaded to find values that mean an unknown range."""
 
 
 def missing_values(steps: np.ndarray, weights: np.ndarray | None = None) -> dict[int, float]:

@@ -99,7 +99,7 @@ class Rules(Generic[ComponentT]):
 
 
 def check_rule(rule: str, check: Callable[[], object]) -> RuleResult:
-    """Return the result of one rule."""
+    """Check one rule, and return the result. `check` raises ConformanceError if the rule is broken."""
     try:
         check()
     except ConformanceError as error:

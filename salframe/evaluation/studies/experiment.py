@@ -37,7 +37,7 @@ from salframe.panoramas.opening import Progress
 FOLDER = "experiments"
 """Folder of presets that holds the experiments."""
 RESULTS = Path("results")
-"""Default folder of results."""
+"""Default folder of the files with the stored results of experiments."""
 
 
 class TableStudy(Study):

@@ -60,32 +60,35 @@ def _spread(shares: Sequence[float]) -> str:
 
 
 def share_column(heading: str, get: Callable[[RowT], float | None], *, largest: bool = True) -> Column[RowT]:
-    """Return a column of shares as percent."""
+    """Return a table column of shares as percent. `get` returns the share of a row, from 0 to 1; None: unknown."""
     return Column(heading, lambda row: percent(get(row)), get, largest)
 
 
 def rate_column(heading: str, get: Callable[[RowT], Estimate | None], *, largest: bool = True) -> Column[RowT]:
-    """Return a column of shares as percent with their 95 % confidence intervals."""
+    """Return a table column of shares as percent with their 95 % confidence intervals. `get` returns the share of a
+    row, from 0 to 1; None: unknown."""
     return Column(heading, lambda row: interval(get(row)), _value_of(get), largest)
 
 
 def number_column(heading: str, get: Callable[[RowT], float | None], digits: int) -> Column[RowT]:
-    """Return a column of numbers with this number of decimals."""
+    """Return a table column of numbers with this number of decimals. `get` returns the number of a row; None:
+    unknown."""
     return Column(heading, lambda row: fixed(get(row), digits))
 
 
 def count_column(heading: str, get: Callable[[RowT], int | None]) -> Column[RowT]:
-    """Return a column of counts."""
+    """Return a table column of counts. `get` returns the count of a row; None: unknown."""
     return Column(heading, lambda row: str(get(row)))
 
 
 def cost_column(heading: str, get: Callable[[RowT], float | None], digits: int | None = None) -> Column[RowT]:
-    """Return a column of costs, with this number of decimals; None: two significant digits."""
+    """Return a table column of costs (times, sizes or memory), which `get` returns for a row. `digits` is the number of
+    decimals; None: two significant digits."""
     return Column(heading, lambda row: two_digits(get(row)) if digits is None else fixed(get(row), digits), cost=True)
 
 
 def bytes_column(heading: str, get: Callable[[RowT], float | None]) -> Column[RowT]:
-    """Return a column of sizes in bytes."""
+    """Return a table column of sizes. `get` returns the size of a row in bytes; None: unknown."""
     return Column(heading, lambda row: format_bytes(get(row)), cost=True)
 
 

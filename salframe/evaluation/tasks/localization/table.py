@@ -176,7 +176,7 @@ ABOUT = (
     "the correct place and a pose. Times are medians, without loading images. p: exact paired test of the accuracy "
     "against the first measured method of the same run, clustered by place, adjusted by Holm's method."
 )
-"""Note on the columns for the page."""
+"""Note on the columns of the table, for the HTML page."""
 
 
 def out_of_map_tables(

@@ -84,7 +84,7 @@ ABOUT = (
     "d0 / max(d0, d), where d is the distance walked and d0 the length of the shortest path along the map. p: exact "
     "paired test of SR against the first measured method of the same run, clustered by goal, adjusted by Holm's method."
 )
-"""Note on the columns for the page."""
+"""Note on the columns of the table, for the HTML page."""
 
 
 def score_tables(rows: Sequence[NavigationRow], leading: Mapping[str, Sequence[str]] | None = None) -> list[Table]:

@@ -20,7 +20,7 @@ from salframe.topology.topological_map import MapEdge, NodeKind
 NUM_VIEWS = 12
 """Number of views of a walk."""
 STEP_M = 0.5
-"""Maximum distance between two views."""
+"""Maximum distance in metres between two successive views of a walk."""
 TRIES = 1000
 """Number of random starts and goals that are tried for a walk."""
 
