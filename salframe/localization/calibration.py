@@ -302,8 +302,10 @@ def localize_frames(
             evidence.append(answer.evidence)
     columns = zip(*rows, strict=True) if rows else [()] * 6
     kinds = (np.float64, np.int64, np.bool_, np.bool_, np.float64, np.int64)
-    arrays = (np.array(column, kind) for column, kind in zip(columns, kinds, strict=True))
-    return FrameAnswers(*arrays, evidence=evidence_columns(evidence))
+    return FrameAnswers(
+        *(np.array(column, kind) for column, kind in zip(columns, kinds, strict=True)),
+        evidence=evidence_columns(evidence),
+    )
 
 
 def calibrate_head(posterior: Posterior, answers: FrameAnswers) -> Head:

@@ -30,7 +30,7 @@ from salframe.localization.calibration import (
 )
 from salframe.localization.localizer import Localizer, posterior_slot
 from salframe.localization.map import LocalizationMap
-from salframe.localization.posterior import Head, Posterior
+from salframe.localization.posterior import EvidenceTerm, Head, Posterior
 from salframe.localization.ranking import rank_places
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import FrameKind, ReferenceFrame
@@ -127,6 +127,21 @@ def test_numbers_of_objects_scale_the_contrasts_of_out_of_map_frames():
     assert found.absent_deviation == pytest.approx(
         0.5, rel=0.04
     )  # the deviation of the posterior has a weight of 0.1 %
+
+
+def test_evidence_of_out_of_map_frames_is_averaged_with_the_posterior():
+    """Of three absent answers, two have an outline. The mean and the variance of these two are averaged with those of
+    the term."""
+    term = EvidenceTerm(absent_mean=1.0, absent_deviation=2.0, bias=-0.5, slope=1.0)
+    posterior = POSTERIOR.model_copy(update={"head": HEAD.model_copy(update={"evidence": {"outline": term}})})
+    absent, unknown = np.ones(3, bool), np.zeros(3, int)
+    outline = {"outline": np.array([4.0, 8.0, np.nan])}
+    distance = np.full(3, np.nan)
+    answers = FrameAnswers(np.full(3, 2.0), unknown, ~absent, absent, distance, np.arange(3), evidence=outline)
+    found = calibrate_head(posterior, answers).evidence["outline"]
+    assert found.absent_mean == pytest.approx((12 + ABSENT_PRIOR * 1) / (2 + ABSENT_PRIOR))
+    assert found.absent_deviation == pytest.approx(np.sqrt((8 + ABSENT_PRIOR * 4) / (2 + ABSENT_PRIOR)))
+    assert (found.bias, found.slope) == (-0.5, 1.0)
 
 
 def test_accuracy_at_the_distance_of_queries_is_a_share():
