@@ -180,7 +180,8 @@ def test_an_answer_has_the_evidence_of_its_first_place_for_the_posterior():
     assert dict(answer.evidence) == {"likelihood": evidence.values["likelihood"][scores.argmax()]}
     assert answer.evidence["likelihood"] > 0
     bearings = built.answer(graph_to_arrays(without_range(graph_from_arrays(description))))
-    assert bearings.places and dict(bearings.evidence) == {}
+    assert bearings.places
+    assert dict(bearings.evidence) == {}
 
 
 def test_what_is_fitted_comes_from_a_file_or_the_settings(tmp_path):
