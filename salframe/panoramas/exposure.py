@@ -21,7 +21,7 @@ NOISE_RADIUS_PX = 2
 """Radius in pixels of the neighbourhood that the noise filter averages."""
 NOISE_SIGMA_PX = 1.5
 """Standard deviation in pixels of the weights of the noise filter by distance."""
-NOISE_SIGMA_COLOUR = 20.0
+NOISE_SIGMA_COLOUR = 15.0
 """Standard deviation of the weights of the noise filter by colour. The difference of two colours is the sum of the
 absolute differences of red, green and blue, from 0 to 765."""
 SAMPLED_ROWS = 128
@@ -51,9 +51,9 @@ def mean_luminance(rgb: np.ndarray, valid: np.ndarray | None = None) -> float:
 def correct_dark(rgb: np.ndarray, valid: np.ndarray | None = None) -> np.ndarray:
     """Return a dark panorama with the usual mean luminance and less noise, and any other panorama unchanged.
 
-    First, linear light is multiplied by one factor, so colours do not change except where a channel exceeds white.
-    This amplifies noise. A bilateral filter (Tomasi and Manduchi, Bilateral filtering for gray and color images, ICCV
-    1998) then reduces the noise and keeps edges.
+    First, a bilateral filter (Tomasi and Manduchi, Bilateral filtering for gray and color images, ICCV 1998) reduces
+    noise and keeps edges. Then linear light is multiplied by one factor, which does not change colours except where a
+    channel exceeds white.
 
     Args:
         rgb: Colour (H, 2H, 3) uint8 sRGB.
@@ -65,7 +65,7 @@ def correct_dark(rgb: np.ndarray, valid: np.ndarray | None = None) -> np.ndarray
     luminance = mean_luminance(rgb, valid)
     if not 0 < luminance < DARK_LUMINANCE:
         return rgb
-    return _without_noise(multiply_light(rgb, np.full(3, min(USUAL_LUMINANCE / luminance, MAX_GAIN))))
+    return multiply_light(_without_noise(rgb), np.full(3, min(USUAL_LUMINANCE / luminance, MAX_GAIN)))
 
 
 def _without_noise(rgb: np.ndarray) -> np.ndarray:
@@ -82,6 +82,6 @@ def exposure_setting() -> Any:
     return Field(
         "auto",
         description="correction of dark panoramas before the network runs. auto: a dark panorama (mean luminance below "
-        "0.18, where white is 1) is brightened to the mean 0.29, by a factor of at most 16, and its noise is filtered; "
+        "0.18, where white is 1) is filtered against noise and brightened to the mean 0.29, by a factor of at most 16; "
         "none: no correction",
     )
