@@ -11,7 +11,8 @@ from salframe.panoramas.geometry import pixel_solid_angles
 from salframe.panoramas.srgb import LINEAR, LUMINANCE, multiply_light
 
 DARK_LUMINANCE = 0.18
-"""Maximum mean luminance of a dark image. Panoramas rendered in dim light have 0.096 to 0.17 (`house-42`, seed 100)."""
+"""Maximum mean luminance of a dark image. Panoramas rendered in dim light have 0.08 to 0.17, and by day at least 0.26
+(`house-42`, seeds 100 and 101)."""
 USUAL_LUMINANCE = 0.29
 """Mean luminance of panoramas rendered by day (`house-42`, seeds 100 and 101). Photographs of rooms have 0.19 to 0.36
 (8 of NYU Depth v2)."""
