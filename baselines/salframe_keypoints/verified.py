@@ -55,9 +55,17 @@ class VerifiedPlaces(Localizer):
             5, ge=1, description="number of places that are re-ranked, the first ones by `ranking`"
         )
         min_inliers: int = match_only(
-            20, ge=4, description="minimum number of inliers of a pose. If there are fewer, the pose is rejected"
+            20,
+            ge=4,
+            description="minimum number of inliers of a pose: matched keypoints that agree with the pose. If there are "
+            "fewer, the pose is rejected",
         )
-        weight: float = match_only(7.8, ge=0, description="weight of ln(1 + n / min_inliers) in the new score")
+        weight: float = match_only(
+            7.8,
+            ge=0,
+            description="weight of the keypoints in the new score: the factor of ln(1 + n / min_inliers), where n is "
+            "the number of inliers",
+        )
 
     def __init__(self, config: ComponentConfig | None = None) -> None:
         super().__init__(config)

@@ -35,7 +35,8 @@ class SalientObjects(DetectingLocalizer):
             ge=0,
             le=100,
             description="exponent p of the weight S^p of an object with the saliency S. 1: the weight is proportional "
-            "to the volume; 1/3: proportional to the cube root of the volume; 0: all objects have the same weight",
+            "to the saliency (by default, the share of the volume); 1/3: proportional to the cube root of the "
+            "saliency; 0: all objects have the same weight",
         )
         posterior: posterior_slot()  # type: ignore[valid-type]
 
@@ -48,7 +49,7 @@ class SalientObjects(DetectingLocalizer):
         return self._saliency.score(detections) ** self.config.saliency_power
 
     def pack(self, description: Description) -> Description:
-        """Return the description with floats in single precision, without WRITTEN_LABELS."""
+        """Return the description with floats in single precision, without the labels as the detector wrote them."""
         return {
             name: array.astype(np.float32) if array.dtype == np.float64 else array
             for name, array in description.items()

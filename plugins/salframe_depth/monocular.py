@@ -80,11 +80,11 @@ class MonocularDepth(RangeModel):
         """Raise ConfigError if neither the network nor the settings give a metric scale.
 
         Args:
-            metric_network: Description of how a user chooses a metric network, for the error message.
+            metric_network: What a user must do to have a metric network, an imperative for the error message.
         """
         if not (self.metric or self.config.camera_height_m):
             raise ConfigError(
-                f"the range model {self.name!r} cannot output metres: choose {metric_network}, or set camera_height_m "
+                f"the range model {self.name!r} cannot output metres: {metric_network}, or set camera_height_m "
                 "to the height of the camera above the floor in metres"
             )
 

@@ -79,7 +79,7 @@ class OnnxDepth(MonocularDepth):
         super().__init__(config)
         settings = self.config
         self.quantity, self.metric = settings.gives, settings.metric
-        self._check_scale("metric: true for a network that gives metres")
+        self._check_scale("set metric=true if the network outputs metres")
         if settings.input == "equirectangular" and settings.gives == "z-depth":
             raise ConfigError(
                 f"the range model {self.name!r} received gives=z-depth with input=equirectangular, expected "
@@ -113,7 +113,9 @@ class OnnxDepth(MonocularDepth):
                 f"the range model {cls.name!r} has no network: set `model` to the path of an ONNX file", "model=PATH"
             )
         if not config.model.is_file():
-            raise WeightsError(f"{config.model} does not exist, expected the path of an ONNX file")
+            raise WeightsError(
+                f"the setting model is {config.model}, which does not exist; expected the path of an ONNX file"
+            )
 
     def _estimate_nearness(self, image: np.ndarray, valid: np.ndarray | None) -> np.ndarray:
         """Estimate 1 / range (h, 2h) float32, in the network's scale, from overlapping views or the whole panorama."""

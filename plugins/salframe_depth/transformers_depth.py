@@ -56,12 +56,12 @@ class TransformersDepth(MonocularDepth):
         is_metric = self._model.architecture == "DepthAnythingForDepthEstimation" and kind == "metric"
         self.quantity, self.metric = METRIC_DEPTH_ANYTHING if is_metric else OUTPUTS[self._model.architecture]
         self.size_px = self._model.size_px
-        self._check_scale("a network that gives metres")
+        self._check_scale("choose a network that outputs metres")
         self._run_network(np.full((1, *self.size_px[::-1], 3), UNSEEN, np.uint8))
 
     @classmethod
     def weights_in_use(cls, config: Any) -> tuple[NetworkWeights, ...]:
-        """Return the downloaded model of the hub that `model` names; none if it is a folder."""
+        """Return the downloaded model of the hub that `model` names; empty if `model` is a folder."""
         return hub_weights(config)
 
     @classmethod

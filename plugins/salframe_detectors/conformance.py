@@ -18,7 +18,7 @@ LAYOUTS: dict[str, tuple[tuple[int, ...], ...]] = {
     "candidates with objectness": ((40, 5 + REQUEST.num_classes),),
     "candidates in columns": ((4 + REQUEST.num_classes, 40),),
     "candidates in columns and prototypes of masks": ((4 + REQUEST.num_classes + 32, 40), (32, 16, 24)),
-    "logits with no object, and boxes": ((20, REQUEST.num_classes + 1), (20, 4)),
+    "logits with a class for no object, and boxes": ((20, REQUEST.num_classes + 1), (20, 4)),
     "logits and boxes": ((20, REQUEST.num_classes), (20, 4)),
     "boxes, score and class": ((20, 6),),
 }
@@ -40,7 +40,9 @@ def check_detection_decoder(make: Callable[[], DetectionDecoder]) -> None:
             line = f"{type(error).__name__}: {error}"
             raise ConformanceError(f"decode of {layout}: received {line}, expected boxes or WeightsError") from error
         for scale in (0.0, 1.0, 30.0):
-            _check_layout(make, f"decode of {layout} times {scale:g}", [np.float32(scale) * array for array in outputs])
+            _check_layout(
+                make, f"decode of {layout}, multiplied by {scale:g}", [np.float32(scale) * array for array in outputs]
+            )
 
 
 def _check_layout(make: Callable[[], DetectionDecoder], checked: str, outputs: Sequence[np.ndarray]) -> None:
@@ -59,14 +61,14 @@ def _check_found(checked: str, detections: ImageDetections) -> None:
     shapes = [np.shape(part) for part in (detections.box_px, detections.score, detections.label)]
     expect(shapes == [(count, 4), (count,), (count,)], checked, f"shapes {shapes}", "(n, 4), (n,) and (n,)")
     finite = np.isfinite(detections.box_px).all() and np.isfinite(detections.score).all()
-    expect(finite, checked, "a box or score that is not finite", "pixels and shares")
+    expect(finite, checked, "a box or score that is not finite", "finite boxes and scores")
     expect(detections.label.dtype.kind in "iu", checked, f"labels of dtype {detections.label.dtype}", "whole numbers")
     in_classes = ((detections.label >= 0) & (detections.label < REQUEST.num_classes)).all()
     expect(
         in_classes, checked, f"labels {sorted(set(detections.label.tolist()))}", f"classes below {REQUEST.num_classes}"
     )
     valid_scores = ((detections.score >= REQUEST.min_score) & (detections.score <= 1)).all()
-    expect(valid_scores, checked, f"scores {detections.score.tolist()}", f"shares of at least {REQUEST.min_score}")
+    expect(valid_scores, checked, f"scores {detections.score.tolist()}", f"scores from {REQUEST.min_score} to 1")
     size_px = REQUEST.width_px, REQUEST.height_px
     inside = ((detections.box_px >= 0) & (detections.box_px <= size_px * 2)).all()
     expect(inside, checked, "a box beyond the image", f"boxes within {size_px[0]} x {size_px[1]} pixels")

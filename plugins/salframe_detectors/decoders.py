@@ -143,7 +143,8 @@ def _select_outputs(name: str, outputs: Sequence[np.ndarray], *shapes: tuple[int
             received = ", ".join(_format_shape(output.shape[1:]) for output in outputs)
             raise WeightsError(
                 f"the output arrays of the network have the shapes {received} for each image, expected "
-                f"{', '.join(map(_format_shape, shapes))} for the decoder {name!r} (* is any length)"
+                f"{', '.join(map(_format_shape, shapes))} for the decoder {name!r} (* is any length): "
+                "set decoder to the output format of the network"
             )
         remaining.remove(candidates[0])
         matches.append(outputs[candidates[0]])

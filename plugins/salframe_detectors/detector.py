@@ -124,7 +124,7 @@ class OnnxDetector(Detector):
 
     @classmethod
     def weights_in_use(cls, config: Any) -> tuple[NetworkWeights, ...]:
-        """Return the downloadable weights that `model` names; none if it is a file."""
+        """Return the downloadable weights that `model` names; empty if `model` is a file."""
         return (ZOO[config.model],) if isinstance(config.model, str) else ()
 
     @from_near_side
@@ -175,5 +175,8 @@ def _model_path(model: str | SingleFile) -> Path:
     if isinstance(model, str):
         return ZOO[model].paths()[0]
     if not model.is_file():
-        raise WeightsError(f"{model} does not exist, expected the path of an ONNX file, or one of {', '.join(ZOO)}")
+        raise WeightsError(
+            f"the setting model is {model}, which does not exist; expected the path of an ONNX file, or one of "
+            f"{', '.join(ZOO)}"
+        )
     return model

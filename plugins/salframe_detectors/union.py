@@ -43,12 +43,12 @@ class UnionDetector(Detector):
 
     @property
     def column_step(self) -> int:  # type: ignore[override]
-        """Least common multiple of the detectors' `column_step`."""
+        """Number of pixel columns of one rotation step: the least common multiple of the detectors' `column_step`."""
         return lcm(*(member.column_step for member in self._members))
 
     @property
     def turn_tolerance_m(self) -> float:  # type: ignore[override]
-        """Maximum of the detectors' `turn_tolerance_m`."""
+        """Maximum deviation in metres if the panorama is rotated: the maximum of the detectors' `turn_tolerance_m`."""
         return max(member.turn_tolerance_m for member in self._members)
 
     def detect(self, panorama: Panorama) -> Detections:

@@ -19,7 +19,7 @@ def align(pairs: NodePairs, first_node: np.ndarray, similarity: np.ndarray, kern
         pairs: The P node pairs to choose from.
         first_node: (K,) index of each graph's first node among the nodes of all graphs.
         similarity: (P,) similarity of each pair, at least 0.
-        kernel: (P,) measure of how well the pose of the graph explains each pair, at least 0.
+        kernel: (P,) measure of how well the best query pose for the graph explains each pair, at least 0.
 
     Returns:
         K arrays (M, 2) int64: the index of the query node, and the index of the node in its graph.

@@ -51,7 +51,7 @@ class ObjectBearings:
     """N bearings of objects from panoramas with known poses, in the world.
 
     Attributes:
-        frame: (N,) int64, index of the panorama of each ray.
+        frame: (N,) int64, index of the panorama of each bearing.
         group: (F,) int64, index of the place of each of the F panoramas; -1 for a panorama that shows several places.
         label: (N,) labels.
         origin_m: (N, 3) positions of the cameras in the world.
@@ -69,13 +69,13 @@ class ObjectBearings:
 
 @dataclass(frozen=True, eq=False)
 class TriangulatedObjects:
-    """M objects, triangulated from N rays.
+    """M objects, triangulated from N bearings.
 
     Attributes:
-        owner: (N,) int64 index of the object of each ray; -1 if the ray belongs to no object.
+        owner: (N,) int64 index of the object of each bearing; -1 if the bearing belongs to no object.
         position_m: (M, 3) positions in the world.
         covariance_m2: (M, 3, 3) covariances of the positions.
-        log_area: (M,) ln of the projected area (m^2), NaN if the solid angles of all rays are unknown.
+        log_area: (M,) ln of the projected area (m^2), NaN if the solid angles of all bearings are unknown.
     """
 
     owner: np.ndarray

@@ -106,8 +106,9 @@ class GraphLocalizer(DetectingLocalizer):
         if not graph_from_arrays(description).bearings_only:
             return None
         return (
-            "the panorama has no range image, and no second panorama of the same place to triangulate the objects: add "
-            "range images, take at least 2 panoramas of each place, about 1 m apart, or use the method 'objects'"
+            "the panorama has no range image, and its objects cannot be triangulated from a second panorama of the "
+            "same place: add range images, or take at least 2 panoramas of each place, about 1 m apart, or use the "
+            "method 'objects'"
         )
 
     def pack(self, description: Description) -> Description:

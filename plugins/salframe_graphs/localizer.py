@@ -36,7 +36,7 @@ class SaliencyGraphLocalizer(GraphLocalizer):
 
     @property
     def column_step(self) -> int | None:  # type: ignore[override]
-        """The `column_step` of the detector.
+        """Number of pixel columns of one rotation step: the `column_step` of the detector.
 
         None if rotating the panorama does not change the estimated heading by the same angle.
         """

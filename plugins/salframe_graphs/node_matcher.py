@@ -57,9 +57,9 @@ class NodeMatcherConfig(ComponentConfig):
         0.25,
         ge=0,
         le=1,
-        description="minimum ratio (0 to 1) of a graph that is compared with the query node by node. The ratio is the "
-        "Jaccard index of the labels of graph and query, divided by the highest such index of all graphs; 0: no "
-        "minimum. The paper uses 0.6",
+        description="minimum ratio J / J_max (0 to 1) of a graph that is compared with the query node by node. J is "
+        "the Jaccard index of the labels of this graph and the query. J_max is the maximum of J over all graphs of the "
+        "map; 0: no minimum. The paper uses 0.6",
     )
     max_candidates: int | None = Field(
         100,

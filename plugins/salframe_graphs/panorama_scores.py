@@ -47,10 +47,11 @@ class PanoramaScoresConfig(ComponentConfig):
     )
     nearest_scene: bool = match_only(
         True,
-        description="true: if the best match is a reference frame in a doorway, the reference frame in a room that is "
-        "nearest to the estimated pose replaces it; false: it is not replaced, and `saliency-graph` answers with the "
-        "doorway. With both values, `saliency-places` answers with a doorway only if the map has no reference frame in "
-        "a room",
+        description="what happens if the best match is a reference frame in a doorway. true: the frame is replaced by "
+        "the reference frame in a room that is nearest to the estimated pose; false: the frame is not replaced. For "
+        "`saliency-graph`, this decides whether the answer is the room or the doorway. For `saliency-places`, it only "
+        "decides which place gets the score of the evidence `panorama`: this method never answers with a doorway if "
+        "the map has a reference frame in a room",
     )
 
 

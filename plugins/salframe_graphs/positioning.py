@@ -68,8 +68,8 @@ class RobustPositioner(Positioner):
         tolerance_m: float = Field(
             0.8,
             gt=0,
-            description="maximum error (m) of an inlier: the distance between the matched object of the map and the "
-            "object of the query, which the pose transforms to the map",
+            description="maximum error (m) of an inlier: the distance between an object of the query, transformed to "
+            "the map by the pose, and the matched object of the map",
         )
         min_inliers: int = Field(2, ge=2, description="minimum number of inliers of a pose, at least 3 for SE(3)")
         ambiguity: float = Field(

@@ -63,7 +63,10 @@ def buildings(
 
 
 def buildings_of(config: HouseConfig) -> tuple[Building, Building]:
-    """Return the `buildings` of a dataset of one storey, or of one of the `storey_configs` of a dataset."""
+    """Return the `buildings` (at the time of mapping and of the queries) for the settings of a single storey.
+
+    For several storeys, call this function with each of `storey_configs`.
+    """
     return buildings(
         config.style,
         config.rooms,
@@ -150,7 +153,7 @@ def is_driven(config: HouseConfig) -> bool:
 
 
 def sequences_of(config: HouseConfig) -> dict[str, list[str]]:
-    """Return the ids of the earlier views of each driven query, by the id of the query."""
+    """Return the ids of the earlier views of each driven query (views along a path), by the id of the query."""
     if not is_driven(config):
         return {}
     ids = [frame.id for frame in frames_of(config) if frame.is_query]

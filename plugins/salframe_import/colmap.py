@@ -126,7 +126,7 @@ class ColmapImporter(Importer):
                 f"{config.camera_height:g} m above the floor"
             )
             if not low_m <= config.camera_height <= high_m:
-                note += f", expected {low_m:g} to {high_m:g} m: check camera_height"
+                note += f". Expected a camera height of {low_m:g} to {high_m:g} m: check camera_height"
             return ModelWorld(rotation, scale, floor_z), [note]
         world = ModelWorld(rotation, config.scale)
         try:
@@ -137,7 +137,7 @@ class ColmapImporter(Importer):
             return world, []
         return world, [
             f"the cameras are {height_m:.3g} m above the floor in the points of the model, expected {low_m:g} to "
-            f"{high_m:g} m: check scale, or pass camera_height"
+            f"{high_m:g} m: check scale, or set camera_height instead of scale"
         ]
 
 
@@ -255,7 +255,10 @@ def _image_folder(images: Path | None, model: Path) -> Path:
     """Return the folder of the pictures. Raises DataError if it is missing."""
     if images is not None:
         if not images.is_dir():
-            raise DataError(f"{images} is not a folder, expected the folder of the pictures of the COLMAP model")
+            raise DataError(
+                f"the setting images is {images}, which is not a folder; expected the folder of the pictures of the "
+                "COLMAP model"
+            )
         return images
     parents = (model, *model.absolute().parents[:2])
     folder = next((parent / "images" for parent in parents if (parent / "images").is_dir()), None)

@@ -100,7 +100,10 @@ class CubemapImporter(Importer):
         relative = [path.relative_to(source).as_posix() for path in paths]
         names = {name.removeprefix(start).removesuffix(end) for name in relative}
         if not names:
-            raise DataError(f"{source} has no file {front}, expected the front face of at least one cubemap")
+            raise DataError(
+                f"{source} has no file {front}, expected the front face of at least one cubemap, where {{name}} is the "
+                "name of the cubemap: check the settings picture and faces"
+            )
         missing = sorted(rows.keys() - names)
         notes = []
         if missing:

@@ -111,9 +111,9 @@ class RosBagImporter(Importer):
         sequence_period: int = Field(
             20,
             ge=2,
-            description="number of successive views that give one query: the last `num_views` of them are the query. "
-            "Images between the views of the query are left out, and all other images are reference frames. It must be "
-            "larger than num_views. Only used if num_views is over 0",
+            description="number of views in a group; must be larger than `num_views`. The views of the recording are "
+            "divided into groups, and the last `num_views` views of each group are a query. Images between the views "
+            "of a query are left out. All other images are reference frames. Only used if num_views is over 0",
         )
         view_distance_m: float = Field(
             0.5,
@@ -169,7 +169,9 @@ class RosBagImporter(Importer):
         poses of the views come from the setting `poses`. They are unknown if this source is the odometry itself.
         """
         if self.config.group_by == "motion":
-            raise ConfigError("the setting group_by is motion, but a sequence of views needs time: set group_by=time")
+            raise ConfigError(
+                "the setting group_by is 'motion', expected 'time' for a sequence of views: set group_by=time"
+            )
         bag, rig = self._open(source)
         poses = find_poses(bag, rig.tree, rig.frame, self.config.poses, self.config.world)
         motion = self._motion(bag, poses)
@@ -229,7 +231,9 @@ class RosBagImporter(Importer):
                 "equirectangular topic"
             )
         if is_equirectangular and self.config.group_by == "motion":
-            raise ConfigError("the setting group_by is motion, but equirectangular images need time: set group_by=time")
+            raise ConfigError(
+                "the setting group_by is 'motion', expected 'time' for equirectangular images: set group_by=time"
+            )
         kinds = [RangeKind.RAY, RangeKind.CUBE] if is_equirectangular else [RangeKind.Z, RangeKind.RAY]
         kind = kinds[0] if self.config.depth_kind is None else RangeKind(self.config.depth_kind)
         if kind not in kinds:

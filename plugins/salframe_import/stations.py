@@ -199,7 +199,8 @@ def group_by_motion(
         config: The settings.
 
     Returns:
-        The images of each station, and a note about the images that are in no station; None if all images are in one.
+        The images of each station, and a note about the images that are in no station; None if each image is
+        in a station.
 
     Raises:
         DataError: No station shows at least `min_view_deg`.

@@ -41,7 +41,7 @@ class MatterportAnnotations(NavigableDataset):
     """Real buildings: the objects visible from each viewpoint of Matterport3D, from the annotations of the benchmark
     REVERIE.
 
-    By default, each query has a map of all other viewpoints of its building. The query is turned by a random yaw. The
+    By default, each query has a map of all other viewpoints of its building. The query is rotated by a random yaw. The
     annotations contain the direction of an object, but no range. salframe triangulates the position of the object from
     its directions at several viewpoints, and computes the range from the position.
 
@@ -101,10 +101,10 @@ class MatterportAnnotations(NavigableDataset):
         )
         one_map: bool = match_only(
             False,
-            description="true: each map contains all buildings, 1 km apart along x. Several such maps are used, each "
-            "for at most one query of each building, whose viewpoint is removed from the map (see `leave_out`). With "
-            "`map_share`, there is a single map; false: each map contains one building. If the dataset has a single "
-            "building, true and false give the same maps",
+            description="true: each map contains all buildings, 1 km apart along x. There are several such maps. A map "
+            "is used for at most one query of each building, and does not contain the viewpoints of these queries (see "
+            "`leave_out`). With `map_share`, there is a single map; false: each map contains one building. If the "
+            "dataset has a single building, true and false give the same maps",
         )
         map_share: float | None = added(
             None,

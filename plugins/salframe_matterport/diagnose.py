@@ -58,7 +58,7 @@ def diagnose(run: Run, method: str) -> dict[str, list[str]]:
 
 
 def cause_of(query: ViewpointScene, region_scenes: list[ViewpointScene], answer_scenes: list[ViewpointScene]) -> str:
-    """Return the first of CAUSES that applies to a query.
+    """Return the cause of a wrong answer: the first of CAUSES that applies to the query.
 
     The query is compared with one viewpoint of its region: the viewpoint that shares the most objects (by id).
 

@@ -39,7 +39,7 @@ class Matterport3D(Dataset):
     The annotations are the objects of the .house file: a pixel shows the object whose oriented box contains its 3D
     point. The places are the regions of the .house file. Viewpoints outside all regions are left out. Each query has a
     map of all other viewpoints of its building. A viewpoint is a query if its region contains another viewpoint. The
-    query is turned by a random yaw. Each panorama is stitched once and stored in salframe's cache.
+    query is rotated by a random yaw. Each panorama is stitched once and stored in salframe's cache.
     """
 
     name = "matterport3d"

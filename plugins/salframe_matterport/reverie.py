@@ -98,8 +98,8 @@ class Reverie(Scorer):
         ]
         if hidden:
             _log.warning(
-                "%s: for %d of %d instructions, the target object is not in the box file of the last viewpoint of the "
-                "path, such as %s",
+                "%s: for %d of %d instructions, the target object is not in the box file (reverie/BBox) of the last "
+                "viewpoint of the reference path, such as %s",
                 *(root, len(hidden), sum(map(len, scored.values())), hidden[0]),
             )
         return rows

@@ -86,12 +86,11 @@ class PanoSegDetector(Detector):
     def detect(self, panorama: Panorama) -> Detections:
         """See Detector. Raises InputMissing if the panorama has no colour or no range."""
         if panorama.rgb is None or panorama.range_m is None:
-            missing = " and ".join(sorted({"rgb", "range"} - panorama.provides))
+            images = {"rgb": "colour image", "range": "range image"}
+            missing = " and no ".join(name for part, name in images.items() if part not in panorama.provides)
+            other = "another detector" if panorama.rgb is None else "the detector 'onnx', which needs only colour"
             raise InputMissing(
-                f"{panorama.display_name} has no {missing}, which the detector {self.name!r} needs: choose the "
-                "detector "
-                "'onnx', "
-                "which needs only colour"
+                f"{panorama.display_name} has no {missing}, which the detector {self.name!r} needs: choose {other}"
             )
         range_m = smaller(panorama.range_m)
         valid = np.isfinite(range_m)
@@ -132,7 +131,10 @@ def _card(path: Path) -> _Card:
     content = read_json(path)
     labels = content.get("labels") if isinstance(content, dict) else None
     if not isinstance(labels, list) or not all(isinstance(label, str) for label in labels):
-        raise WeightsError(f"{path} has no list of labels, expected the model card that the training of panoseg wrote")
+        raise WeightsError(
+            f"{path} has no list `labels`, expected the model card (description of the network) that the training of "
+            "panoseg wrote"
+        )
     return _Card(labels, validate(ScoreCalibration, content.get("calibration", {}), f"{path}: calibration"))
 
 

@@ -56,7 +56,7 @@ class Output(Settings):
 
 
 class Card(Settings):
-    """Model card of a network.
+    """Model card of a segmentation network: the content of a YAML file that describes its input, output and classes.
 
     Each label of `labels` must be in exactly one of `structure`, `fixed` and `objects`. These three may contain other
     labels too, so that several cards can use the same lists.
@@ -110,7 +110,7 @@ class Card(Settings):
 
 
 def read_card(path: Path) -> Card:
-    """Read a card. Raises ConfigError if the content is not valid."""
+    """Read a model card from a YAML file. Raises ConfigError if the content is not valid."""
     return validate(Card, read_yaml(path), f"{path}:")
 
 
@@ -121,13 +121,16 @@ def card_beside(model: Path) -> Path | None:
 
 
 def shipped_card(model: Path) -> Card:
-    """Return the card that salframe ships for a file with this content. Raises WeightsError if there is none."""
+    """Return the model card that salframe ships for a network file, found by the SHA-256 of the file.
+
+    Raises WeightsError if there is none.
+    """
     sha256 = file_sha256(model)
     for path in sorted(SHIPPED.glob("*.yaml")):
         card = read_card(path)
         if card.sha256 == sha256:
             return card
     raise WeightsError(
-        f"{model} (sha256 {sha256[:12]}...) has no model card, expected {model.with_suffix('.yaml')}: write this card, "
-        "or set detector.card=PATH (see `salframe docs segments`)"
+        f"{model} (sha256 {sha256[:12]}...) has no model card (a YAML file that describes the network), expected "
+        f"{model.with_suffix('.yaml')}: write this file, or set detector.card=PATH (see `salframe docs segments`)"
     )

@@ -70,8 +70,8 @@ class SegmentsDetector(Detector):
         card: SingleFile | None = Field(
             None,
             description="path of the model card, a YAML file that describes input, output and classes of the network; "
-            "null: the YAML file that has the name of the network and is in the same folder. If there is none, the "
-            "card that is part of salframe",
+            "null: the YAML file with the same name and folder as the file of the network. If this file does not "
+            "exist, the model card for this network that is part of salframe",
         )
         views: int = Field(
             6, ge=1, le=16, description="number of horizontal perspective views that are cut from the panorama"
@@ -108,8 +108,8 @@ class SegmentsDetector(Detector):
         """Open the network and run it once.
 
         Raises:
-            WeightsError: The network does not exist or does not match its card.
-            ConfigError: The card is invalid.
+            WeightsError: The network does not exist or does not match its model card.
+            ConfigError: The model card is invalid.
         """
         super().__init__(config)
         path = _model_path(self.config.model)
@@ -134,7 +134,7 @@ class SegmentsDetector(Detector):
 
     @classmethod
     def weights_in_use(cls, config: Any) -> tuple[NetworkWeights, ...]:
-        """Return the downloadable weights that `model` names; none if it is a file."""
+        """Return the downloadable weights that `model` names; empty if `model` is a file."""
         return cls.weights if config.model == "ade20k" else ()
 
     @from_near_side
@@ -176,5 +176,8 @@ def _model_path(model: str | SingleFile) -> Path:
     if isinstance(model, str):
         return ADE20K.paths()[0]
     if not model.is_file():
-        raise WeightsError(f"{model} does not exist, expected the path of an ONNX or TensorFlow Lite file, or ade20k")
+        raise WeightsError(
+            f"the setting model is {model}, which does not exist; expected the path of an ONNX or TensorFlow Lite "
+            "file, or ade20k"
+        )
     return model

@@ -30,20 +30,20 @@ class SegmentationNetwork(ABC):
         """Run the network on a batch of one image, which has the layout and the dtype of the network's input.
 
         Returns:
-            Output in the card's layout, float32.
+            Output in the layout that the model card states, float32.
         """
 
     def probabilities(self, views: np.ndarray) -> Iterator[np.ndarray]:
         """Yield the class probabilities of each view, at the network's output resolution.
 
         Args:
-            views: Views (V, height, width, 3) uint8 RGB, of the card's size.
+            views: Views (V, height, width, 3) uint8 RGB, of the size in the model card.
 
         Yields:
             Probabilities (h, w, C) float32.
 
         Raises:
-            WeightsError: The network's output does not match its card.
+            WeightsError: The network's output does not match its model card.
         """
         output = self.card.output
         for view in views:  # one by one, since most networks have a fixed batch size of 1
@@ -105,8 +105,8 @@ class TfliteNetwork(SegmentationNetwork):
             self._interpreter.allocate_tensors()
         except _NoTensor:
             raise WeightsError(
-                f"the network {path} has no tensor {card.output.name!r}, expected the tensor that the setting "
-                "output.name of the model card names"
+                f"the network {path} has no tensor {card.output.name!r}: set output.name in the model card to the "
+                "name of the tensor with the scores, or remove it"
             ) from None
         except Exception as error:  # the runtime raises ValueError, RuntimeError, and struct.error on other files
             raise WeightsError(
@@ -120,7 +120,7 @@ class TfliteNetwork(SegmentationNetwork):
         if received != [(card.input.dtype, shape)]:
             raise WeightsError(
                 f"the network {path} takes {_format_tensors(received)} as input, "
-                f"expected {_format_tensors([(card.input.dtype, shape)])}"
+                f"expected {_format_tensors([(card.input.dtype, shape)])}, as in the section input of the model card"
             )
         if self._output["dtype"] is not np.float32 and not self._output["quantization"][0]:
             raise WeightsError(
@@ -140,7 +140,10 @@ class TfliteNetwork(SegmentationNetwork):
 
 
 def open_network(path: Path, card: Card) -> SegmentationNetwork:
-    """Open a network with the runtime for the suffix of its file. Raises WeightsError if it does not match its card."""
+    """Open a network with the runtime for the suffix of its file.
+
+    Raises WeightsError if the network does not match its model card.
+    """
     return (TfliteNetwork if path.suffix == TFLITE else OnnxNetwork)(path, card)
 
 

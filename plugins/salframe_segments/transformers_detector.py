@@ -65,8 +65,8 @@ class TransformersDetector(Detector):
             None,
             union_mode="left_to_right",
             description="labels that a zero-shot network searches for. Such a network receives the labels as text, so "
-            "it can search for any object. a list: your labels; a path: the labels of a saved map; null: the names of "
-            "salframe's vocabulary. A network with fixed labels requires null",
+            "it can search for any object. a list: your labels; a path: the labels in this map folder; null: the names "
+            "in salframe's vocabulary. A network with fixed labels requires null",
         )
         fov_deg: float = Field(
             90.0,
@@ -104,7 +104,7 @@ class TransformersDetector(Detector):
 
     @classmethod
     def weights_in_use(cls, config: Any) -> tuple[NetworkWeights, ...]:
-        """Return the downloaded model of the hub that `model` names; none if it is a folder."""
+        """Return the downloaded model of the hub that `model` names; empty if `model` is a folder."""
         return hub_weights(config)
 
     @classmethod

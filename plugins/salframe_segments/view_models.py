@@ -221,7 +221,8 @@ class GroundedModel(ViewModel):
                 last -= 1
                 if last == first:
                     raise ConfigError(
-                        f"the label {labels[first]!r} is too long for the network in {model.folder}: shorten the label"
+                        f"the setting labels has the label {labels[first]!r}, which is too long for the network in "
+                        f"{model.folder}: shorten the label"
                     )
             self._texts.append(text)
             first = last
@@ -264,7 +265,7 @@ class GroundedModel(ViewModel):
 
 
 def open_view_model(model: PretrainedModel, min_score: float, labels: Sequence[str]) -> ViewModel:
-    """Return the view model for the architecture of a network. Zero-shot networks search for `labels`."""
+    """Return the ViewModel for the architecture of a network. Zero-shot networks search for `labels`."""
     task = tasks()[model.architecture]
     if task is NetworkTask.ZERO_SHOT:
         zero_shot = PromptedModel if model.architecture.startswith("Owl") else GroundedModel

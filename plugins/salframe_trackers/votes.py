@@ -102,8 +102,8 @@ class VoteTracker(Tracker):
     def move(self, odometry: np.ndarray | None) -> None:
         """See Tracker.
 
-        An unknown motion is treated as no motion, with errors as large as the limits of agreement. The tracker is lost
-        until the next answer.
+        An unknown motion is treated as no motion, with errors as large as `agreement_m` and `agreement_deg`. The status
+        is not `tracking` until the next answer.
         """
         noise = self.config.odometry
         if odometry is None:

@@ -17,7 +17,8 @@ def build(
     data: Annotated[
         str,
         typer.Argument(
-            metavar="DATA", help="Dataset: a name in `salframe data list`, a YAML file, or a folder with manifest.json"
+            metavar="DATA",
+            help="Dataset: a name in `salframe data list`, a YAML file of settings, or a folder with manifest.json",
         ),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="MAP", help="Folder to write the map to")],
@@ -27,14 +28,15 @@ def build(
     topology: Annotated[
         bool,
         typer.Option(
-            "--topology/--no-topology", help="Include a topology (graph for routes); needs floor masks or range images"
+            "--topology/--no-topology",
+            help="Include a topology (graph for routes); needs images of the free floor (floor masks) or range images",
         ),
     ] = True,
     central_nodes: Annotated[
         bool,
         typer.Option(
             "--central-nodes",
-            help="Place one topology node in the widest part of each room (default: at each panorama)",
+            help="Place one node for routes in the widest part of each room (default: a node at each panorama)",
         ),
     ] = False,
     calibrate: Annotated[
@@ -46,7 +48,8 @@ def build(
     floor_map: Annotated[
         Path | None,
         typer.Option(
-            metavar="MAP.yaml", help="Occupancy map (ROS map_server) to use as the floor mask of a dataset without any"
+            metavar="MAP.yaml",
+            help="Occupancy map of the floor (ROS map_server), for a dataset without images of the free floor",
         ),
     ] = None,
     data_dir: DataDir = None,
@@ -95,4 +98,8 @@ def _describe(topology: TopologicalMap | None) -> str:
     if topology is None:
         return "no topology"
     scenes = sum(node.kind is NodeKind.SCENE for node in topology.nodes)
-    return f"{scenes} scene nodes, {len(topology.nodes) - scenes} transition nodes, {len(topology.edges)} edges"
+    transitions = len(topology.nodes) - scenes
+    return (
+        f"topology: {scenes} scene nodes (in rooms), {transitions} transition nodes (in doorways), "
+        f"{len(topology.edges)} edges"
+    )

@@ -22,7 +22,7 @@ def describe_calibration(calibration: MapCalibration | None, has_other: bool = F
         return OTHER_CALIBRATION if has_other else "not calibrated"
     head = calibration.head
     text = (
-        f"calibrated with {calibration.present_frames} frames in the map and "
+        f"calibrated with {calibration.present_frames} simulated queries in the map and "
         f"{len(calibration.absent_in_map)} out of it: accuracy {head.accuracy:.2f}, "
         f"out-of-map contrast {head.absent_mean:.2f} +- {head.absent_deviation:.2f}"
     )

@@ -26,7 +26,7 @@ from salframe.cli.output import show
 def compare(
     methods: Methods = METHODS,
     reported: Annotated[
-        bool, typer.Option("--reported", help="Also print results from papers, for comparison")
+        bool, typer.Option("--reported", help="Also print results published in papers, which used other data")
     ] = False,
     *,
     options: CommonOptions,
@@ -48,7 +48,7 @@ def compare(
         Annotated[str | None, typer.Option(metavar="DATASET", help="Dataset to use instead of the one in FILE")],
         None,
     ),
-    timeout=(timeout_option("query or episode"), None),
+    timeout=(timeout_option("query or navigation episode"), None),
 )
 def ablate(
     file: Annotated[

@@ -38,7 +38,7 @@ def list_(as_json: Json = False) -> None:
 
 @app.command()
 def info(data: DataArgument, data_dir: DataDir = None, overrides: SetForData = None, as_json: Json = False) -> None:
-    """Check a dataset, and print its numbers of reference frames, queries and places.
+    """Check a dataset, and count its reference frames, queries and places.
 
     Reference frames are panoramas for maps. Queries are views to localize. Renders the dataset first if necessary.
     """
@@ -123,8 +123,8 @@ def labels(data: DataArgument, data_dir: DataDir = None, overrides: SetForData =
         ]
         print_table(("label", "name", "kind of", "objects", ""), rows)
         counts = Counter(row.status for row in result.labels)
-        named = [f"{counts[status]} {note}" for status, note in notes.items() if note and counts[status]]
-        print(f"{len(rows)} labels: {'; '.join(named) or 'all in the vocabulary'}")
+        named = [f"{note}: {counts[status]}" for status, note in notes.items() if note and counts[status]]
+        print(f"{len(rows)} labels ({'; '.join(named) or 'all in the vocabulary'})")
     for id, error in result.failures.items():
         tell(f"error: {id}: {error}")
     if result.failures:
@@ -162,7 +162,11 @@ def import_(
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FOLDER", help="Folder to write the dataset to")],
     place_from: Annotated[
         Literal["column", "region", "folder", "none"] | None,
-        typer.Option(help="Source of place names (default: the first one that names the place of each panorama)"),
+        typer.Option(
+            help="Source of place names: the recording (column), rooms of a building model or floor masks (region), "
+            "folders of pictures (folder), or none: each reference frame is a place. Default: the first source with "
+            "a name for each reference frame"
+        ),
     ] = None,
     queries: Annotated[
         str | None,
@@ -182,7 +186,8 @@ def import_(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="YAML file that lists floor masks, for place names and routes; see `salframe docs import`",
+            help="YAML file that lists images of the floor (floor masks), for place names and routes; see `salframe "
+            "docs import`",
         ),
     ] = None,
     overrides: Annotated[
@@ -199,12 +204,12 @@ def import_(
     ] = False,
     as_json: Json = False,
 ) -> None:
-    """Write a recording of another format as a folder of panoramas.
+    """Convert a recording of another format to a folder of panoramas.
 
     Every command accepts the folder as a dataset. Panoramas without a pose become queries. A panorama that cannot be
     read is left out, and the exit status is then 1. --place-from selects the source of place names: a column of the
     recording, the rooms (regions) of a building model or of floor masks, or the folders of pictures. With `--place-from
-    none`, each panorama is a place. Run the same command again to resume an interrupted import.
+    none`, each reference frame is a place. Run the same command again to resume an interrupted import.
     """
     from salframe.cli.output import Bars, tell, warn
     from salframe.drawing.import_preview import preview_import

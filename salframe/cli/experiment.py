@@ -21,7 +21,7 @@ ALL = "all"
 def experiment(
     name: Annotated[
         str | None,
-        typer.Argument(metavar="NAME", help="Experiment: a name, a YAML file, or `all` (default: list the names)"),
+        typer.Argument(metavar="NAME", help="Name or YAML file of the experiment, or `all` (default: list the names)"),
     ] = None,
     quick: Annotated[
         bool, typer.Option("--quick", help="Measure faster, with fewer seeds, queries and methods")

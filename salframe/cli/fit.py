@@ -12,28 +12,28 @@ from salframe.cli.options import DataDir, SetForMethod
 
 def fit(
     method: Annotated[
-        str,
-        typer.Argument(metavar="METHOD", help="Method to fit, such as proposed; it must have the setting `posterior`"),
+        str, typer.Argument(metavar="METHOD", help="Method to fit, such as proposed; must have the setting `posterior`")
     ],
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="FILE.yaml", help="YAML file to write the fitted parameters to")
     ],
     data: Annotated[
         list[str],
-        typer.Option(metavar="DATASET", help="Dataset to fit to, on which you do not report results; repeatable"),
+        typer.Option(metavar="DATASET", help="Dataset to fit to; do not report results on this dataset; repeatable"),
     ],
     tries: Annotated[
         list[str] | None,
         typer.Option(
             "--try",
             metavar="KEY=VALUE,VALUE",
-            help="Try these values of a setting of the matching, and use the best one; repeatable",
+            help="Values to try for a setting of the matching, such as matcher.hops=1,2; uses the best; repeatable",
         ),
     ] = None,
     posterior_only: Annotated[
         bool,
         typer.Option(
-            "--posterior-only", help="Fit only the posterior, keep the weights of the evidence (excludes --try)"
+            "--posterior-only",
+            help="Fit only the conversion of scores to probabilities (posterior), not the weights; excludes --try",
         ),
     ] = False,
     data_dir: DataDir = None,

@@ -31,8 +31,8 @@ def localize(
         list[str] | None,
         typer.Argument(
             metavar="FRAME",
-            help="Query: panorama file that a manifest.json lists (other files: --rgb), photograph, or id of a "
-            "panorama in --data",
+            help="Query: photograph (with --fov or --camera), panorama file that a manifest.json lists, or id of a "
+            "panorama in --data. For other panorama files, use --rgb",
         ),
     ] = None,
     views: Annotated[
@@ -41,7 +41,8 @@ def localize(
     motion: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE", help="CSV file with the camera pose of each view, in columns t_s, x_m, y_m, z_m, yaw_deg"
+            metavar="FILE",
+            help="CSV file with the camera pose of each view in any fixed frame (columns t_s, x_m, y_m, z_m, yaw_deg)",
         ),
     ] = None,
     data: Annotated[
@@ -49,14 +50,14 @@ def localize(
     ] = None,
     rgb: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Colour image of the query, if no manifest.json lists it; replaces FRAME"),
+        typer.Option(metavar="FILE", help="Colour image to localize, instead of FRAME; needs no manifest.json"),
     ] = None,
     range_image: Annotated[
         list[Path] | None,
         typer.Option(
             "--range",
             metavar="FILE",
-            help="Range image of the query (16-bit PNG); with --views, repeat it for each view",
+            help="Range image of the query (16-bit PNG); with --views, one --range for each view",
         ),
     ] = None,
     range_unit: RangeUnit = None,
@@ -74,7 +75,8 @@ def localize(
     instances: Annotated[
         list[Path] | None,
         typer.Option(
-            metavar="FILE", help="Image of object ids (16-bit PNG, 0: no object); with --views, repeat it for each view"
+            metavar="FILE",
+            help="Image of object ids (16-bit PNG, 0: no object); with --views, one --instances for each view",
         ),
     ] = None,
     labels: Annotated[
@@ -88,7 +90,8 @@ def localize(
         typer.Option(
             parser=number_parser("--max-false-accept", float, 0.001, 0.999),
             metavar="SHARE",
-            help="Maximum share of out-of-map queries to accept, such as 0.05; needs a calibrated map",
+            help="Maximum share (0 to 1) of queries from outside the map whose answers are accepted, such as 0.05; "
+            "needs a calibrated map",
         ),
     ] = None,
     trajectory: Annotated[

@@ -86,7 +86,7 @@ def remove(
     ],
     as_json: Json = False,
 ) -> None:
-    """Remove places (rooms or doorways) from a map, and the areas of these places from its floor masks."""
+    """Remove places (rooms or doorways) from a map, also from its images of the floor (floor masks)."""
     from salframe.topology.map_changes import remove_from_map
 
     _print_change(map, remove_from_map(map, places), as_json)
@@ -98,7 +98,7 @@ def merge(
     others: Annotated[
         list[Path],
         typer.Argument(
-            metavar="OTHER", help="Map folders to add, which have the same method, settings and world frame as MAP"
+            metavar="OTHER", help="Map folders to add; must have the same method, settings and world frame as MAP"
         ),
     ],
     as_json: Json = False,
@@ -116,7 +116,7 @@ def merge(
 def calibrate(map: AnyMap, as_json: Json = False) -> None:
     """Calibrate the probabilities of answers with the reference frames of a map.
 
-    `salframe build` does this, and each change of a calibrated map does it again.
+    `salframe build` also calibrates the map. Each change of a calibrated map calibrates it again.
     """
     from salframe.cli.calibration import describe_calibration
     from salframe.topology.map_changes import calibrate_map
@@ -132,15 +132,14 @@ def calibrate(map: AnyMap, as_json: Json = False) -> None:
 def connect(
     map: TopologyMap,
     start: Annotated[
-        str | None, typer.Argument(metavar="FROM", help="Place or topology node at one end of the connection")
+        str | None, typer.Argument(metavar="FROM", help="Place, or node for routes, at one end of the connection")
     ] = None,
     end: Annotated[
-        str | None, typer.Argument(metavar="TO", help="Place or topology node at the other end, on another floor")
+        str | None, typer.Argument(metavar="TO", help="Place, or node for routes, at the other end, on another floor")
     ] = None,
     kind: Annotated[str, typer.Option(metavar="KIND", help="Kind of the connection: stairs or lift")] = "stairs",
     length: Annotated[
-        float | None,
-        typer.Option(metavar="M", help="Length of the connection in metres, as a part of the length of routes"),
+        float | None, typer.Option(metavar="M", help="Length of the connection in metres, for the length of routes")
     ] = None,
     file: Annotated[
         Path | None,
@@ -149,7 +148,7 @@ def connect(
         ),
     ] = None,
 ) -> None:
-    """Connect floors of a map by stairs or a lift, so that routes can cross them.
+    """Connect floors of a map by stairs or a lift, for routes from one floor to another.
 
     Set FROM, TO and --length for one connection, or --file for several connections.
     """
@@ -299,7 +298,8 @@ def export(
         str | None,
         typer.Option(
             metavar="LAT,LON,BEARING",
-            help="For .geojson: latitude and longitude of the map origin, and compass bearing of +y (degrees)",
+            help="Only for .geojson: latitude and longitude of the map origin, and compass bearing of its y axis "
+            "(degrees)",
         ),
     ] = None,
 ) -> None:

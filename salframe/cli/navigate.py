@@ -60,8 +60,8 @@ def navigate(
     positioning: Annotated[
         Literal["on", "off", "both", "all"],
         typer.Option(
-            help="Agents to measure: with the poses of answers (on), with their places only (off), both, or "
-            "both and an agent that knows its true place (all)"
+            help="Agents to measure: one that uses the estimated pose (on), one that uses only the estimated place "
+            "and odometry (off), both of them (both), or also one that knows its true place (all)"
         ),
     ] = "on",
     *,

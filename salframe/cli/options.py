@@ -69,24 +69,30 @@ def limit_parser(option: str) -> Callable[[Any], float | None]:
 Methods = Annotated[
     str,
     typer.Option(
-        metavar="NAMES", help="Localization methods, comma-separated: names in `salframe methods` or YAML files"
+        metavar="NAMES",
+        help="Localization methods, comma-separated: names in `salframe methods`, or YAML files of settings",
     ),
 ]
 Data = Annotated[
     str,
     typer.Option(
-        metavar="DATASET", help="Dataset: a name in `salframe data list`, a YAML file, or a folder with manifest.json"
+        metavar="DATASET",
+        help="Dataset: a name in `salframe data list`, a YAML file of settings, or a folder with manifest.json",
     ),
 ]
 DataArgument = Annotated[
     str,
     typer.Argument(
-        metavar="DATA", help="Dataset: a name in `salframe data list`, a YAML file, or a folder with manifest.json"
+        metavar="DATA",
+        help="Dataset: a name in `salframe data list`, a YAML file of settings, or a folder with manifest.json",
     ),
 ]
 DataDir = Annotated[
     Path | None,
-    typer.Option(metavar="DIR", help="Folder with the downloaded files; required for datasets such as matterport3d"),
+    typer.Option(
+        metavar="DIR",
+        help="Folder with the downloaded files of the dataset; required for datasets such as matterport3d",
+    ),
 ]
 
 
@@ -132,7 +138,8 @@ EngineName = Annotated[
     typer.Option(
         "--engine",
         metavar="NAME",
-        help="Engine that runs the work: processes, ray (a cluster) or inline (for debugging)",
+        help="Where to compute: worker processes on this machine (processes), a Ray cluster (ray), or the process of "
+        "the command (inline, for debugging)",
     ),
 ]
 Workers = Annotated[
@@ -141,7 +148,7 @@ Workers = Annotated[
         "--workers",
         parser=number_parser("--workers", int, 1, MAX_WORKERS),
         metavar="N",
-        help="Number of worker processes (default: for rendering, one per core; for other work, one using all cores)",
+        help="Number of worker processes (default: one per core to render images; otherwise one, which uses all cores)",
     ),
 ]
 parse_seed = number_parser("--seed", int, 0, MAX_SEED)
@@ -150,14 +157,14 @@ Seed = Annotated[
 ]
 Style = Annotated[
     Literal["table", "md", "latex", "csv"],
-    typer.Option("--format", help="Format of the printed tables; csv has all columns, and numbers are not rounded"),
+    typer.Option("--format", help="Format of the printed tables; only csv has all columns and unrounded numbers"),
 ]
 Columns = Annotated[
     str | None,
     typer.Option(
         "--columns",
         metavar="NAMES",
-        help="Columns to print, comma-separated; `help` lists them (default: main columns)",
+        help="Table columns to show, comma-separated; `--columns help` lists them (default: main columns)",
     ),
 ]
 Timeout = Annotated[
@@ -175,7 +182,7 @@ Memory = Annotated[
         "--memory",
         parser=limit_parser("--memory"),
         metavar="MB",
-        help="Memory limit for each method, in megabytes (default: no limit)",
+        help="Memory limit for each worker process, in megabytes (default: no limit)",
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON")]
@@ -193,7 +200,7 @@ RangeMissing = Annotated[
         metavar="VALUE",
         min=0,
         max=65535,
-        help="Pixel value that means unknown range, such as 65535, in addition to 0; repeatable",
+        help="Pixel value of a range image that means unknown range, such as 65535, in addition to 0; repeatable",
     ),
 ]
 

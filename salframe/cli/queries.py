@@ -121,7 +121,7 @@ class QueryOptions:
             ]
         for view in views:
             for note in view.panorama.notes:
-                tell(f"{view.panorama.id} {note}")
+                tell(f"{view.panorama.id}: {note}")
         return views
 
     @property
@@ -155,7 +155,7 @@ class QueryOptions:
             frame = open_frame(str(name), self.data, self.data_dir, self.overrides, bars.update)
         if self.is_sequence or not isinstance(frame, QueryFrame) or not frame.earlier:
             return [View(frame.load(), motion)]
-        tell(f"{frame.id} is the last of {len(frame.views)} views of a query")
+        tell(f"{frame.id} is the last of {len(frame.views)} views of a query: all of them are localized together")
         unknown = [None] * len(frame.views)
         between = unknown if frame.T_last_view is None else frame.T_last_view
         return [View(view.load(), T_last_view) for view, T_last_view in zip(frame.views, between, strict=True)]

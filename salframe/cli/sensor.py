@@ -34,17 +34,13 @@ def sensor(
     seeds: Annotated[
         str,
         typer.Option(
-            metavar="N,N", help="Seeds of a generated dataset, such as 100,101 (default: the setting data.seed)"
+            metavar="N,N",
+            help="Random seeds of a generated dataset, one building each, such as 100,101 (default: data.seed)",
         ),
     ] = "",
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="FILE",
-            help="JSON file to write the sensor model to, for the setting detector.noise",
-        ),
+        typer.Option("--output", "-o", metavar="FILE", help="JSON file to write the measured errors (sensor model) to"),
     ] = None,
     *,
     options: CommonOptions,

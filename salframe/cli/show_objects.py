@@ -19,7 +19,9 @@ def show_objects(
     detector: Annotated[
         str | None,
         typer.Option(
-            metavar="NAME", help="Detector that finds the objects; see `salframe show detector` (default: auto)"
+            metavar="NAME",
+            help="Detector that finds the objects; see `salframe show detector` (default: auto, the first one that "
+            "can run)",
         ),
     ] = None,
     overrides: Annotated[
@@ -27,8 +29,8 @@ def show_objects(
         typer.Option(
             "--set",
             metavar="KEY=VALUE",
-            help="Change a setting of the detector (detector.KEY), the saliency (saliency.KEY) or the "
-            "graph (graph.KEY), such as detector.min_score=0.5",
+            help="Change a setting of the detector (detector.KEY), the saliency model (saliency.KEY) or the "
+            "object graph (graph.KEY), such as detector.min_score=0.5",
         ),
     ] = None,
     range_image: Annotated[

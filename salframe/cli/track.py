@@ -32,7 +32,7 @@ def track(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="Tracker, which combines answers and odometry; see `salframe show tracker` (default: votes)",
+            help="Tracker, which combines localization and odometry; see `salframe show tracker` (default: votes)",
         ),
     ] = None,
     views: Annotated[

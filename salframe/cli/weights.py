@@ -6,7 +6,6 @@ from typing import Annotated
 
 import typer
 
-from salframe.cli.inspect import Verbose
 from salframe.cli.options import Json
 from salframe.cli.output import print_json
 
@@ -20,7 +19,13 @@ Name = Annotated[
 
 
 @app.command("list")
-def list_(verbose: Verbose = False, as_json: Json = False) -> None:
+def list_(
+    verbose: Annotated[
+        bool,
+        typer.Option("--verbose", "-v", help="Also print the source, the folder, and the terms of the training data"),
+    ] = False,
+    as_json: Json = False,
+) -> None:
     """List the weights that components use.
 
     The state is `ready`, `absent` (not downloaded) or `another file` (wrong content). `--verbose` adds the source, the

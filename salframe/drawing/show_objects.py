@@ -193,7 +193,7 @@ def show_objects(
                 choice = Choice(image.name, partial(frozenset, provides))
                 stages[provides] = _Stages(validate(ShowConfig, content, "show-objects", choice))
                 notes |= dict.fromkeys(choice.notes)
-            notes |= dict.fromkeys(f"{image.name} {note}" for note in shot.panorama.notes)
+            notes |= dict.fromkeys(f"{image.name}: {note}" for note in shot.panorama.notes)
             notes |= {f"warning: {note}": None for note in _range_notes(image, shot, encoding)}
             views.append(_show(image, picture, shot, stages[provides]))
         except SETUP_ERRORS:

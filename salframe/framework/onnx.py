@@ -122,7 +122,7 @@ def open_model(
     content = read_network(path)
     if external_files(path) and path.suffix.lower() != SUFFIX:
         raise WeightsError(
-            f"the network {path} stores weights in other files, expected a file name that ends in {SUFFIX}"
+            f"the network {path} stores weights in other files, so its file name must end in {SUFFIX}: rename the file"
         )
     try:
         session = onnxruntime.InferenceSession(

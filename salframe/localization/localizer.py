@@ -57,9 +57,10 @@ class LevelledConfig(ComponentConfig):
 
     level: Literal["auto", "off"] = added(
         "auto",
-        description="auto: a tilted panorama is turned upright before it is processed. The tilt of a reference frame "
-        "is that of its pose, unless this pose is exactly level. All other tilts are measured by an IMU or estimated "
-        "from the images; off: panoramas are not turned",
+        description="correction of camera tilt. auto: tilted panoramas are rotated upright before they are processed. "
+        "For a reference frame, the tilt is read from the pose. For a query, or if the pose of a reference frame has "
+        "no tilt at all, the tilt is measured by an IMU or, without an IMU, estimated from the images; off: panoramas "
+        "are not rotated",
     )
 
 

@@ -71,7 +71,7 @@ def picture_note(frames: Sequence[Frame]) -> str | None:
         return None
     first = next(iter(notes))
     others = f" (the reader changed {len(notes)} of {len(panoramas)} checked images)" if len(frames) > 1 else ""
-    return f"the image of {first} is {notes[first]}{others}"
+    return f"image of {first}: {notes[first]}{others}"
 
 
 def query_notes(panorama: Panorama, camera_z_m: Sequence[float] | np.ndarray = ()) -> list[str]:

@@ -77,13 +77,13 @@ def _place_source(references: Sequence[PanoramaRecord], place_from: str | None) 
         source = PlaceSource(place_from)
     except ValueError:
         raise ConfigError(
-            f"the setting place_from is {place_from!r}, expected one of {', '.join(PlaceSource)}"
+            f"the option --place-from is {place_from!r}, expected one of {', '.join(PlaceSource)}"
         ) from None
     without = [record.id for record in references if source not in record.places]
     if without and source is not PlaceSource.NONE:
         known = [s for s in PlaceSource if s is PlaceSource.NONE or all(s in record.places for record in references)]
         raise DataError(
-            f"place_from={source} has no place for {len(without)} of {len(references)} reference panoramas, such as "
+            f"--place-from {source} has no place for {len(without)} of {len(references)} reference panoramas, such as "
             f"{without[0]}, expected a place for each: choose {' or '.join(known)}"
         )
     return source
@@ -107,7 +107,7 @@ def _query_ids(
         number = queries.removeprefix("every:")
         if not (number.isascii() and number.isdecimal() and 2 <= int(number) <= 10**6):
             raise ConfigError(
-                f"the setting queries is {queries!r}, expected every:N with N from 2 to 1000000, or a file of ids"
+                f"the option --queries is {queries!r}, expected every:N with N from 2 to 1000000, or a file of ids"
             )
         posed = [record.id for record in records if record.is_reference]
         return set(posed[int(number) - 1 :: int(number)])
@@ -127,7 +127,7 @@ def _thinned(records: Sequence[PanoramaRecord], every: str) -> list[PanoramaReco
     """Return the records, without records with a pose that are too close to the previously selected record."""
     match = re.fullmatch(rf"{_NUMBER}\s*(m|s)", every.strip())
     if not match or not 0 < float(match[1]) < 1e9:
-        raise ConfigError(f"the setting every is {every!r}, expected a distance such as 0.5m or a time such as 2s")
+        raise ConfigError(f"the option --every is {every!r}, expected a distance such as 0.5m or a time such as 2s")
     step, unit = float(match[1]), match[2]
     thinned: list[PanoramaRecord] = []
     previous: PanoramaRecord | None = None

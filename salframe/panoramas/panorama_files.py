@@ -78,7 +78,7 @@ def load_panorama(
     if sphere is not None and (note := sphere.note(levelled=level)):
         notes.append(note)
     if num_masked:
-        notes.append(f"has {num_masked} black rows at the top or bottom, which are masked")
+        notes.append(f"{num_masked} black rows at the top or bottom are masked")
     instance_id = parts["instances"]
     annotations = None if instance_id is None else Annotations(instance_id, labels or {}, rendered=rendered)
     return Panorama(

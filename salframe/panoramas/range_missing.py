@@ -137,10 +137,10 @@ def missing_line(shares: Mapping[int, float], source: str, encoding: RangeEncodi
     fills = " and ".join(
         f"the value {value if encoding else f'{value * MILLIMETRE:g} m'} fills {shares[value]:.1%}" for value in values
     )
-    pronoun, meaning = ("it", "differs") if len(values) == 1 else ("them", "differ")
-    likely = (
-        f"{fills} of the pixels of the {source} and {meaning} from the ranges around {pronoun}, likely an unknown range"
-    )
+    differs = "differs from the ranges around it, so it likely means"
+    if len(values) > 1:
+        differs = "these values differ from the ranges around them, so they likely mean"
+    likely = f"{fills} of the pixels of the {source} and {differs} an unknown range"
     if encoding is None:
         return f"{likely}: set the range of these pixels to NaN"
     missing = sorted({*encoding.missing, *values})

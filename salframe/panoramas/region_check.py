@@ -147,7 +147,7 @@ def _changes(
         [replace(floor, z_m=z_m) for floor, z_m in zip(floors, heights_m, strict=True)],
     )
     names = _renaming(misplaced_frames)
-    renamed = ", ".join(f"{region} is {place}" for region, place in list(names.items())[:NUM_LISTED])
+    renamed = ", ".join(f"{region} should be {place}" for region, place in list(names.items())[:NUM_LISTED])
     yield (
         f"names in `regions` may be swapped ({renamed})",
         [replace(f, regions={label: names.get(name, name) for label, name in f.regions.items()}) for f in floors],

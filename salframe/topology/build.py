@@ -55,7 +55,7 @@ def build_topology(
             floor has free floor; two nodes have the same name.
     """
     if not floors:
-        raise DataError("a topology (graph for routes) needs floor masks, but the dataset has none")
+        raise DataError("a topology (graph for routes) needs the masks of at least one floor, received none")
     settings = settings or TopologySettings()
     floors = sorted(floors, key=lambda floor: floor.z_m)
     references = list(frames)
@@ -170,7 +170,7 @@ class _FloorMap:
                 f"{reason}; the frame is left out: its region has no free floor within {max_distance_m:g} m"
             )
             return None
-        self._notes.append(f"{reason}; the node is {distance_m:.2f} m from the frame")
+        self._notes.append(f"{reason}; its topology node is {distance_m:.2f} m from the frame")
         return pixel
 
     def _choose_scenes(self, frames: Sequence[ReferenceFrame]) -> None:
@@ -214,7 +214,9 @@ class _FloorMap:
             distance_m = [float(np.hypot(*(xy - self.nodes[door].xyz_m[:2]))) for door in doors]
             if not doors or min(distance_m) > self._settings.doorway_reach_m:
                 reach = f"no node of a doorway is within {self._settings.doorway_reach_m:g} m"
-                self._notes.append(f"frame {frame.id} at ({xy[0]:.2f}, {xy[1]:.2f}) m belongs to no node: {reach}")
+                self._notes.append(
+                    f"frame {frame.id} at ({xy[0]:.2f}, {xy[1]:.2f}) m belongs to no topology node: {reach}"
+                )
                 continue
             door = doors[int(np.argmin(distance_m))]
             self.nodes[door] = replace(self.nodes[door], frames=(*self.nodes[door].frames, frame.id))

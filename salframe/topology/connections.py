@@ -121,7 +121,7 @@ def disconnected_note(floors: Sequence[FloorMasks], edges: Sequence[MapEdge]) ->
     all_floors = f"the {len(floors)} floors at z = {heights} m are"
     if count == len(floors):
         return f"{all_floors} not connected: add stairs or lifts with `salframe map connect`"
-    return f"{all_floors} in {count} parts without a connection: add stairs or lifts with `salframe map connect`"
+    return f"{all_floors} in {count} unconnected groups: add stairs or lifts with `salframe map connect`"
 
 
 def _edge(topology: TopologicalMap, connection: Connection) -> MapEdge:

@@ -106,7 +106,7 @@ def add_to_map(
             try:
                 new_floors = extend_floors(floors, remaining, frames, sources, progress and partial(progress, "floors"))
             except (DataError, RequirementMissing) as error:
-                tell(f"warning: places without floor masks get no nodes: {error}")
+                tell(f"warning: places without floor masks get no topology nodes: {error}")
         method_progress = progress and partial(progress, localization.localizer.name)
         describe_ahead(localization.localizer.config, dataset, method_progress)
         localization.extend(
@@ -282,7 +282,7 @@ def _check_places(sources: Iterable[_Source], frames: Sequence[ReferenceFrame], 
         if both := sorted(places & {frame.place for frame in other_frames}):
             raise DataError(
                 f"the maps {other} and {folder} both contain the places {shorten(', '.join(both))}, expected different "
-                "places: remove these places from one map, or rename them in its data and build it again"
+                "places: remove these places from one map, or rename them in the data of one map and build this map again"
             )
 
 

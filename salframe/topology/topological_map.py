@@ -124,7 +124,8 @@ class TopologySources(Settings):
 
 
 def _words(source: PartSource) -> str:
-    return f"from a {source}" if source is PartSource.MAP_FILE else str(source)
+    words = {PartSource.MAP_FILE: "from an occupancy map", PartSource.MIXED: "from several sources"}
+    return words.get(source, str(source))
 
 
 class TopologySettings(Settings):

@@ -167,7 +167,7 @@ def test_another_content_of_the_file_is_another_model(network):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({}, "the range model 'onnx-depth' cannot output metres: choose metric: true .* or set camera_height_m"),
+        ({}, "the range model 'onnx-depth' cannot output metres: set metric=true .* or set camera_height_m"),
         (
             {"metric": True, "size_px": (64, 64)},
             r"has the inputs image float32 \(1, 3, 128, 128\), .*\(\*, 3, 64, 64\)",
@@ -194,5 +194,5 @@ def test_a_model_that_is_not_there_is_told(tmp_path):
         WeightsError, match="the range model 'onnx-depth' has no network: set `model` to the path of an ONNX file"
     ):
         OnnxDepth(OnnxDepth.Config(metric=True))
-    with pytest.raises(WeightsError, match=r"nothing\.onnx does not exist, expected the path"):
+    with pytest.raises(WeightsError, match=r"nothing\.onnx, which does not exist; expected the path"):
         build(tmp_path / "nothing.onnx", metric=True)

@@ -177,7 +177,7 @@ class Surprised(Yolov5):
     ("component", "message"),
     [
         (Overflowing, r"received a box beyond the image, expected boxes within 96 x 64 pixels"),
-        (Doubtful, r"received scores \[.*expected shares of at least 0\.25"),
+        (Doubtful, r"received scores \[.*expected scores from 0\.25 to 1"),
         (Surprised, r"received ValueError: cannot reshape .*, expected boxes or WeightsError"),
     ],
 )

@@ -251,7 +251,7 @@ def test_a_network_of_any_size_is_given_the_declared_one(tmp_path):
         (
             {"model": "nowhere.onnx"},
             WeightsError,
-            "nowhere.onnx does not exist, expected the path of an ONNX file, or one of yolox-nano,",
+            "nowhere.onnx, which does not exist; expected the path of an ONNX file, or one of yolox-nano,",
         ),
         ({"decoder": "yolov4"}, UnknownName, "unknown detection-decoder 'yolov4', did you mean 'yolov[58]'"),
         (

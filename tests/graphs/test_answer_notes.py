@@ -62,8 +62,7 @@ def test_a_place_on_two_storeys_explains_that_there_is_no_pose():
     for answer in answers:
         explained = (
             "no pose: the reference frames of the place 'bedroom' lie on several storeys (z = 1.50 to 4.50 m), "
-            "expected "
-            "one: give the rooms of each storey other names"
+            "expected one storey: use different place names on each storey"
         )
         assert answer.notes == (() if answer.status == "ok" else (explained,))
     assert "no-pose" in [answer.status for answer in answers]

@@ -47,7 +47,9 @@ def test_large_maps_take_compiled_lists_and_say_so():
     pytest.importorskip("numba")
     kind, note = choose_scene_index(MAX_PLAIN + 1)
     assert kind is CompiledLists
-    assert note == "the map has over 10,000 panoramas: its scene index is compiled-lists"
+    assert (
+        note == "the map has over 10,000 panoramas: the scene index compiled-lists selects the candidates of each query"
+    )
 
 
 def test_large_maps_without_numba_take_inverted_lists_and_name_the_extra(without_numba):

@@ -60,7 +60,7 @@ def test_the_command_names_what_is_unknown(folder):
     }
     printed = run("data", "labels", folder).out
     assert "not in the vocabulary; similar: refrigerator" in printed
-    assert f"{len(before)} labels: 1 not in the vocabulary; 1 no class of objects" in printed
+    assert f"{len(before)} labels (not in the vocabulary: 1; no class of objects: 1)" in printed
 
 
 def test_a_damaged_panorama_is_left_out(folder):

@@ -70,7 +70,7 @@ def test_the_weights_are_those_of_the_columns_listed():
         ),
         (
             {"evidence": ["repainted", "paint"]},
-            "two components in the setting `evidence` have the column 'paint', expected each column once",
+            "components in the setting `evidence` compute a number .column. named 'paint', expected different names",
         ),
         ({"weights": None}, "received None, expected a dictionary"),
         ({"weights": {"outline": "heavy"}}, "received 'heavy', expected a number"),

@@ -103,7 +103,7 @@ def test_read_pictures_are_masked(tmp_path: Path, suffix: str) -> None:
     images.write_color(tmp_path / f"a{suffix}", capped())
     for panorama in (read_panorama(tmp_path / f"a{suffix}"), open_panorama(tmp_path / f"a{suffix}").panorama):
         np.testing.assert_array_equal(panorama.valid, np.broadcast_to(~caps()[:, None], (HEIGHT, 2 * HEIGHT)))
-        assert panorama.notes == ("has 80 black rows at the top or bottom, which are masked",)
+        assert panorama.notes == ("80 black rows at the top or bottom are masked",)
     images.write_color(tmp_path / f"b{suffix}", picture())
     assert (read_panorama(tmp_path / f"b{suffix}").valid, read_panorama(tmp_path / f"b{suffix}").notes) == (None, ())
 

@@ -250,6 +250,6 @@ def test_a_note_on_a_few_of_many_frames(tmp_path):
     tilted, plain = read_panorama(tmp_path / "a.png"), read_panorama(write(tmp_path / "b.png", seen_by(0, 0)))
     assert picture_note([plain] * 9) is None
     assert picture_note([plain] * 8 + [tilted]) == (
-        "the image of a.png is levelled from pitch 20 deg and roll 0 deg, as the Photo Sphere XMP metadata states "
+        "image of a.png: levelled from pitch 20 deg and roll 0 deg, as the Photo Sphere XMP metadata states "
         "(the reader changed 1 of 3 checked images)"
     )

@@ -72,7 +72,7 @@ def test_right_masks_are_silent():
 @pytest.mark.parametrize(
     ("floors", "cause"),
     [
-        ([swapped(masks())], r"names in `regions` may be swapped \(kitchen is hall, hall is kitchen\)"),
+        ([swapped(masks())], r"names in `regions` may be swapped \(kitchen should be hall, hall should be kitchen\)"),
         ([masks(z_m=3.0)], r"z_m may be wrong \(3\), expected the height of each floor below its cameras"),
         ([masks(z_m=-2.0)], r"z_m may be wrong \(-2\)"),
         ([mirrored(masks(), 0)], "masks may be mirrored: row 0 must be at the largest y"),

@@ -138,10 +138,12 @@ def test_where_the_range_has_holes_the_rest_is_found(detector, panoramas):
 
 def test_what_it_lacks_is_named(detector, panoramas):
     with pytest.raises(
-        InputMissing, match="has no range, which the detector 'panoseg' needs: choose the detector 'onnx'"
+        InputMissing, match="has no range image, which the detector 'panoseg' needs: choose the detector 'onnx'"
     ):
         detector.detect(replace(panoramas[0], range_m=None))
-    with pytest.raises(InputMissing, match="has no rgb, which the detector 'panoseg' needs"):
+    with pytest.raises(
+        InputMissing, match="has no colour image, which the detector 'panoseg' needs: choose another detector"
+    ):
         detector.detect(replace(panoramas[0], rgb=None))
 
 
@@ -187,7 +189,7 @@ def test_networks_that_do_not_fit_are_one_line(tmp_path):
     whole = PANOSEG.paths()[0].read_bytes()
     with pytest.raises(WeightsError, match=r"panoseg.onnx is not an ONNX network"):
         PanoSegDetector(own(tmp_path, network=whole[: len(whole) // 2]))
-    with pytest.raises(WeightsError, match=r"panoseg.json has no list of labels, expected the model card"):
+    with pytest.raises(WeightsError, match=r"panoseg.json has no list `labels`, expected the model card"):
         PanoSegDetector(own(tmp_path, card={"classes": 3}))
     with pytest.raises(WeightsError, match=r"nowhere does not exist; correct the path"):
         PanoSegDetector(PanoSegDetector.Config(model=tmp_path / "nowhere"))

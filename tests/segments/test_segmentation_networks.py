@@ -74,10 +74,7 @@ def test_colours_are_normalized_as_the_card_says(tmp_path, channels):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        (
-            {"output": {"name": "gone", "layout": "nhwc", "values": "logits"}},
-            "has no tensor 'gone', expected the tensor",
-        ),
+        ({"output": {"name": "gone", "layout": "nhwc", "values": "logits"}}, "has no tensor 'gone': set output.name"),
         (
             {"output": {"layout": "nhwc", "values": "logits"}},
             "has the type int32 without quantization parameters, expected class scores",

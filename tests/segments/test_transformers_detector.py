@@ -393,7 +393,7 @@ def test_a_long_list_of_labels_is_split_into_several_texts(tmp_path):
         ["[CLS]", "plant", ".", "[SEP]"],
     ]
     assert [network.names[i] for i in found.label] == list(WORDS)
-    with pytest.raises(ConfigError, match="the label 'office office office office' is too long for"):
+    with pytest.raises(ConfigError, match="the label 'office office office office', which is too long for"):
         open_view_model(model, 0.3, ["chair", "office office office office"])
 
 

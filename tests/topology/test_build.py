@@ -88,7 +88,7 @@ def test_a_scene_point_in_a_wall_moves_to_clear_floor_of_its_room_or_is_left_out
     assert across.regions == ("west",)
     assert across.xyz_m[0] == pytest.approx(-0.3, abs=RESOLUTION_M)
     notes = "\n".join(topology.notes)
-    assert "frame near at (-3.12, 0.00) m is inside a wall or obstacle, or too near to one; the node is 0.2" in notes
+    assert "frame near at (-3.12, 0.00) m is inside a wall or obstacle, or too near to one; its topology node is 0.2" in notes
     left_out = "frame inside at (1.00, 0.00) m is inside a wall or obstacle, or too near to one; the frame is left out"
     assert f"{left_out}: its region has no free floor within 0.5 m" in notes
 
@@ -97,7 +97,7 @@ def test_frames_that_belong_nowhere_are_told():
     frames = [frame("a", -2.0, 0.0), frame("far", 40.0, 0.0), frame("t", -2.0, 1.0, "door", FrameKind.TRANSITION)]
     notes = build_topology([two_rooms()], frames).notes
     assert "frame far at (40.00, 0.00, 1.50) m is left out: no floor mask covers it" in notes
-    assert "frame t at (-2.00, 1.00) m belongs to no node: no node of a doorway is within 0.5 m" in notes
+    assert "frame t at (-2.00, 1.00) m belongs to no topology node: no node of a doorway is within 0.5 m" in notes
 
 
 def test_a_narrow_doorway_is_dropped_and_what_lies_behind_is_told():
@@ -172,7 +172,7 @@ def test_two_buildings_at_one_height_are_one_map_of_two_parts():
 @pytest.mark.parametrize(
     ("floors", "message"),
     [
-        ([], r"a topology \(graph for routes\) needs floor masks, but the dataset has none"),
+        ([], r"a topology \(graph for routes\) needs the masks of at least one floor, received none"),
         (
             [two_rooms(), two_rooms(0.6)],
             "two floors whose masks overlap or touch have z_m = 0, expected a different z_m for each floor",

@@ -31,7 +31,11 @@ def test_only_floors_without_masks_have_a_note():
     assert TopologySources().note is None
     robot = TopologySources(free_space=PartSource.MAP_FILE, regions=PartSource.PLACES)
     assert robot.note == (
-        "floors without masks: the free space is from a map file, the regions are derived from places"
+        "floors without masks: the free space is from an occupancy map, the regions are derived from places"
+    )
+    mixed = robot.joined(TopologySources(free_space=PartSource.RANGE, regions=PartSource.PLACES))
+    assert mixed.note == (
+        "floors without masks: the free space is from several sources, the regions are derived from places"
     )
 
 

@@ -39,9 +39,9 @@ def main(
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     rows, columns = plan.floors[0].free.shape
     print(
-        f"{data}: {len(frames)} panoramas, {columns} x {rows} cells: floors {floors_s:.1f} s, topology of "
-        f"{len(topology.nodes)} nodes {total_s - floors_s:.1f} s, peak memory {before_mb:.0f} MB before and "
-        f"{peak_mb:.0f} MB after"
+        f"{data}: {len(frames)} panoramas, {columns} x {rows} cells: derived floors in {floors_s:.1f} s, topology "
+        f"of {len(topology.nodes)} nodes in {total_s - floors_s:.1f} s; peak memory {before_mb:.0f} MB before both "
+        f"steps and {peak_mb:.0f} MB after them"
     )
 
 

@@ -44,7 +44,10 @@ SCORES = "given", "derived", "regions"
 
 
 def on_grid(floor: FloorMasks, like: FloorMasks) -> FloorMasks:
-    """Return a floor on the pixels of another floor of the same resolution. Pixels outside are cut off."""
+    """Return the floor masks `floor` on the pixel grid of `like`, which has the same resolution.
+
+    Pixels outside the grid are cut off.
+    """
     row, column = floor_pixels(like, np.array([floor.origin_m]) + np.array([1e-6, -1e-6]))[0].tolist()
     masks = []
     for mask in (floor.free, floor.region, floor.obstacle):
@@ -61,7 +64,7 @@ def on_grid(floor: FloorMasks, like: FloorMasks) -> FloorMasks:
 
 
 def region_agreement(given: FloorMasks, derived: FloorMasks) -> float:
-    """Return the adjusted Rand index of the regions on the pixels that have a region in both floors."""
+    """Return the adjusted Rand index of the regions on the pixels that have a region in both floor masks."""
     derived = on_grid(derived, given)
     both = (given.region > 0) & (derived.region > 0)
     return adjusted_rand_index(given.region[both], derived.region[both])
@@ -91,8 +94,8 @@ def walk_all(
     seed: int,
     across: bool = False,
 ) -> dict[str, list[bool]]:
-    """Return whether an agent succeeds in each of the same episodes, in a world with floor masks and in a world with
-    derived floors.
+    """Return whether an agent succeeds in each of `count` random episodes, in two worlds: "given", with floor masks,
+    and "derived", with derived floors. The episodes are the same in both worlds.
 
     Success depends on the distance to the goal along the floor masks. With `across`, each episode starts and ends on
     different storeys.
@@ -156,10 +159,11 @@ def main(
         lost += compared.lost_routes + compared.false_routes
         agreements.append(region_agreement(masks, split.floors[0]))
         print(
-            f"{data} seed {seed}: {compared.given} doorways, derived {compared.derived}, common {compared.common}; "
-            f"median route error {np.median(compared.route_errors):.2%} of {len(compared.route_errors)}, "
-            f"{compared.lost_routes} lost, {compared.false_routes} false; {len(masks.regions)} rooms, "
-            f"{len(split.floors[0].regions)} regions, adjusted Rand index {agreements[-1]:.3f}",
+            f"{data} seed {seed}: {compared.given} doorways in the floor masks, {compared.derived} in the derived "
+            f"floors, {compared.common} in both; median error of the route length "
+            f"{np.median(compared.route_errors):.2%} ({len(compared.route_errors)} routes), {compared.lost_routes} "
+            f"routes lost, {compared.false_routes} false; {len(masks.regions)} rooms, "
+            f"{len(split.floors[0].regions)} derived regions, adjusted Rand index {agreements[-1]:.3f}",
             flush=True,
         )
         if localize:
@@ -168,9 +172,8 @@ def main(
                 right = list(localize_all(dataset, localizer, one.frames, one.floors))
                 scores["localization"][name] += right
             clusters["localization"] += [seed] * len(right)
-            print(
-                "  localization", {name: np.mean(values) for name, values in scores["localization"].items()}, flush=True
-            )
+            means = {name: np.mean(values) for name, values in scores["localization"].items()}
+            print("  localization accuracy so far", means, flush=True)
         if episodes:
             (world,) = open_worlds(dataset)
             assert isinstance(world, FloorWorld)
@@ -179,11 +182,18 @@ def main(
             for name, success in walk_all(dataset, localizer, world, derived, episodes, 0).items():
                 scores["navigation"][name] += success
             clusters["navigation"] += [seed] * len(success)
-            print("  navigation", {name: np.mean(values) for name, values in scores["navigation"].items()}, flush=True)
+            means = {name: np.mean(values) for name, values in scores["navigation"].items()}
+            print("  navigation success so far", means, flush=True)
     num_given, num_derived, common = doors.tolist()
-    print(f"{data}: {common} of {num_given} doorways found, {num_derived - common} of {num_derived} invented")
+    print(
+        f"{data}: {common} of {num_given} doorways found, {num_derived - common} of {num_derived} derived "
+        "doorways false"
+    )
     every = np.concatenate(errors)
-    print(f"{data}: median route error {np.median(every):.2%} of {len(every)} routes, {lost} lost or false")
+    print(
+        f"{data}: median error of the route length {np.median(every):.2%} ({len(every)} routes), {lost} routes lost or "
+        "false"
+    )
     print(f"{data}: adjusted Rand index {np.mean(agreements):.3f} (mean of {len(agreements)} buildings)")
     for kind, by_name in scores.items():
         for name, values in by_name.items():

@@ -2,7 +2,8 @@
 
 The data is a preset of the dataset `house` with two storeys. The command derives the floors of both storeys from their
 panoramas, connects them by the stairs of the building, and prints the routes across the storeys, the accuracy of
-localization on each storey, and the success rate of navigation from one storey to the other. floors.md reports them.
+localization on each storey, and the success rate of navigation from one storey to the other. The page
+docs/how-to/floors.md reports the results.
 """
 
 from __future__ import annotations
@@ -41,7 +42,8 @@ class StoreyResults:
         routes: Number of routes across the storeys that exist and take the stairs.
         errors: Errors of their lengths, relative to the floor masks.
         localized: For each storey, whether the storey and the place of each answer are right.
-        walked: Success of each episode from one storey to the other, on the given and on the derived map.
+        walked: Success of each episode from one storey to the other, with the floor masks ("given") and with the
+            derived floors ("derived").
     """
 
     routes: int
@@ -53,7 +55,7 @@ class StoreyResults:
 def measure_routes(
     topology: TopologicalMap, reference: TopologicalMap, count: int, seed: int
 ) -> tuple[int, list[float]]:
-    """Return the number of drawn routes across the storeys that exist and take the stairs, and the relative errors of
+    """Return the number of random routes across the storeys that exist and take the stairs, and the relative errors of
     their lengths."""
     scenes = [node for node in reference.nodes if node.kind is NodeKind.SCENE]
     lower, upper = (
@@ -110,14 +112,18 @@ def main(
 ) -> None:
     """Derive and measure the map of two storeys."""
     results = measure(data, seed, routes, episodes)
-    print(f"routes across: {results.routes} of {routes}, median error of length {np.median(results.errors):.2%}")
+    print(
+        f"routes across the storeys: {results.routes} of {routes} take the stairs, median error of the length "
+        f"{np.median(results.errors):.2%}"
+    )
     for storey, right in sorted(results.localized.items()):
         is_storey, is_place = np.array(right).T
         print(
-            f"storey {storey + 1}: storey {is_storey.mean():.1%}, place {is_place.mean():.1%} of {len(right)} queries"
+            f"queries on storey {storey + 1}: storey correct {is_storey.mean():.1%}, place correct "
+            f"{is_place.mean():.1%} ({len(right)} queries)"
         )
     for name, success in results.walked.items():
-        print(f"navigation across, {name} floors: {sum(success)} of {len(success)}")
+        print(f"navigation between storeys, {name} floors: {sum(success)} of {len(success)} episodes successful")
 
 
 if __name__ == "__main__":

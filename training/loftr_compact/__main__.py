@@ -30,7 +30,7 @@ def main(
         config = validate(Training, settings, "training")
         buildings = max(stage.buildings for stage in config.stages)
         seeds = range(config.held_out_seed, config.held_out_seed + 1 + buildings)
-        render(config.panoramas, seeds, lambda done, total: print(f"buildings {done}/{total}", flush=True))
+        render(config.panoramas, seeds, lambda done, total: print(f"rendered {done} of {total} buildings", flush=True))
         export(train(config, folder, lambda row: print(row, flush=True)), folder)
     except SalframeError as error:
         raise SystemExit(f"error: {error}") from None

@@ -1,5 +1,5 @@
 """Export of the trained network to an ONNX file with classes, scores and votes at the resolution of the panorama, and
-its card."""
+its model card (a JSON file that describes the network)."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def doubled(image: Tensor) -> Tensor:
 
 
 def export(checkpoint: Path, path: Path, card: dict[str, Any]) -> Path:
-    """Write the network of a checkpoint to `path`, and next to it its card with labels and sha256."""
+    """Write the network of a checkpoint to `path`, and next to it the model card (JSON) with labels and sha256."""
     state = torch.load(checkpoint, map_location="cpu", weights_only=True)
     network = PanoSeg(len(card["labels"]) + 1)
     network.load_state_dict(state["network"])

@@ -152,8 +152,8 @@ class PanoSeg(nn.Module):
         absent = sorted(name for name in encoder if name not in state)
         if absent:
             raise WeightsError(
-                f"the checkpoint is not EfficientNet-Lite0: {len(absent)} of {len(encoder)} tensors are missing, "
-                f"such as {absent[0]}"
+                f"the checkpoint (option --encoder) is not EfficientNet-Lite0: {len(absent)} of {len(encoder)} tensors "
+                f"are missing, such as {absent[0]}"
             )
         loaded = {name: state[name] for name in encoder}
         stem = torch.zeros_like(current["_conv_stem.weight"])

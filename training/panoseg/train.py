@@ -1,7 +1,8 @@
 """Train `panoseg`: `python -m training.panoseg.train OUTPUT --encoder CHECKPOINT [--assets DIR]`.
 
 The command renders the training buildings, trains with a checkpoint every CHECKPOINT_STEPS steps, and exports
-OUTPUT/panoseg.onnx with its card OUTPUT/panoseg.json. It resumes an interrupted run, and uses a GPU if torch has one.
+OUTPUT/panoseg.onnx with its model card OUTPUT/panoseg.json. It resumes an interrupted run, and uses a GPU if
+torch has one.
 """
 
 from __future__ import annotations

@@ -201,7 +201,7 @@ def show(figures: dict[str, Any]) -> None:
                 print(f"  {key}: accuracy {metrics[key]['accuracy']:.3f}, mean IoU {metrics[key]['mean_iou']:.3f}")
         for score, row in metrics["objects"].items():
             print(
-                f"  score >= {score}: {row['detected']} objects, {row['parts']} parts;",
+                f"  score >= {score}: {row['detected']} objects, {row['parts']} labelled parts;",
                 ", ".join(
                     f"{key} {row[key][0]:.3f} ({row[key][1]:.2f} to {row[key][2]:.2f})"
                     for key in ("named_precision", "covered_recall", "precision", "recall")
@@ -212,10 +212,11 @@ def show(figures: dict[str, Any]) -> None:
             calibration = metrics["calibration"]
             print(
                 f"  logistic fit: slope {calibration['fit'][0]:.2f}, offset {calibration['fit'][1]:.2f};",
-                f"Brier {calibration['brier_plain']:.3f} uncalibrated, {calibration['brier_left_out']:.3f} left-out",
+                f"Brier score {calibration['brier_plain']:.3f} uncalibrated,",
+                f"{calibration['brier_left_out']:.3f} calibrated on the other views",
             )
             _show_curve("uncalibrated", calibration["curve_plain"])
-            _show_curve("left-out", calibration["curve_left_out"])
+            _show_curve("calibrated on the other views", calibration["curve_left_out"])
         _show_curve("scores of the detector", metrics["curve"])
 
 

@@ -78,7 +78,7 @@ def main(
     for low, high in pairwise(LIMITS_PX):
         rows = (letters >= low) & (letters < high)
         print(f"letters of {low:g} to {high:g} px: {read[rows].sum()} of {rows.sum()} signs read correctly")
-    print(f"{false_strings} of {num_strings} strings are not the text of a sign there")
+    print(f"{false_strings} of {num_strings} detected strings are not the text of a sign at that position")
     print(
         f"{np.median(times_ms[1:]):.0f} ms per panorama of {height} rows, with {np.median(cpu_ms[1:]):.0f} ms of "
         f"processor time (medians of {len(times_ms) - 1})"

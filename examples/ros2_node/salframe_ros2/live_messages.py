@@ -10,7 +10,7 @@ from typing import Any
 from salframe_import.bag import CAMERA_INFO, IMAGE, ODOMETRY, TF, MessageStore, StampedMessage
 
 MAX_MESSAGES = {IMAGE: 30, CAMERA_INFO: 1, ODOMETRY: 1000, TF: 500}
-"""Number of messages of a topic that are held, by their type. All static transforms are held."""
+"""Maximum number of stored messages of a topic, by message type. All static transforms are stored."""
 
 
 class LiveMessages(MessageStore):
@@ -37,7 +37,7 @@ class LiveMessages(MessageStore):
         return {topic: kind for topic, kind in self._known_types.items() if self._messages[topic]}
 
     def add(self, topic: str, content: Any, received_ns: int) -> None:
-        """Add a message of a topic that was received at a time."""
+        """Store a message of a topic. `received_ns` is the time at which it was received."""
         with self._lock:
             self._messages[topic].append(StampedMessage.of(content, received_ns))
 

@@ -98,7 +98,7 @@ class MakeMessage(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class RobotUpdate:
-    """The result of a view.
+    """The result of localizing one view (an image that is far enough from the last view).
 
     Attributes:
         step: The belief of the tracker, the answer and errors. Its pose is that of the panorama.
@@ -172,7 +172,7 @@ class RobotTracker:
     def map_to_odom(self, stamp: Any) -> Any:
         """Return the transform from the frame of odometry to the map at a time as geometry_msgs/TransformStamped.
 
-        It is that of the last view with the status `tracking`. None before this view.
+        The transform is that of the last view with the status `tracking`; None before the first such view.
 
         Args:
             stamp: Time of the transform, builtin_interfaces/Time.

@@ -36,22 +36,25 @@ def shipped_weights() -> Mapping[str, float]:
 
 
 def columns_of(evidence: Sequence[ComponentConfig]) -> dict[str, EvidenceColumn]:
-    """Return the columns of configured components, by name. Raises ValueError if two columns have the same name."""
+    """Return the columns of the configured components, by name. A column is a number for each candidate place.
+
+    Raises ValueError if two columns have the same name.
+    """
     columns: dict[str, EvidenceColumn] = {}
     models: list[Any] = [config.component for config in evidence]
     for model in models:
         for column in model.columns:
             if column.name in columns:
                 raise ValueError(
-                    f"two components in the setting `evidence` have the column {column.name!r}, expected each column "
-                    "once: remove one of the two components"
+                    f"two components in the setting `evidence` compute a number (column) named {column.name!r}, "
+                    "expected different names: remove one of the two components"
                 )
             columns[column.name] = column
     return columns
 
 
 def weights_of(evidence: Sequence[ComponentConfig], value: Any) -> Any:
-    """Return the weight of each column of evidence, in the order of the columns.
+    """Return the weight of each column of evidence, in the order of the columns. A column is a number for each place.
 
     Args:
         evidence: The configured components.
@@ -90,7 +93,8 @@ class PlaceEvidence:
 
     Attributes:
         uses: Parts of a panorama that the components read if they are present.
-        column_step: Least common multiple of the components' `column_step`; None if a component has none.
+        column_step: Number of pixel columns of one rotation step: the least common multiple of the components'
+            `column_step`; None if a component has none.
         places: The places of the map, after `index` or `open_index`.
     """
 
@@ -153,7 +157,7 @@ class PlaceEvidence:
         """Return the evidence for H hypotheses of the place of a query. The first C have a pose.
 
         Args:
-            nodes: The nodes of the query, with the vocabulary of the map.
+            nodes: The nodes of the query, with labels numbered by the vocabulary of the map.
             description: The description of the query.
             rows: (H,) index of the place of each hypothesis.
             names: (H,) index in `places.names` of the place name of each hypothesis.

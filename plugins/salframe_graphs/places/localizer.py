@@ -164,7 +164,8 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
 
     @property
     def column_step(self) -> int | None:  # type: ignore[override]
-        """Least common multiple of the `column_step` of detector and evidence.
+        """Number of pixel columns of one rotation step: least common multiple of the `column_step` of detector and
+        evidence.
 
         None if rotating the panorama does not change the estimated heading by the same angle.
         """
@@ -276,7 +277,8 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         divided = np.diff(heights_m).max(initial=0) > MAX_STEP_M
         note = (
             f"no pose: the reference frames of the place {places[0].place!r} lie on several storeys (z = "
-            f"{heights_m[0]:.2f} to {heights_m[-1]:.2f} m), expected one: give the rooms of each storey other names"
+            f"{heights_m[0]:.2f} to {heights_m[-1]:.2f} m), expected one storey: use different place "
+            "names on each storey"
         )
         notes = (note,) if divided else ()
         return Localization(places, None, LocalizationStatus.NO_POSE, notes=notes, evidence=evidence)

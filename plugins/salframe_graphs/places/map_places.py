@@ -32,7 +32,7 @@ class MapPlaces:
     """K places of a map with S reference frames.
 
     Attributes:
-        scene_frames: The places and their scene frames.
+        scene_frames: The places and their scene frames (reference frames in rooms, not in doorways).
         index: The objects of the places.
         T_world_pano: (S, 3, 4) poses of the frames.
         regions: The floor area of each place; None if it is unknown.

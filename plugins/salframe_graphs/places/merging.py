@@ -52,8 +52,9 @@ def gather_places(
 ) -> list[Place]:
     """Return the places of the scene frames with their merged objects, in the order of the map.
 
-    An object in a transition frame is added to the place that contains the object, if `place_of` is not None. In a map
-    without scene frames, the transition frames are treated as scene frames.
+    Scene frames are in rooms, transition frames in doorways. An object in a transition frame is added to the place that
+    contains the object, if `place_of` is not None. In a map without scene frames, the transition frames are treated as
+    scene frames.
 
     Args:
         graphs: The graph of each frame.
@@ -90,7 +91,7 @@ def gather_places(
 
 
 def merge(name: str, frames: Sequence[int], sightings: Sightings, rates: Rates) -> Place:
-    """Merge sightings to the objects of one place. `rates` gives the variance of each sighting's position."""
+    """Merge sightings into the objects of one place. `rates` gives the variance of each sighting's position."""
     variance = rates.position_error_m**2 + (rates.range_error_share * sightings.range_m) ** 2
     merged = merge_sightings(sightings, variance)
     return Place(

@@ -15,7 +15,10 @@ from salframe_graphs.places.merging import Place
 
 @dataclass(frozen=True, eq=False)
 class SceneFrames(PlaceFrames):
-    """The places of a map and their scene frames. If frames are not merged, several places have the same name."""
+    """The places of a map and their scene frames (reference frames in rooms, not in doorways).
+
+    If frames are not merged, several places have the same name.
+    """
 
     @classmethod
     def of(cls, places: Sequence[Place]) -> SceneFrames:

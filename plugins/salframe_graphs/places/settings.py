@@ -22,9 +22,9 @@ from salframe_graphs.places.rates import SHIPPED, Likelihood, Rates, shipped_rat
 
 @cache
 def shipped_posterior() -> Posterior:
-    """Return the posterior that is distributed with the method.
+    """Return the parameters that convert scores to probabilities, as distributed with the method.
 
-    With this posterior, no query is rejected as out-of-map, because most robots do not leave their map.
+    With these parameters, no query is rejected as out-of-map, because most robots do not leave their map.
     """
     fitted = validate(Posterior, read_yaml(SHIPPED)["posterior"], f"{SHIPPED}: posterior:")
     return fitted.model_copy(update={"max_out_of_map_probability": 1.0})  # type: ignore[no-any-return]

@@ -25,13 +25,16 @@ _KINDS = {kind.name: kind for kind in (InvertedLists, CompiledLists)}
 
 
 def choose_scene_index(num_scenes: int) -> tuple[type[SceneIndex], str | None]:
-    """Return the scene index for a number of scenes, and a note for the user (None for up to MAX_PLAIN scenes)."""
+    """Return the scene index for a number of scenes (graphs of reference frames), and a note for the user.
+
+    The note is None for up to MAX_PLAIN scenes.
+    """
     if num_scenes <= MAX_PLAIN:
         return InvertedLists, None
     size = f"the map has over {MAX_PLAIN:,} panoramas"
     if importlib.util.find_spec("numba") is None:
         return InvertedLists, f"{size}: for faster queries, pip install 'salframe[fast]' and build the map again"
-    return CompiledLists, f"{size}: its scene index is {CompiledLists.name}"
+    return CompiledLists, f"{size}: the scene index {CompiledLists.name} selects the candidates of each query"
 
 
 class _Choice(Settings):

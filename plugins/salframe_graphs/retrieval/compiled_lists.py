@@ -55,8 +55,8 @@ class CompiledLists(SceneIndex):
         tolerance_share: float = match_only(
             0.05,
             ge=0,
-            description="increase of the maximum distance with the range. Two objects with the ranges a "
-            "and b coincide if their distance is at most `tolerance_m` + `tolerance_share` * sqrt(a^2 + b^2)",
+            description="increase of `tolerance_m` with the range. Two objects with the ranges a and b coincide if "
+            "their distance is at most `tolerance_m` + `tolerance_share` * sqrt(a^2 + b^2)",
         )
         max_shift_m: float = match_only(
             6.0,

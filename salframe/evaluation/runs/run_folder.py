@@ -177,8 +177,8 @@ class Run:
         if isinstance(content, Mapping) and content.get("format") != RUN_FORMAT:
             version = content.get("format", 1)
             raise ConfigError(
-                f"{directory} has run format {version}, expected {RUN_FORMAT}: measure it again with this version of "
-                "salframe"
+                f"{directory} has run format {version}, expected {RUN_FORMAT}: repeat the run with this version of "
+                "salframe and another --name"
             )
         validate(_Request, content, f"{path}:")
         return cls(directory, content)

@@ -197,7 +197,7 @@ def conclude(task: AnyTask, run: Run, survey: Survey[Any], reported: tuple[Repor
     try:
         return replace(result, report=_write(task, run, survey, result, records))
     except OSError as error:  # a full disk: the result is returned all the same
-        note = f"the metrics and the report of the run could not be written: {error.strerror or error}"
+        note = f"the metrics and the report of the run {run.directory} could not be written: {error.strerror or error}"
         return replace(result, notes=(*result.notes, note))
 
 

@@ -250,7 +250,10 @@ def _try(tunings: Sequence[TuningData], tries: Sequence[str], tell: Tell) -> dic
         for value in values:
             changed = merge(best, nest(path, value))
             loss = _fit(tunings, changed)[2]
-            tell(f"{'.'.join(path)}={value}: {loss:.4f}, best so far {min_loss:.4f}")
+            tell(
+                f"{'.'.join(path)}={value}: mean -ln(probability of the query's place) {loss:.4f}, lowest before: "
+                f"{min_loss:.4f}"
+            )
             if loss < min_loss:
                 best, min_loss = changed, loss
     return best

@@ -55,7 +55,7 @@ class Choice:
             raise InputMissing(
                 f"{AUTO!r} cannot select {with_article(role)} for {self._data}, because none can run: {remark}"
             )
-        self._notes[role] = f"{AUTO!r} selected the {role} {component.name!r}" + (f", which {remark}" if remark else "")
+        self._notes[role] = f"{AUTO!r} selected the {role} {component.name!r}" + (f" ({remark})" if remark else "")
         return component
 
 

@@ -47,7 +47,7 @@ def test_annotations_come_first(detectors):
 def test_segments_come_next_where_their_weights_are(detectors):
     assert taken(BARE) == ("segments", ("objects: 'auto' selected the detector 'segments'",))
     ABSENT.touch()
-    assert taken(BARE) == ("panoseg", (f"objects: 'auto' selected the detector 'panoseg', which {REMARK}",))
+    assert taken(BARE) == ("panoseg", (f"objects: 'auto' selected the detector 'panoseg' ({REMARK})",))
 
 
 def test_a_name_that_nobody_brings_is_left_out(plugins):

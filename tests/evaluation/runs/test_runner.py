@@ -241,7 +241,8 @@ def test_a_full_disk_costs_the_report_and_not_the_table(fakes, monkeypatch):
     done = salframe("compare", "--methods", "reader", "--data", "rooms", "--engine", "inline")
     assert done.code == 0
     assert "100.0 (72-100)" in done.out
-    assert "the metrics and the report of the run could not be written: No space left on device" in done.out
+    assert "the metrics and the report of the run runs/rooms-" in done.out
+    assert " could not be written: No space left on device" in done.out
 
 
 def test_a_folder_that_cannot_be_written_to_is_one_line(fakes, tmp_path):

@@ -53,7 +53,7 @@ def test_a_method_with_the_file_knows_what_it_does_not(fitted, read):
     assert after.roc_area.value == 1.0
     assert after.calibration_error < 0.15
     assert after.status == {"ok": 10, "out-of-map": 10}
-    assert "10 of 20 queries are out-of-map" in known.notes[0]
+    assert "the place of 10 of 20 queries is not in the map" in known.notes[0]
     shown, hidden = (read(result.report)[0] for result in (known, plain))
     titles = [[figure["title"] for figure in content["figures"]] for content in (shown, hidden)]
     assert "Reliability" in titles[0]

@@ -9,7 +9,7 @@ import salframe
 
 def bands(
     frame: Annotated[str, typer.Argument(help="Id of a frame of the dataset.")],
-    data: Annotated[str, typer.Option(help="Dataset preset, dataset, or folder.")] = "box-rooms-8",
+    data: Annotated[str, typer.Option(help="Dataset: a name in `salframe data list`, or a folder.")] = "box-rooms-8",
 ) -> None:
     """Print the objects that `height-bands` finds in a frame: label, distance, azimuth."""
     import numpy as np

@@ -8,7 +8,7 @@ FREQUENCIES, MAX_DIFFERENCE_M = 16, 2.0
 
 
 class RangeSpectrum(salframe.EvidenceModel):
-    """Similarity of the ranges at camera height, whatever the heading: column `range_spectrum`."""
+    """Similarity of the ranges at camera height, independent of the heading, in the column `range_spectrum`."""
 
     name = "range-spectrum"
     version = "1"

@@ -8,7 +8,7 @@ MAX_DISTANCE_M, MAX_FAILED = 0.3, 10
 
 
 class ConfirmedAnswers(salframe.Tracker):
-    """Start at the latest answer that agrees with the answer before it, and follow the odometry from there."""
+    """Starts at the latest answer that agrees with the answer before it, and follows the odometry from there."""
 
     name = "confirmed-answers"
     version = "1"

@@ -137,7 +137,7 @@ class Answering(Worker[Query]):
             "of maps that have objects without position": list(self._completed.values()),
             "of query frames that cannot be used": self._unusable_queries,
             "of queries with several views that were localized view by view": self._fused,
-            "of frames that could only be described in part": list(self._descriptions.notes.values()),
+            "of frames that the method used only in part": list(self._descriptions.notes.values()),
         }
         parts = [
             f"number {what}: {len(reasons)}, the first: {reasons[0]}" for what, reasons in problems.items() if reasons

@@ -109,7 +109,7 @@ class LocalizationTask(PagedTask[Query, LocalizationSurvey, AnswerRow, Localizat
             raise DataError(f"the dataset {dataset.name} has no query, expected at least one")
         survey = LocalizationSurvey(dataset, queries)
         absent = int((~survey.present()).sum())
-        note = f"{absent} of {len(queries)} queries are out-of-map: the correct answer to them is out-of-map"
+        note = f"the place of {absent} of {len(queries)} queries is not in the map: their correct answer is out-of-map"
         return replace(survey, notes=(note, *places_notes(dataset))) if absent else survey
 
     def key(self, piece: Query) -> tuple[str, str]:

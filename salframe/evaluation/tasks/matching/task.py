@@ -74,7 +74,7 @@ class MatchingTask(Task[FramePair, Survey[FramePair], PairRow, MatchingRow]):
             )
         pairs = choose_pairs(dataset)
         left_out = sum(len(fold.queries) for fold in dataset.folds()) - len(pairs)
-        note = f"{left_out} queries are left out: the map has no scene frame of their place"
+        note = f"{left_out} queries are left out: their place has no reference frame of kind scene (in a room)"
         return Survey(dataset, pairs, (note, *places_notes(dataset)) if left_out else ())
 
     def key(self, piece: FramePair) -> tuple[str, str]:
