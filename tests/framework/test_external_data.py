@@ -89,7 +89,7 @@ def test_a_missing_file_is_named(tmp_path):
 
 def test_another_suffix_would_hide_the_file_from_the_identity(tmp_path):
     path = write(tmp_path / "net.onnx").rename(tmp_path / "net.weights")
-    with pytest.raises(WeightsError, match=r"expected a file name that ends in \.onnx"):
+    with pytest.raises(WeightsError, match=r"its file name must end in \.onnx"):
         open_model(path)
 
 

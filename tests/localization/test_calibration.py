@@ -395,7 +395,7 @@ def test_build_calibrates_and_the_map_shows_it(fakes):
 
 def test_a_frame_that_the_localizer_fails_on_is_left_out(fakes):
     build = ("build", "rooms", "--method", "reader", "--set", "data.rooms=6", "--set", SETTING)
-    assert "0 frames in the map and 5 out of it" in run(*build, "-o", "map", "--set", "fail_in=2").out
+    assert "0 simulated queries in the map and 5 out of it" in run(*build, "-o", "map", "--set", "fail_in=2").out
 
 
 def test_a_grown_map_is_the_map_that_was_built_at_once(fakes):
