@@ -98,8 +98,4 @@ def _describe(topology: TopologicalMap | None) -> str:
     if topology is None:
         return "no topology"
     scenes = sum(node.kind is NodeKind.SCENE for node in topology.nodes)
-    transitions = len(topology.nodes) - scenes
-    return (
-        f"topology: {scenes} scene nodes (in rooms), {transitions} transition nodes (in doorways), "
-        f"{len(topology.edges)} edges"
-    )
+    return f"{scenes} scene nodes, {len(topology.nodes) - scenes} transition nodes, {len(topology.edges)} edges"

@@ -75,7 +75,7 @@ class ImportResult:
 
     def lines(self) -> list[str]:
         """Return the result as text."""
-        frames = f"{self.num_references} reference frames in {self.num_places} places (--place-from {self.place_from})"
+        frames = f"{self.num_references} reference frames in {self.num_places} places (from: {self.place_from})"
         return [f"{self.folder}: {frames}, {self.num_queries} queries, in {self.seconds:.1f} s"]
 
 

@@ -282,7 +282,8 @@ def _check_places(sources: Iterable[_Source], frames: Sequence[ReferenceFrame], 
         if both := sorted(places & {frame.place for frame in other_frames}):
             raise DataError(
                 f"the maps {other} and {folder} both contain the places {shorten(', '.join(both))}, expected different "
-                "places: remove these places from one map, or rename them in the data of one map and build this map again"
+                "places: remove these places from one map, or rename them in the data of one map and build this map "
+                "again"
             )
 
 

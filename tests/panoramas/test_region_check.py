@@ -81,7 +81,10 @@ def test_right_masks_are_silent():
         ([replace(masks(), resolution_m=0.2)], "resolution_m may be wrong, a value 0.5 times as large fits"),
         ([moved(masks(), 0, 1)], r"masks may be shifted: move origin_m by \(0, -0.5\) m"),
         ([moved(masks(), 2.5, 0)], r"masks may be shifted: move origin_m by \(-1.5, 0\) m"),
-        ([replace(masks(), regions={1: "a", 2: "b", 3: "c"})], r"\(a should be hall, b should be kitchen, c should"),
+        (
+            [replace(masks(), regions={1: "a", 2: "b", 3: "c"})],
+            r"swapped \(a should be hall, b should be kitchen, c should be study\)",
+        ),
     ],
 )
 def test_wrong_masks_are_refused_with_their_likely_cause(floors, cause):

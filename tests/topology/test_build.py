@@ -88,7 +88,10 @@ def test_a_scene_point_in_a_wall_moves_to_clear_floor_of_its_room_or_is_left_out
     assert across.regions == ("west",)
     assert across.xyz_m[0] == pytest.approx(-0.3, abs=RESOLUTION_M)
     notes = "\n".join(topology.notes)
-    assert "frame near at (-3.12, 0.00) m is inside a wall or obstacle, or too near to one; its topology node is 0.2" in notes
+    assert (
+        "frame near at (-3.12, 0.00) m is inside a wall or obstacle, or too near to one; its topology node is 0.2"
+        in notes
+    )
     left_out = "frame inside at (1.00, 0.00) m is inside a wall or obstacle, or too near to one; the frame is left out"
     assert f"{left_out}: its region has no free floor within 0.5 m" in notes
 

@@ -228,8 +228,8 @@ def test_places_without_range_are_added_without_nodes_and_a_line_says_so(tmp_pat
     assert add_to_map(tmp_path / "map", blind, tell=lines.append).places == 2
     (line,) = [line for line in lines if "nodes" in line]
     assert line == (
-        "warning: places without floor masks get no topology nodes: the data have neither floor masks nor range images to "
-        "derive floors from, expected one of them"
+        "warning: places without floor masks get no topology nodes: the data have neither floor masks nor range images "
+        "to derive floors from, expected one of them"
     )
     topology = open_topology(tmp_path / "map")
     assert {node.regions for node in topology.nodes} == {("west",)}
