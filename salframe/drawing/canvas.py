@@ -34,7 +34,7 @@ def fill(image: np.ndarray, polygon: np.ndarray, colour: Colour) -> None:
 
 
 def disk(image: np.ndarray, centre: np.ndarray, radius: float, colour: Colour) -> None:
-    """Draw a filled circle around a pixel."""
+    """Draw a filled circle on an image. `centre` (2,) and `radius` are in pixels."""
     import cv2
 
     x, y = _fixed(centre).tolist()

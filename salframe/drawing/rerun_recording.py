@@ -59,7 +59,7 @@ def write_rerun(track: Track, views: CameraSequence, map: LocalizationMap, path:
       position, and all poses up to now, in the colour of the status.
     - `world/objects`: objects of the map that were matched with objects of the view.
     - `world/truth` and `world/truth/trail`: true poses, if they are known.
-    - `status` and `support`: status, place and errors as text, and the support of the belief.
+    - `status` and `support`: status, place and errors as text, and the support (evidence for the estimated pose).
 
     Args:
         track: The track.

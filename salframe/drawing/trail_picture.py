@@ -1,4 +1,5 @@
-"""Draw the trail of a tracked camera on the floor, and the support of the estimated pose over time."""
+"""Draw the trail of a tracked camera on the floor, and the support of the estimated pose (evidence for it) over
+time."""
 
 from __future__ import annotations
 
@@ -26,11 +27,13 @@ LONG_SIDE_PX, MAX_SCALE = 1400, 80.0
 MARGIN_M = 1.0
 """Margin around the floor and the trail in metres."""
 CHART_PX, TEXT_PX, GAP_PX = 110, 26, 14
-"""Heights in pixels of the chart of the support and of a line of text, and the gap around them."""
+"""Heights in pixels of the chart of the support (evidence for the pose) and of a line of text, and the gap around
+them."""
 
 
 def draw_trail(track: Track, path: str | Path, floors: Sequence[FloorMasks] = ()) -> None:
-    """Write a PNG of a track: the estimated positions on the floor, coloured by status, and the support over time.
+    """Write a PNG of a track: the estimated positions on the floor, coloured by status, and the support (evidence for
+    the pose) over time.
 
     Args:
         track: The track.

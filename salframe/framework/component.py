@@ -65,7 +65,8 @@ def added(default: Any, *, match_only: bool = False, **field: Any) -> Any:
 
 
 def components_in(config: Any) -> Iterator[tuple[str, ComponentConfig]]:
-    """Yield (field name, configuration) for each component directly in a slot of a configuration.
+    """Yield (field name, configuration) for each component directly in a slot (a field that holds a component) of a
+    configuration.
 
     Components in the slots of these components are not included. A field with several components yields the names
     `name[0]`, `name[1]` and so on.
@@ -79,7 +80,8 @@ def components_in(config: Any) -> Iterator[tuple[str, ComponentConfig]]:
 
 
 def nested_components(config: Any) -> Iterator[ComponentConfig]:
-    """Yield the configurations of all components in the slots of a configuration, at any depth."""
+    """Yield the configurations of all components in the slots (fields that hold a component) of a configuration, at any
+    depth."""
     for _, inner in components_in(config):
         yield inner
         yield from nested_components(inner)

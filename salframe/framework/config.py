@@ -53,7 +53,8 @@ def read_yaml(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
 
 
 def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """Return `base` updated recursively with `over`. If `over` has another `kind`, settings in `base` are discarded."""
+    """Return `base` updated recursively with `over`. If `over` has another `kind` (name of a component) than `base`,
+    the settings in `base` are discarded."""
     if "kind" in over and over["kind"] != base.get("kind", over["kind"]):
         return dict(over)
     result = dict(base)

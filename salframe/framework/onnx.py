@@ -46,7 +46,7 @@ class OnnxModel:
         self._has_batch = has_batch
 
     def run(self, *arrays: np.ndarray) -> list[np.ndarray]:
-        """Return the outputs for a batch.
+        """Return one array for each of `outputs`, for a batch.
 
         A network that does not support batches (its first axis is 1) runs once per element, and its outputs are
         concatenated.

@@ -53,12 +53,13 @@ class PretrainedConfig(ComponentConfig):
 
 
 def hub_weights(config: PretrainedConfig) -> tuple[NetworkWeights, ...]:
-    """Return the downloaded hub model that `model` names, or () if it is a folder or None. Raises WeightsError."""
+    """Return the downloaded model of the Hugging Face hub that the setting `model` names, or () if it is a folder or
+    None. Raises WeightsError."""
     return (find_hub_model(config.model),) if isinstance(config.model, HubName) else ()
 
 
 def check_model(component: str, config: PretrainedConfig) -> None:
-    """Raise WeightsError if `model` names no model on this machine. `component` begins the message."""
+    """Raise WeightsError if the setting `model` names no model on this machine. `component` begins the message."""
     if config.model is None:
         raise WeightsError(
             f"{component} has no network: set the setting `model` to the folder of a model, or to hf:ORG/MODEL",
@@ -68,7 +69,8 @@ def check_model(component: str, config: PretrainedConfig) -> None:
 
 
 def find_model_folder(model: str | Path) -> Path:
-    """Return the folder of a model: a local folder, or the folder of a downloaded hub model (hf:ORG/MODEL).
+    """Return the folder of a model: a local folder, or the folder of a downloaded model of the Hugging Face hub
+    (hf:ORG/MODEL).
 
     Raises:
         WeightsError: There is no such folder, or the model was not downloaded, or one of its files has changed.

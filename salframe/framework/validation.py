@@ -66,7 +66,8 @@ def validate(model: type[BaseModel], settings: Mapping[str, Any], where: str, ch
         model: The model of the settings.
         settings: The settings.
         where: Location of the settings for messages: the dotted key that holds them, or a file name and a colon.
-        choice: The `Choice` that fills the slots with `auto`. Without it, these slots remain undecided.
+        choice: The `Choice` that selects the components of slots (settings that hold a component) with the value
+            `auto`. Without it, these slots keep the placeholder `Undecided`.
 
     Raises:
         ConfigError: A setting is invalid. The message names the key, the received value and the expected value.

@@ -50,7 +50,7 @@ def detect_cached(
 
 
 def detections_to_arrays(detections: Detections) -> dict[str, np.ndarray]:
-    """Return detections as named arrays, without loss."""
+    """Return the fields of detections as named arrays, without loss, for `detections_from_arrays`."""
     arrays = {name: getattr(detections, name) for name in _COLUMNS}
     for name in _POINT_SETS:
         sets = getattr(detections, name)

@@ -17,8 +17,8 @@ from salframe.framework.validation import Settings
 from salframe.graphs.detections import Detections, unit_vectors
 
 REACH_M = 32.767
-"""Maximum absolute coordinate of a node along each axis, in metres; packed positions are limited to it. An object
-farther away is an error of the range image rather than an object in the room."""
+"""Maximum absolute coordinate of a node along each axis, in metres. Packed positions cannot exceed this limit. An
+object farther away is an error of the range image rather than an object in the room."""
 
 
 _NODE_COLUMNS = (

@@ -38,7 +38,7 @@ class GraphMatch:
 
 @dataclass(frozen=True, eq=False)
 class RankedGraphs:
-    """Matches without their pairs, best first.
+    """Matches of a query graph with graphs of a map (scenes), without the matched nodes, best first.
 
     Attributes:
         scene: (T,) int64, indices of the scenes in the map.
@@ -56,8 +56,8 @@ class GraphMatcher(Role):
 
     role = "matcher"
     uses_scene_index: ClassVar[bool] = False
-    """Whether the matcher takes its candidates from a scene index. If the graphs have one (`GraphTable.scenes`), it
-    uses this index."""
+    """Whether the matcher takes its candidates from a scene index (which selects the graphs of a large map that are
+    matched). If the graphs have an open index (`GraphTable.scenes`), the matcher uses it."""
 
     @abstractmethod
     def index(self, graphs: Sequence[SaliencyGraph]) -> Any:

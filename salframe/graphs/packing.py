@@ -26,7 +26,7 @@ TEXTS = "texts"
 
 
 def graph_to_arrays(graph: SaliencyGraph) -> dict[str, np.ndarray]:
-    """Return a graph as named arrays, without loss."""
+    """Return the fields of a graph as named arrays, without loss, for `graph_from_arrays`."""
     labels = np.array(graph.labels, dtype=np.str_)
     has_range = np.isfinite(graph.centroid_m).all()
     # With range, bearings are computed from the centroids.

@@ -36,10 +36,11 @@ class SceneCandidates:
 
 
 class SceneLookup(Protocol):
-    """Protocol of an open scene index."""
+    """Protocol of an open scene index, which selects the scenes (graphs of reference frames) that are matched with a
+    query."""
 
     def candidates(self, query: SaliencyGraph, count: int) -> SceneCandidates:
-        """Return at most `count` candidate scenes, as `SceneIndex.candidates`."""
+        """Return at most `count` candidate scenes (graphs of reference frames), as `SceneIndex.candidates`."""
 
 
 class SceneIndex(Role):
@@ -50,8 +51,8 @@ class SceneIndex(Role):
 
     @classmethod
     def note(cls, config: Any, num_scenes: int) -> str | None:
-        """Return a message for the user about using this index on `num_scenes` scenes; None (the default): no
-        message."""
+        """Return a message for the user about using this index on `num_scenes` scenes (graphs of reference frames);
+        None (the default): no message."""
         return None
 
     @abstractmethod
@@ -77,7 +78,7 @@ class SceneIndex(Role):
 
     @abstractmethod
     def candidates(self, query: SaliencyGraph, count: int) -> SceneCandidates:
-        """Return at most `count` scenes of the open index, best first.
+        """Return at most `count` scenes (graphs of reference frames) of the open index, best first.
 
         Scenes that share nothing with the query are left out. If the query has no range, the sizes and centroids of its
         objects are NaN (see SaliencyGraph).
@@ -92,7 +93,8 @@ class SceneIndex(Role):
 
 
 def scene_index_notes(config: Any, num_scenes: int) -> list[str]:
-    """Return the notes of all scene indexes in a configuration and its nested components, without duplicates."""
+    """Return the notes (`SceneIndex.note`) of all scene indexes in a configuration and its nested components, without
+    duplicates."""
     notes: dict[str, None] = {}
     for _, inner in components_in(config):
         kind = inner.component

@@ -45,8 +45,9 @@ Lengths = Annotated[tuple[Length, ...], AfterValidator(_check_quantiles)]
 class DetectionModel(Settings):
     """Probability that an object is detected.
 
-    It is the logistic function of `intercept` + `per_log_solid_angle` ln(solid angle / reference) +
-    `per_log_range` ln(range / reference) + `per_hidden_share` (hidden share - reference) + offset of the label group.
+    It is the logistic function of `intercept` + `per_log_solid_angle` ln(solid angle / reference) + `per_log_range`
+    ln(range / reference) + `per_hidden_share` (hidden share - reference) + offset of the label group. The hidden share
+    is the share of the outline of the object that borders a nearer surface.
 
     A group is a set of labels with the same `common_label`. A group without measurements has the offset 0. The
     references are the medians of the measurements. An unknown quantity is replaced by its reference.
@@ -220,15 +221,16 @@ def read_sensor(path: Path) -> SensorModel:
 
 
 def quantiles(values: np.ndarray) -> Quantiles:
-    """Return the quantiles of finite values, rounded to 4 decimals; () if there are no values."""
+    """Return QUANTILES evenly spaced quantiles (minimum to maximum) of finite values (N,), rounded to 4 decimals; () if
+    there are no values."""
     if not len(values):
         return ()
     return tuple(round(float(value), 4) for value in np.quantile(values, np.linspace(0, 1, QUANTILES)))
 
 
 def value_at(distribution: Quantiles, shares: np.ndarray | float) -> np.ndarray:
-    """Return the values of a distribution (as `quantiles` returns it) at quantile levels `shares`, from 0 to 1, by
-    linear interpolation."""
+    """Return the values of a distribution at the quantile levels `shares` (from 0 to 1), in the shape of `shares`, by
+    linear interpolation. `distribution` contains evenly spaced quantiles, as `quantiles` returns them."""
     return np.asarray(np.interp(shares, np.linspace(0, 1, len(distribution)), distribution))
 
 

@@ -53,11 +53,12 @@ class SyntheticMap:
         )
 
     def scenes(self, count: int) -> Iterator[SaliencyGraph]:
-        """Return an iterator over the first `count` scenes."""
+        """Return an iterator over the first `count` scenes (graphs of the map)."""
         return (self.scene(number) for number in range(count))
 
     def query(self, number: int) -> SaliencyGraph:
-        """Return scene `number` as a detector observes it, with errors, from a random position and heading."""
+        """Return the graph that a detector with errors observes of scene `number`, from a random position and
+        heading."""
         rng = np.random.default_rng((self.seed, number, 1))
         spread_m = (ERROR_M, ERROR_M, ERROR_Z_M)
         observation = self._resampled(self.scene(number), rng, MISS_SHARE, MISLABEL_SHARE, spread_m, ERROR_SIZE_LOG)

@@ -14,8 +14,8 @@ _CORNERS = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(
 
 
 def described_objects(description: Description) -> tuple[SaliencyGraph, Detections] | None:
-    """Return the saliency graph of a description, and its nodes as detections in the frame of the panorama before
-    levelling.
+    """Return the saliency graph of a description, and its nodes as detections in the frame of the panorama before it
+    was levelled (rotated upright).
 
     The detections are in the order of the nodes. Their points are the corners of the boxes.
 

@@ -25,12 +25,13 @@ VERSION = "1"
 
 @dataclass(frozen=True, eq=False)
 class DescribedView:
-    """A described panorama of a query.
+    """A panorama of a query, with the description (features) that a localizer computed from it.
 
     Attributes:
         id: Id of the panorama.
         description: The description.
-        surfaces: Floor and ceiling in the panorama before levelling.
+        surfaces: Distances of the camera from floor and ceiling in metres, measured in the panorama before it was
+            levelled.
         seconds: Time of the computation, without the time to load the panorama.
         describe_turned: Function that rotates the panorama by UPSIDE_DOWN and describes it. It returns the description,
             in which R_LEVEL_PANO includes this rotation, and the time in seconds.
@@ -68,7 +69,7 @@ def describe_view(
     dataset: str = "",
     described: tuple[Description, float] | None = None,
 ) -> DescribedView:
-    """Describe a panorama of a query.
+    """Compute the description (features) of a panorama of a query.
 
     Args:
         localizer: The localizer.
@@ -94,8 +95,8 @@ def describe_query(
     camera_z_m: np.ndarray,
     warn: Callable[[str], object],
 ) -> DescribedQuery:
-    """Return a query of described views. If all views seem to be upside down, they are also described after a rotation
-    by UPSIDE_DOWN.
+    """Combine described views (panoramas with their features) to a query. If all views seem to be upside down, they are
+    also described after a rotation by UPSIDE_DOWN.
 
     Args:
         localizer: The localizer. The views are rotated only if it uses range and its `level` is "auto".

@@ -1,5 +1,5 @@
-"""Describe frames with a localizer: estimate missing range, measure the time, cache the result, and use worker
-processes."""
+"""Describe frames (compute their features) with a localizer: estimate missing range, measure the time, cache the
+result, and use worker processes."""
 
 from __future__ import annotations
 
@@ -102,8 +102,8 @@ def complete_panorama(
 def describe_frame(
     localizer: Localizer, frame: ReferenceFrame | QueryFrame, cache: Cache | None = None, dataset: str = ""
 ) -> tuple[Description, float]:
-    """Return the description of a frame, and the time of its computation in seconds, without the time to load the
-    panorama.
+    """Return the description (features) of a frame, and the time of its computation in seconds, without the time to
+    load the panorama.
 
     Args:
         localizer: The localizer.
@@ -176,7 +176,8 @@ def _describe_panorama(
 def describe_frames(
     method: ComponentConfig, data: ComponentConfig, frames: Sequence[str], engine: Engine
 ) -> Iterator[tuple[str, float]]:
-    """Describe reference frames of a prepared dataset with an engine, and store the descriptions in the cache.
+    """Describe reference frames of a prepared dataset (compute their features) with an engine, and store the
+    descriptions in the cache.
 
     A frame that cannot be described is skipped. If the method itself fails, all following frames are skipped. Errors
     are not raised here, but later, when the description is needed.
@@ -201,7 +202,8 @@ def describe_frames(
 def describe_ahead(
     method: ComponentConfig, dataset: Dataset, progress: Callable[[int, int], None] | None = None
 ) -> None:
-    """Describe the reference frames of a prepared dataset with the workers of its engine, and cache the descriptions.
+    """Describe the reference frames of a prepared dataset (compute their features) with the workers of its engine, and
+    cache the descriptions.
 
     Do nothing if the number of workers is not set.
     """

@@ -51,12 +51,12 @@ class DetectingLocalizer(Localizer):
 
     @property
     def column_step(self) -> int | None:  # type: ignore[override]
-        """The `column_step` of the detector."""
+        """Number of pixel columns of one rotation step of the detector (`Detector.column_step`)."""
         step: int = self._detector.column_step
         return step
 
     @property
     def turn_tolerance_m(self) -> float:  # type: ignore[override]
-        """The `turn_tolerance_m` of the detector."""
+        """Maximum deviation of the detections after a rotation, in metres (`Detector.turn_tolerance_m`)."""
         tolerance_m: float = self._detector.turn_tolerance_m
         return tolerance_m

@@ -37,7 +37,8 @@ class EvidenceColumn:
 
 @dataclass(frozen=True, eq=False)
 class PlaceFrames:
-    """K places of a map with P distinct names, and their scene frames. Several places may have the same name.
+    """K places of a map with P distinct names, and their scene frames (reference frames in rooms). Several places may
+    have the same name.
 
     Attributes:
         names: The P distinct names.
@@ -56,18 +57,19 @@ class PlaceFrames:
 
     @cached_property
     def place(self) -> np.ndarray:
-        """(F,) index of the place of each scene frame."""
+        """(F,) index of the place of each scene frame (reference frame in a room)."""
         return np.repeat(np.arange(len(self)), np.diff(self.start))
 
     @cached_property
     def padded(self) -> np.ndarray:
-        """The scene frames of each place, (K, maximum number of scene frames of a place). The last frame of a place is
-        repeated to fill its row."""
+        """Indices in the map of the scene frames of each place, (K, maximum number of scene frames of a place). The
+        last frame of a place is repeated to fill its row."""
         count = np.diff(self.start)
         return self.frame[self.start[:-1, None] + np.minimum(np.arange(count.max()), count[:, None] - 1)]
 
     def max_of_frames(self, values: np.ndarray) -> np.ndarray:
-        """Return the maximum (K,) over the scene frames of each place.
+        """Return the maximum, over the scene frames (reference frames in rooms) of each place, of a value of each
+        frame, (K,).
 
         Args:
             values: (S,) one number for each of the S reference frames of the map.

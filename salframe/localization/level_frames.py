@@ -25,11 +25,12 @@ R_LEVEL_PANO = "R_level_pano"
 UPSIDE_DOWN = np.diag([1.0, -1.0, -1.0])
 """(3, 3) rotation that levels a camera that hangs upside down."""
 VERSION = "1"
-"""Version of the levelling, as part of the cache keys of descriptions."""
+"""Version of the levelling (rotation of tilted panoramas), as part of the cache keys of descriptions."""
 
 
 def level_key(localizer: Localizer, frame: ReferenceFrame | QueryFrame) -> dict[str, Any]:
-    """Return the inputs of the levelling other than the panorama, for cache keys; {} if levelling is off."""
+    """Return what the levelling (rotation of tilted panoramas) of a frame depends on besides the panorama, for cache
+    keys; {} if levelling is off."""
     if localizer.level == "off":
         return {}
     rotation = pose_level_rotation(frame.T_world_pano) if isinstance(frame, ReferenceFrame) else None
@@ -57,7 +58,7 @@ def level_panorama(
 
 
 def upright_frame(localizer: Localizer, frame: ReferenceFrame) -> ReferenceFrame:
-    """Return a reference frame with the pose of its levelled panorama, as `Localizer.index` receives it."""
+    """Return a reference frame with the pose of its levelled (upright) panorama, as `Localizer.index` receives it."""
     rotation = None if localizer.level == "off" else pose_level_rotation(frame.T_world_pano)
     if rotation is None:
         return frame
@@ -111,8 +112,13 @@ def unlevel_answer(answer: Localization, rotation: np.ndarray | None) -> Localiz
 
 
 def unturn_description(description: Description, rotation: np.ndarray) -> Description:
-    """Convert the description of a panorama that was turned by a rotation (3, 3) to a description of the panorama
-    before this turn: combine the rotation with R_LEVEL_PANO."""
+    """Convert the description of a rotated panorama to a description of the panorama before the rotation. Only the
+    entry R_LEVEL_PANO (rotation from the panorama frame to the levelled frame) changes.
+
+    Args:
+        description: The description of the rotated panorama.
+        rotation: (3, 3) rotation from the frame of the original panorama to the frame of the rotated panorama.
+    """
     description, level = split_level(description)
     return {**description, R_LEVEL_PANO: rotation if level is None else level @ rotation}
 
@@ -125,8 +131,8 @@ def better_answer(first: Localization, second: Localization) -> Localization:
 
 
 def correspond(localizer: Localizer, query: Description, reference: Description) -> PointMatches | NodeMatches | None:
-    """Return the matches of two descriptions by `Localizer.correspond`, in the frames of the panoramas before
-    levelling."""
+    """Return the matched points or objects of two descriptions (`Localizer.correspond`), in the frames of the panoramas
+    before they were levelled; None if the localizer matches neither."""
     (query, query_rotation), (reference, reference_rotation) = split_level(query), split_level(reference)
     matches = localizer.correspond(query, reference)
     turns = [np.eye(3) if rotation is None else rotation for rotation in (query_rotation, reference_rotation)]

@@ -27,7 +27,8 @@ from salframe.panoramas.range_model import RangeModel
 from salframe.panoramas.view import OdometryNoise
 
 Description = Mapping[str, np.ndarray]
-"""The description of one panorama by a localizer: named arrays (no object dtype), which can be cached and saved."""
+"""The description (features) of one panorama by a localizer: named arrays (no object dtype), which can be cached and
+saved."""
 
 
 def range_slot() -> Any:
@@ -175,8 +176,8 @@ class Localizer(Role):
         raise NotImplementedError(f"{self.name} overrides write_index and not open_index, expected both or neither")
 
     def describe_identity(self) -> dict[str, Any]:
-        """Return everything except the panorama that descriptions depend on: weights, and settings that are not
-        `match_only`."""
+        """Return everything except the panorama that descriptions (features) depend on: weights, and settings that
+        affect more than matching (not declared `match_only`)."""
         return identity(self.config, describing=True)
 
     def note(self, description: Description) -> str | None:

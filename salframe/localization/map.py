@@ -61,8 +61,8 @@ MAX_HEIGHTS = 200
 class LocalizationMap:
     """A map in which a localizer localizes queries.
 
-    It consists of reference frames (panoramas with known places and poses), their descriptions in packed form, and
-    floor masks.
+    It consists of reference frames (panoramas with known places and poses), their descriptions (features) in packed
+    form, and floor masks (images of the free floor and the rooms from above).
 
     Create one with `build`, `from_descriptions` or `open`. Use a new localizer for each map: a localizer holds the
     index of one map at a time.
@@ -366,7 +366,8 @@ class LocalizationMap:
         return describe_view(self.localizer, frame)
 
     def describe_panorama(self, panorama: Panorama, *, warn: Callable[[str], object] = python_warning) -> DescribedView:
-        """Return a described view of a panorama, for `describe_query`. Raises as `localize`."""
+        """Compute the description (features) of a panorama, and return it as a view for `describe_query`. Raises as
+        `localize`."""
         return self._describe_frame(query_frame(self.localizer, panorama), warn)
 
     def describe_query(
@@ -376,11 +377,13 @@ class LocalizationMap:
         *,
         warn: Callable[[str], object] = silent,
     ) -> DescribedQuery:
-        """Combine described views to a query. Arguments and errors are those of the function `describe_query`."""
+        """Combine described views (panoramas with their features) to a query. Arguments and errors are those of the
+        function `describe_query`."""
         return describe_query(self.localizer, views, T_last_view, self._camera_z_m, warn)
 
     def describe_detections(self, detections: Detections) -> DescribedView:
-        """Return a described view from the detections of a panorama, for example from a detector outside of salframe.
+        """Compute the description (features) of a panorama from its detections, for example from a detector outside of
+        salframe.
 
         Args:
             detections: The detections, in the panorama frame. Its z axis points up.
@@ -479,7 +482,7 @@ class LocalizationMap:
         return add_probabilities(answer, posterior, self.calibration, self.localizer.count_objects(description))
 
     def reference(self, frame_id: str) -> tuple[ReferenceFrame, Description]:
-        """Return a reference frame and its description, unpacked.
+        """Return a reference frame and its description (features), unpacked.
 
         Raises:
             UnknownName: The map has no such frame.

@@ -148,8 +148,8 @@ class MapParts:
         return config
 
     def check_method(self, localizer: Localizer) -> None:
-        """Raise DataError if the map was described by another localizer, or by this localizer with other settings,
-        weights or files."""
+        """Raise DataError if the descriptions (features) in the map come from another localizer, or from this localizer
+        with other settings, weights or files."""
         saved, directory, name, version = self._read_method(), self.folder.parent, localizer.name, localizer.version
         kind = saved.localizer.get("kind")
         if (kind, saved.version) != (name, version):

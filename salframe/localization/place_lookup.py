@@ -14,7 +14,7 @@ from salframe.panoramas.frames import FrameKind, ReferenceFrame
 class PlaceLookup:
     """Finds the place at a position: the nearest region of the floor below the position.
 
-    If there is no such floor, the place of the nearest scene frame of the map is used.
+    If there is no such floor, the place of the nearest scene frame (reference frame in a room) of the map is used.
     """
 
     def __init__(self, floors: Sequence[FloorMasks], frames: Sequence[ReferenceFrame]) -> None:

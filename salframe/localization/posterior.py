@@ -117,7 +117,8 @@ class Head(Settings):
     def standardize(self, contrast: np.ndarray, nu: np.ndarray) -> np.ndarray:
         """Return standardized contrasts z = (contrast - mean) / deviation, (N,) float64.
 
-        They are the mean and the standard deviation of the contrasts of out-of-map queries, and depend on nu.
+        `mean` and `deviation` are the mean and the standard deviation of the contrasts of out-of-map queries. They
+        depend on nu.
 
         Args:
             contrast: (N,) contrasts.
@@ -144,7 +145,7 @@ class Head(Settings):
         """Return the probability that the query is in the map, (N,) float64.
 
         Args:
-            contrast: (N,) contrasts of answers.
+            contrast: (N,) contrasts of answers (score differences, see the class).
             objects: (N,) numbers of objects of the queries; 0: unknown.
             evidence: Mapping from the name of a column of evidence to its values for the first places, (N,) float64;
                 NaN if an answer lacks the column. None: no columns.
@@ -263,7 +264,7 @@ def read_fitted(part: str, value: Any) -> Any:
 
 
 def shares(scores: np.ndarray, temperature: float) -> np.ndarray:
-    """Return softmax(scores / temperature), (P,)."""
+    """Return softmax(scores / temperature) of the scores (P,) of places, (P,) float64."""
     power = np.exp((scores - scores.max()) / temperature)
     return np.asarray(power / power.sum())
 
@@ -312,12 +313,14 @@ def absent_moments(
 
 
 def relative_logarithm(objects: np.ndarray, map_objects: np.ndarray | float) -> np.ndarray:
-    """Return ln(objects / map_objects), (N,) float64; 0 if one of the numbers is 0, which means unknown."""
+    """Return ln(objects / map_objects) for the numbers of objects of queries (N,) and the mean numbers of objects of
+    their maps, (N,) float64; 0 if one of the numbers is 0, which means unknown."""
     is_known = (np.asarray(objects) > 0) & (np.asarray(map_objects) > 0)
     return np.asarray(np.log(np.where(is_known, objects, 1) / np.where(is_known, map_objects, 1)))
 
 
 def shift_probability(probability: np.ndarray | float, shift: np.ndarray) -> np.ndarray:
-    """Return probabilities (N,) after adding shifts (N,) to the log-odds of a probability or of probabilities (N,)."""
+    """Return the probabilities (N,) that result if shifts (N,) are added to the log-odds of `probability` (one number,
+    or (N,))."""
     odds = probability * np.exp(np.minimum(shift, MAX_LOG_RATIO))
     return np.asarray(odds / (odds + 1 - probability))

@@ -25,7 +25,8 @@ TEMPERATURES = (1e-4, 1e4)
 """Minimum and maximum temperature, divided by the standard deviation of the scores."""
 RIDGE = 1e-3
 """Ridge penalty: factor of the squared coefficients of standardized features, per answer. Without the penalty, the
-optimal slope is infinite if the contrast separates correct answers from out-of-map answers without error."""
+optimal slope is infinite if the contrast (score difference between the first place and the others) separates correct
+answers from out-of-map answers without error."""
 
 
 @dataclass(frozen=True, eq=False)

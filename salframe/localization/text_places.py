@@ -21,8 +21,8 @@ WRONG_WORD_SHARE = 0.35
 """Assumed share of the objects in a description that the map does not contain at the described place: wrong words, and
 objects that the detector missed. Chosen on house-42, seeds 100 and 101, with 10 % wrong words."""
 COUNT_DECREASE = 1.0
-"""Decrease of the log probability of a stated number of objects, per object of difference from the number in the
-map."""
+"""Decrease of the log probability (nats) of a stated number of objects, for each object by which this number differs
+from the number in the map."""
 RELATION_SHARE = 0.8
 """Assumed probability that a stated order of two objects, such as "left of", is correct around a reference frame that
 shows both objects."""

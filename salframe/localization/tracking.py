@@ -97,7 +97,7 @@ class TrackStep:
     """A step of a tracked camera.
 
     Attributes:
-        pose: The belief after the step.
+        pose: The belief (estimated pose and status) after the step.
         answer: The answer to the latest views; None if the view could not be used.
         error: The reason why the view could not be used; None if it was used.
         description: The description of the view; None if the view could not be used.
@@ -130,7 +130,7 @@ class TrackedCamera:
         self._window = ViewWindow(map, num_views)
 
     def step(self, view: Panorama | QueryFrame, odometry: np.ndarray | None = None) -> TrackStep:
-        """Move the camera, localize its view, and return the belief on its pose.
+        """Move the camera, localize its view, and return the belief (estimated pose and status).
 
         If the view cannot be used, the belief is updated only by the motion.
 

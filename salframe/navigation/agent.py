@@ -131,9 +131,10 @@ class Agent:
     def decide(self) -> Move | None:
         """Return the next move; None if the agent estimates that it has arrived.
 
-        If the last answer is not accepted, the agent first turns on the spot. If it collided with an obstacle that its
-        chart contains, or did not find the stairs, it was not on its path; it then steps aside and tries again. If it
-        has no pose, or no path from its pose, it makes a random move to take a panorama from another position.
+        If the last answer is not accepted, the agent first turns on the spot. If the agent collided with an obstacle
+        that its chart (knowledge of the building) contains, or did not find the stairs, it was not on its path. It then
+        steps aside and tries again. If the agent has no pose, or no path from its pose, it makes a random move to take
+        a panorama from another position.
         """
         self._takes_stairs = False
         turn_rad = self._next_turn_rad()

@@ -53,17 +53,19 @@ class Chart(ABC):
         """
 
     def spot(self, position_m: np.ndarray) -> np.ndarray:
-        """Return the position (3,) that an agent with this estimated position is assumed to have. A chart in which
-        agents can be only at certain positions returns the nearest of these. The default returns `position_m`."""
+        """Return the position (3,) that an agent with this estimated position is assumed to have. A chart (knowledge of
+        an agent about a building) in which agents can be only at certain positions returns the nearest of these. The
+        default returns `position_m`."""
         return position_m
 
     def with_margin(self) -> Chart:
-        """Return the chart with a safety margin to walls. In this chart, parts of the building may be out of reach. The
-        default returns the chart itself."""
+        """Return the chart (knowledge of an agent about a building) with a safety margin to walls. In this chart, parts
+        of the building may be out of reach. The default returns the chart itself."""
         return self
 
     def after_collision(self, T_world_pano: np.ndarray, again: bool) -> Chart:
-        """Return the chart after a collision ahead of the agent; the same chart if the collision adds no knowledge.
+        """Return the chart (knowledge of an agent about a building) after a collision ahead of the agent; the same
+        chart if the collision adds no knowledge.
 
         Args:
             T_world_pano: (4, 4) estimated pose of the agent.
@@ -90,8 +92,8 @@ class FloorChart(Chart):
         self._floors = [grid.floor for grid in grids]
 
     def reach(self, position_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:
-        """See Chart. If the estimated position is not clear, the nearest clear pixel of its floor is used in its
-        place."""
+        """Return the lengths (N,) in metres of straight walks from a position (3,) to points (N, 3), as `Chart.reach`.
+        If the position is not clear, the nearest clear pixel of its floor is used in its place."""
         number = nearest_floor(self._floors, position_m)
         grid = self._grids[number]
         lengths_m = np.full(len(points_m), np.inf)
@@ -107,9 +109,10 @@ class FloorChart(Chart):
         return self._restrict([grid.clearance_m >= self._radius_m + MARGIN_M for grid in self._grids])
 
     def after_collision(self, T_world_pano: np.ndarray, again: bool) -> FloorChart:
-        """See Chart. A first collision near a wall or obstacle of the masks may result from a small deviation from the
-        path, and changes nothing. For any other collision, an obstacle that is not in the masks is assumed: a disc
-        around it is blocked, and the edges of the map are computed again."""
+        """Return the chart (knowledge of the building) after a collision, as `Chart.after_collision`. A first collision
+        near a wall or obstacle of the masks may result from a small deviation from the path, and changes nothing. For
+        any other collision, an obstacle that is not in the masks is assumed: a disc around it is blocked, and the edges
+        of the map are computed again."""
         number = nearest_floor(self._floors, T_world_pano[:3, 3])
         grid, yaw_rad = self._grids[number], pose_yaw(T_world_pano)
         ahead = np.array([np.cos(yaw_rad), np.sin(yaw_rad)])

@@ -66,15 +66,16 @@ class EpisodeRequest(Settings):
 
 
 class Site(NamedTuple):
-    """A world, and the guide (shortest paths) on its chart."""
+    """A world (building), and the guide, which plans shortest paths on its chart (the knowledge that agents have about
+    the world)."""
 
     world: World
     guide: Guide
 
 
 def draw_episodes(sites: Mapping[str, Site], count: int, seed: int) -> tuple[list[Episode], list[str]]:
-    """Generate random episodes. The start is a uniformly random pose in a region. The goal is a scene node of another
-    region.
+    """Generate random episodes. The start is a uniformly random pose in a region. The goal is a scene node (position in
+    a room) of another region.
 
     Args:
         sites: Mapping from the id of each world to its site.

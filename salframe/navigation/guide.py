@@ -51,8 +51,8 @@ class WalkingPath:
 
 
 class Guide:
-    """Plans paths on the map of a chart. A path may start between the nodes of the map. `planner` is the configuration
-    of the planner."""
+    """Plans paths on the map of a chart (the knowledge of an agent about a building). A path may start between the
+    nodes of the map. `planner` is the configuration of the planner."""
 
     def __init__(self, chart: Chart, planner: ComponentConfig) -> None:
         self.chart, self.planner = chart, planner
@@ -63,7 +63,7 @@ class Guide:
 
     @cached_property
     def with_margin(self) -> Guide:
-        """The guide on the chart with a safety margin."""
+        """The guide that plans paths with a safety margin to walls, if the chart has such a margin."""
         return Guide(self.chart.with_margin(), self.planner)
 
     def shortest_path(self, position_m: np.ndarray, goal: str) -> WalkingPath:

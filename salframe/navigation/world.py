@@ -54,7 +54,7 @@ class World(ABC):
 
     @abstractmethod
     def stand_at(self, node: MapNode, yaw_rad: float) -> np.ndarray:
-        """Return the pose of an agent at a node.
+        """Return T_world_pano (4, 4) of an agent that stands at a node.
 
         Raises:
             DataError: An agent does not fit there.
@@ -62,12 +62,12 @@ class World(ABC):
 
     @abstractmethod
     def stand(self, x_m: float, y_m: float, yaw_rad: float, floor: int | None = None) -> np.ndarray:
-        """Return the pose of an agent at a position and heading in the world frame.
+        """Return T_world_pano (4, 4) of an agent that stands at a position and heading in the world frame.
 
         Args:
             x_m: Position in metres.
             y_m: Position in metres.
-            yaw_rad: Heading.
+            yaw_rad: Heading in the world frame, in radians.
             floor: Number of the floor, from 1 for the lowest one; None: the only floor.
 
         Raises:
@@ -81,7 +81,7 @@ class World(ABC):
 
     @abstractmethod
     def draw_start(self, rng: np.random.Generator) -> np.ndarray:
-        """Return a random pose of an agent in a region, uniform over position and heading.
+        """Return a random pose T_world_pano (4, 4) of an agent in a region (room), uniform over position and heading.
 
         Raises:
             DataError: An agent fits nowhere in a region.
@@ -89,15 +89,15 @@ class World(ABC):
 
     @abstractmethod
     def region(self, T_world_pano: np.ndarray) -> str:
-        """Return the name of the region at a pose; "" if there is no region."""
+        """Return the name of the region (room) at a pose (4, 4); "" if there is no region."""
 
     @abstractmethod
     def references(self, T_world_pano: np.ndarray) -> Sequence[ReferenceFrame]:
-        """Return the reference frames of the map in which a panorama at this pose is localized."""
+        """Return the reference frames of the map in which a panorama at this pose (4, 4) is localized."""
 
     @abstractmethod
     def observe(self, T_world_pano: np.ndarray) -> Panorama:
-        """Return the panorama at a pose."""
+        """Return the panorama that a camera at a pose (4, 4) shows."""
 
     @abstractmethod
     def move(self, T_world_pano: np.ndarray, turn_rad: float, length_m: float) -> tuple[np.ndarray, bool]:
@@ -105,8 +105,8 @@ class World(ABC):
         it."""
 
     def take_stairs(self, T_world_pano: np.ndarray, edge: MapEdge) -> tuple[np.ndarray, bool]:
-        """Return the pose after an agent took stairs or a lift, and whether it failed, because there are none at the
-        pose. The default is for worlds whose maps have neither."""
+        """Return the pose (4, 4) after an agent took stairs or a lift, and whether this was impossible because there
+        are none at the pose. The default is for worlds whose maps have neither."""
         return T_world_pano, True
 
 
@@ -224,7 +224,8 @@ class FloorWorld(World):
         return pose_2d(x_m, y_m, yaw_rad, T_world_pano[2, 3]), steps < len(free)
 
     def take_stairs(self, T_world_pano: np.ndarray, edge: MapEdge) -> tuple[np.ndarray, bool]:
-        """See World. Stairs and lifts begin at a node, STAIRS_M around it. They end at the node at their other end, or
+        """Return the pose (4, 4) after an agent took stairs or a lift, and whether this was impossible. Stairs and
+        lifts can be taken within STAIRS_M of the node at which they begin. They end at the node at their other end, or
         at the nearest free position if the node is blocked. The heading does not change."""
         start_m, end_m = (np.array(self.node(name).xyz_m) for name in (edge.start, edge.end))
         first, last = (nearest_floor(self._floors, point_m) for point_m in (start_m, end_m))

@@ -16,7 +16,7 @@ from salframe.framework.errors import DataError
 from salframe.panoramas.geometry import equirectangular_rays, is_rigid
 
 LEVEL = np.array([[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
-"""T_base_camera of a level camera at the origin of the base that looks along +x."""
+"""T_base_camera (4, 4) of a level camera that is at the origin of the base frame and looks along +x of this frame."""
 MIN_FOV_DEG, MAX_FOV_DEG, MAX_FISHEYE_FOV_DEG = 5.0, 170.0, 360.0
 """Minimum field of view of a camera, and maximum without and with fisheye distortion. They apply to the side of the
 image that spans the wider angle, before distortion."""

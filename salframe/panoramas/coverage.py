@@ -24,9 +24,10 @@ accuracy of boxes."""
 class Rig:
     """Pinhole views of width_px x height_px. fov_rad is the field of view across the shorter side.
 
-    Pixel centres are at +0.5, as in salframe.panoramas.geometry. The principal point is the centre of the image. All
-    views of a ring are sampled in the same way, from the panorama rolled by whole columns. If a panorama is rolled by
-    such a number of columns, its views are therefore permuted, with bit-identical pixels.
+    Pixel centres are at +0.5, as in salframe.panoramas.geometry. The principal point is the centre of the image. Each
+    view of a ring is sampled from the panorama after it was rolled by whole columns, at the same positions for all
+    views of the ring. If the panorama itself is rolled by the number of columns between two views, the views are
+    therefore permuted, with bit-identical pixels.
     """
 
     width_px: int
@@ -79,7 +80,7 @@ class Grid:
         solid_angle_sr: Solid angles (P,) float64.
         visible: Whether each view shows each pixel (V, P).
         pixel: For each ring, the indices of the grid pixels that its first view shows.
-        x_px, y_px: For each ring, the float32 positions of these pixels in its first view.
+        x_px, y_px: For each ring, the float32 positions of these grid pixels in its first view, in pixels of the view.
     """
 
     step: int

@@ -29,7 +29,8 @@ def data_notes(dataset: Dataset) -> list[str]:
 
 
 def fold_notes(folds: Sequence[Fold], floors: Sequence[FloorMasks] = ()) -> list[str]:
-    """Return warnings about folds. The list is empty if their conventions are as expected.
+    """Return warnings about the conventions of folds (maps with their queries); empty if the conventions are as
+    expected.
 
     A sample of all reference frames is checked for the unit of the ranges and for values that mean an unknown range.
     The places of all reference frames are compared with the floor masks and with the storeys. The poses of the first

@@ -40,13 +40,14 @@ class Dataset(Role):
     def fingerprint(self) -> str:
         """Digest of the content of all frames and truths, part of every cache key.
 
-        It does not depend on the settings of QueryView.
+        It does not depend on the settings of QueryView (changes of the queries, such as a narrow field of view).
         """
 
     @final
     @property
     def content_key(self) -> str:
-        """Cache key of the content: a digest of name, version, fingerprint and the settings of QueryView.
+        """Cache key of the content: a digest of name, version, fingerprint and the settings of QueryView (changes of
+        the queries, such as a narrow field of view).
 
         A new version of the component changes every key.
         """
@@ -90,7 +91,7 @@ class Dataset(Role):
 
     @final
     def view(self, folds: Sequence[Fold]) -> list[Fold]:
-        """Return the folds with the settings of QueryView applied to the queries.
+        """Return the folds with the settings of QueryView (such as a narrow field of view) applied to the queries.
 
         If the Config of a subclass has these settings, its `folds` must call this method and return the result. The
         cache keys of reference frames do not depend on these settings.

@@ -50,7 +50,8 @@ class FolderDataset(Dataset):
 
     @property
     def contents(self) -> Mapping[str, str]:
-        """The `content` of frames by id. A frame without an entry has the content key of the dataset."""
+        """Mapping from the id of a frame to the cache key of its panorama (`ReferenceFrame.content`). The `content_key`
+        of the dataset is used for frames without an entry."""
         return {}
 
     @property

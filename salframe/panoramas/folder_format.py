@@ -267,7 +267,8 @@ def write_panorama(
 ) -> None:
     """Write the images of a frame to the files that its entry names, each atomically.
 
-    The range along the ray, `range_m`, is written in the encoding that the entry declares.
+    The images have the shapes and dtypes of `Panorama`. The range along the ray, `range_m` in metres, is written in the
+    encoding that the entry declares.
     """
     if frame.range and range_m is not None:
         images.write_range(root / frame.range, range_m, frame.encoding(RangeEncoding()))

@@ -92,7 +92,8 @@ class Folder:
         return {id: pose for id, pose in poses.items() if pose is not None}
 
     def reference_frame(self, entry: FrameEntry, content: str = "") -> ReferenceFrame:
-        """Return a reference frame of the manifest with this `content`. Its `load` reads the images."""
+        """Return the reference frame of an entry of the manifest. Its `load` reads the images. `content` is the cache
+        key of its panorama (`ReferenceFrame.content`)."""
         kind = FrameKind.TRANSITION if entry.role == "transition" else FrameKind.SCENE
         pose, place = self._pose(entry.pose), entry.place
         if pose is None or place is None:

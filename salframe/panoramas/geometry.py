@@ -202,7 +202,7 @@ def transform_points(pose: np.ndarray, points_m: np.ndarray) -> np.ndarray:
 
 
 def pose_errors(estimate: np.ndarray, truth: np.ndarray) -> tuple[float, float]:
-    """Return the translation error in metres and the rotation error in radians.
+    """Return the translation error in metres and the rotation error in radians between two poses (4, 4).
 
     The rotation error is the angle of the residual rotation, in [0, pi].
     """

@@ -16,8 +16,8 @@ DOORWAY_M = 0.75
 
 
 def hide_query_place_setting() -> Any:
-    """Return the field of the setting `hide_query_place`. A dataset with this setting applies `add_hidden_places` to
-    its folds."""
+    """Return the pydantic field of the setting `hide_query_place`: whether each query is also localized in a map
+    without its place. A dataset with this setting applies `add_hidden_places` to its folds."""
     help = (
         "true: each query is localized twice, first in the whole map, then in a map without the place of "
         "the query. The correct answer in the second map is out-of-map; false: each query is localized once, in the "
@@ -29,7 +29,7 @@ def hide_query_place_setting() -> Any:
 def add_hidden_places(
     folds: Sequence[Fold], truth: Callable[[str], Truth], floors: Sequence[FloorMasks] = ()
 ) -> list[Fold]:
-    """Return the folds, each followed by its out-of-map folds.
+    """Return the folds (maps with their queries), each followed by its out-of-map folds.
 
     A fold has one out-of-map fold for each place of its queries: the queries of the place, and the reference frames
     without the frames of the place. Transition frames at doorways to the place are removed too, if the floor masks show

@@ -175,7 +175,7 @@ def import_data(
 
 
 def selected_fold(selected: Sequence[SelectedPanorama]) -> Fold:
-    """Return a fold with the selected reference panoramas and without queries."""
+    """Return a fold (a map and its queries) with the selected reference panoramas and without queries."""
     frames = [
         ReferenceFrame(panorama.record.id, panorama.place or "", pose, load=panorama.record.load)
         for panorama in selected

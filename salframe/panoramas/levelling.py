@@ -36,7 +36,7 @@ def pose_level_rotation(T_world_pano: np.ndarray) -> np.ndarray | None:
 
 
 def may_be_flat(T_world_pano: np.ndarray) -> bool:
-    """Return whether a pose is exactly level, so that it may have no information on the tilt of the camera."""
+    """Return whether a pose (4, 4) is exactly level, so that it may have no information on the tilt of the camera."""
     return tilt_deg(T_world_pano[:3, :3]) < _FLAT_DEG
 
 

@@ -23,10 +23,11 @@ MAX_INSTANCE_ID = 65535
 
 
 def clean_range(range_m: Any, where: str) -> np.ndarray:
-    """Return a range or depth image in float32, NaN where it is not a positive finite number.
+    """Return a range or depth image as float32 metres of the same shape. Values that are not positive and finite become
+    NaN.
 
     Args:
-        range_m: Floating-point array in metres.
+        range_m: Floating-point array of any shape, in metres.
         where: Name of the array in errors.
 
     Raises:
@@ -89,7 +90,8 @@ class ObjectBoxes:
 
     Attributes:
         labels: N labels.
-        keys: N strings that identify the objects when the panorama is rotated. They only seed simulated errors.
+        keys: N strings, one for each object, that do not change if the panorama is rotated. They are only used as
+            random seeds of the simulated detection errors of the objects.
         centroid_m: (N, 3) float64 centres; NaN where the range is unknown.
         size_m: (N, 3) float64 length, width and height.
         yaw_rad: (N,) float64 azimuth of the axis along which the length is measured, modulo pi.

@@ -41,7 +41,7 @@ MIN_ON_SURFACE = 0.25
 MIN_PAIR_RATIO, MIN_PAIR_EVIDENCE = 0.6, 0.2
 """Minimum `Agreement.ratio` of a pair of frames without a warning, and minimum evidence for checking a pair."""
 CLOSE = Tolerance(relative=0.02, offset=0.02)
-"""Tolerance for comparing scales near 1."""
+"""Maximum difference of ranges that agree, in the comparison of position scales near 1."""
 CLOSE_SCALES = (0.75, 0.8, 0.85, 0.9, 0.93, 1.07, 1.1, 1.15, 1.2, 1.25, 1.33)
 MIN_SCALE_GAIN = 0.06
 """Minimum increase of `Agreement.ratio` at another scale, with the tolerance CLOSE."""

@@ -40,7 +40,7 @@ PoseConvention = Literal[
     "compass",
     "image-plan",
 ]
-"""Names of the conventions. docs/reference/folder-format.md#poses describes them."""
+"""Type of the name of a pose convention. docs/reference/folder-format.md#poses describes the conventions."""
 NAMES: tuple[PoseConvention, ...] = get_args(PoseConvention)
 
 

@@ -91,7 +91,7 @@ class QueryView(ComponentConfig):
 MOTION_SETTINGS = frozenset({"query_views", "query_motion", "query_odometry"})
 """Names of the settings that affect only queries of several views."""
 VIEW_SETTINGS = frozenset(QueryView.model_fields) - {"kind"}
-"""Names of the settings of QueryView. The fingerprint of a dataset does not depend on them."""
+"""Names of the settings of QueryView, which change queries. The fingerprint of a dataset does not depend on them."""
 
 
 def view_settings(config: ComponentConfig) -> dict[str, Any]:
@@ -102,7 +102,8 @@ def view_settings(config: ComponentConfig) -> dict[str, Any]:
 
 
 def as_query(panorama: Panorama, config: ComponentConfig) -> Panorama:
-    """Return a panorama with the settings of QueryView applied.
+    """Return a panorama with the settings of QueryView applied: the field of view, errors in annotations, and changes
+    of the image.
 
     Raises:
         InputMissing: Errors in the annotations are set, and the panorama has no annotations; or changes of the image

@@ -26,7 +26,8 @@ class RangeModel(Role):
     role = "range-model"
     needs: ClassVar[frozenset[str]] = frozenset({"rgb"})
     gives: ClassVar[frozenset[str]] = frozenset({"range"})
-    """Parts that the model adds to panoramas, for `auto` in slots that are declared after the slot of the model."""
+    """Parts that the model adds to panoramas. A slot is a setting that selects a component. If a slot after the slot of
+    the model has the value `auto`, its component is chosen as if panoramas had these parts."""
     turn_tolerance: ClassVar[float] = 1e-3
     """Maximum relative change of 95 % of the ranges when the panorama is rotated by whole columns.
 

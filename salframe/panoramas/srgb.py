@@ -9,12 +9,12 @@ LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 
 def srgb_from_linear(linear: np.ndarray) -> np.ndarray:
-    """Return the sRGB values from 0 to 1 of linear light from 0 to 1, of the same shape and type."""
+    """Return the sRGB values from 0 to 1 of linear light from 0 to 1, in the shape and dtype of the input."""
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
 def linear_from_srgb(srgb: np.ndarray) -> np.ndarray:
-    """Return the linear light from 0 to 1 of sRGB values from 0 to 1, of the same shape and type."""
+    """Return the linear light from 0 to 1 of sRGB values from 0 to 1, in the shape and dtype of the input."""
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
 
 

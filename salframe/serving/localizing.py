@@ -26,7 +26,7 @@ _JPEG_QUALITY = 80
 
 @dataclass(frozen=True, eq=False)
 class ServedView:
-    """A described view of a query.
+    """A view of a query, with the description (features) that the localizer computed from it.
 
     Attributes:
         query: The query, without its panorama.
@@ -40,7 +40,7 @@ class ServedView:
 
 
 def describe_view(localization: LocalizationMap, query: ServedQuery) -> ServedView:
-    """Describe a query.
+    """Compute the description (features) of a query.
 
     Raises:
         InputMissing: The query lacks a part that the localizer requires.

@@ -127,7 +127,7 @@ class Session:
         }
 
     def notify(self) -> None:
-        """Send the belief to the listeners."""
+        """Send the belief (estimated pose and status) to the listeners."""
         self._notify(self.belief)
 
     def close(self) -> None:

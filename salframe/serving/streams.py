@@ -1,4 +1,4 @@
-"""WebSockets that stream the belief of a session."""
+"""WebSockets that stream the belief (estimated pose and status) of a session."""
 
 from __future__ import annotations
 

@@ -42,7 +42,8 @@ def check_files(config: ComponentConfig) -> None:
 def check_identities(
     make: Callable[[], Any], cache_key: Callable[[Any], Any], describe: Callable[[Any], Any], what: str
 ) -> None:
-    """Check that the cache key ignores `match_only` settings and depends on the content of user files.
+    """Check that the cache key ignores `match_only` settings (which affect only matching) and depends on the content of
+    user files.
 
     A `match_only` setting must not change the description of a panorama either.
 

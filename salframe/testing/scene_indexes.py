@@ -20,8 +20,9 @@ from salframe.testing.rules import Rules
 
 
 class SceneIndexRules(Rules[SceneIndex]):
-    """The scene of the query ranks first, and equal scores are in the order of the map. An index is built from a stream
-    and written atomically, gives the same candidates to every instance, and works after its folder was removed."""
+    """A scene is the graph of a reference frame. The scene of the query ranks first, and equal scores are in the order
+    of the map. An index is built from a stream and written atomically, gives the same candidates to every instance, and
+    works after its folder was removed."""
 
     @cached_property
     def _graphs(self) -> list[SaliencyGraph]:

@@ -26,7 +26,8 @@ from salframe.testing.rules import Rules
 T_REFERENCE_QUERY = pose_2d(1.2, -0.7, 2.1)
 REFERENCE_M = np.random.default_rng(0).uniform((-3, -3, -1), (3, 3, 1), (8, 3))
 QUERY_M = transform_points(invert_pose(T_REFERENCE_QUERY), REFERENCE_M)
-"""Input of positioners: eight points in the frames of two panoramas."""
+"""Eight points (8, 3) in the frame of the query, in metres. REFERENCE_M has the same points in the frame of the
+reference panorama. Both are the input of positioners in the rules."""
 
 
 class SaliencyRules(Rules[SaliencyModel]):

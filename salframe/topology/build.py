@@ -33,9 +33,9 @@ def build_topology(
 ) -> TopologicalMap:
     """Build the topological map of a building from its floor masks and reference frames.
 
-    Transition nodes are placed in the doorways of the masks. A scene node is placed at each frame of kind "scene". A
-    frame of kind "transition" is assigned to the transition node near it. If there are no scene frames, or with the
-    setting `choose`, each region has one scene node, at its pixel with the largest clearance.
+    Transition nodes are placed in the doorways of the masks. A scene node is placed at each frame of kind "scene" (in a
+    room). A frame of kind "transition" (in a doorway) is assigned to the transition node near it. If there are no scene
+    frames, or with the setting `choose`, each region has one scene node, at its pixel with the largest clearance.
 
     Clear floor is the floor where the robot fits. Edges join nodes with a line of sight over clear floor. Nodes that
     are connected by clear floor, but not by lines of sight, get edges along shortest paths.

@@ -89,7 +89,7 @@ def map_geojson(
 
     - `floor`: outline of the free floor of a storey, with its height `z_m`.
     - `region`: outline of a place on a floor, with `place` and `z_m`.
-    - `place`: position of the first scene frame of a place, with `place`.
+    - `place`: position of the first scene frame (reference frame in the room) of a place, with `place`.
     - `object`: footprint of an object in the first scene frame of its place, with `label`, `place` and the height `z_m`
       of its centre.
     - `node`: position of a node of the topology.
@@ -161,7 +161,7 @@ def geojson_feature(geometry: str, coordinates: Any, **properties: Any) -> dict[
 
 
 def find_places(localization: LocalizationMap) -> dict[str, ReferenceFrame]:
-    """Return a mapping from the name of each place to its first scene frame."""
+    """Return a mapping from the name of each place to its first scene frame (reference frame in a room)."""
     first: dict[str, ReferenceFrame] = {}
     for frame in localization.frames:
         if frame.kind is FrameKind.SCENE:

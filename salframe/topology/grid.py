@@ -98,8 +98,8 @@ def cell(position: np.ndarray) -> tuple[int, int]:
 
 
 def nearest_pixel(allowed: np.ndarray, position: np.ndarray) -> np.ndarray | None:
-    """Return the position (row, column) unchanged if its pixel is allowed; otherwise the centre of the nearest allowed
-    pixel; None if no pixel is allowed."""
+    """Return the position (row, column), (2,), unchanged if its pixel is true in `allowed` (rows, columns); otherwise
+    the centre of the nearest true pixel; None if no pixel is true."""
     if allowed[cell(position)]:
         return position
     centres = np.argwhere(allowed) + 0.5

@@ -119,8 +119,8 @@ def find_nodes(topology: TopologicalMap, name: str, doors: bool = False) -> list
     Args:
         topology: The map.
         name: Id of a node, name of a place, or text of a sign.
-        doors: Whether to return the transition nodes of a place instead of its scene nodes. If the place has no nodes
-            of the requested kind, its nodes of the other kind are returned.
+        doors: Whether to return the transition nodes (doorways) of a place instead of its scene nodes (positions in the
+            room). If the place has no nodes of the requested kind, its nodes of the other kind are returned.
 
     Raises:
         UnknownName: There is no such node, place or sign. The message suggests the most similar name.
@@ -143,8 +143,8 @@ def find_nodes(topology: TopologicalMap, name: str, doors: bool = False) -> list
 def find_route(topology: TopologicalMap, start: str, goal: str, planner: str | None = None) -> Route:
     """Return the shortest route between two nodes, places or signs.
 
-    A route from or to a place uses the scene node of the place that makes the route shortest. If no route connects
-    scene nodes, for example because of furniture, transition nodes of the places are used.
+    A route from or to a place uses the scene node (position in the room) of the place that makes the route shortest. If
+    no route connects scene nodes, for example because of furniture, transition nodes of the places are used.
 
     Args:
         topology: The map.

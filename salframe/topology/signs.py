@@ -14,8 +14,8 @@ from salframe.topology.topological_map import MapNode
 
 
 def nearest_to_signs(parts: MapParts, nodes: Sequence[MapNode]) -> dict[str, str]:
-    """Return a mapping from the `text_key` of each text in a map to a node: the node of the reference frame that is
-    nearest to the object with this text.
+    """Return a mapping from each text in a map (normalized by `text_key`) to the id of a node: the node of the
+    reference frame that is nearest to the object with this text.
 
     A map has texts if its detector reads texts. Frames without a node are ignored.
     """

@@ -134,8 +134,8 @@ class TopologySettings(Settings):
     Attributes:
         robot_radius_m: Radius of the robot in metres. The free floor is eroded by this radius.
         min_doorway_m: Minimum width of a doorway in metres, measured before erosion. Narrower doorways are dropped.
-        snap_m: Maximum distance in metres from a scene frame to its node, which is at the nearest clear pixel. Frames
-            farther from clear floor are left out.
+        snap_m: Maximum distance in metres from a scene frame (reference frame in a room) to its node, which is at the
+            nearest clear pixel. Frames farther from clear floor are left out.
         doorway_reach_m: Maximum distance in metres from a transition frame to its transition node.
         choose: Whether to place one scene node per region, where the clearance is largest, instead of one at each scene
             frame.

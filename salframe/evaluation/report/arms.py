@@ -14,7 +14,7 @@ from salframe.evaluation.runs.method_row import MethodRow
 from salframe.framework.components.settings import flatten, spell_value
 
 SEED = "seed"
-"""Name of the setting of the data by which pooled runs may differ."""
+"""Dotted key of the data setting in which the runs of one arm (a method with its settings) may differ."""
 
 
 class Entry(NamedTuple):
@@ -46,10 +46,12 @@ class Arm:
 
 
 def find_entries(views: Sequence[RunView[Any, Any]]) -> list[tuple[Entry, ...]]:
-    """Return the entries of each arm, in order.
+    """Return the entries of each arm (a method with its settings), in the order in which the arms first occur in the
+    runs.
 
-    The entries of an arm are runs of one method with equal settings, on data that differ only in the seed. If several
-    of these runs have the same seed, only the first one counts.
+    An entry is the index of a run and the index of the method in this run. The entries of an arm are runs of one method
+    with equal settings, on data that differ only in the seed. If several of these runs have the same seed, only the
+    first one counts.
     """
     entries: dict[str, dict[str, Entry]] = {}
     for number, view in enumerate(views):
@@ -65,12 +67,13 @@ def find_entries(views: Sequence[RunView[Any, Any]]) -> list[tuple[Entry, ...]]:
 def name_arms(
     views: Sequence[RunView[Any, Any]], entries: Sequence[tuple[Entry, ...]], rows: Sequence[MethodRow]
 ) -> list[Arm]:
-    """Return the arms of a report, each with a short name that is unique in the report.
+    """Return the arms of a report. An arm is a method with its settings, pooled over the runs that differ only in the
+    seed of the data. Its short name is unique in the report.
 
     Args:
         views: The runs of the report.
-        entries: The entries of each arm, as `find_entries` returns them.
-        rows: The row of each arm.
+        entries: The runs of each arm, as `find_entries` returns them.
+        rows: The row of each arm in the results table.
     """
     labels = [views[arm_entries[0].run].records[arm_entries[0].method].label for arm_entries in entries]
     bases = [base_of(label) for label in labels]
@@ -89,10 +92,15 @@ def name_arms(
 
 
 def find_varied(settings: Sequence[Mapping[str, Any]], bases: Sequence[str]) -> list[str]:
-    """Return the keys of the settings in which arms of the same name differ.
+    """Return the dotted keys of the settings in which the arms of one method differ. An arm is a method with its
+    settings.
 
-    If the arms have different components in a slot, a key below the slot is returned only if arms with the same
-    component differ in it.
+    A slot is a setting that selects a component. If the arms have different components in a slot, a key below the slot
+    is returned only if arms with the same component differ in it.
+
+    Args:
+        settings: The settings of each arm by dotted key.
+        bases: The name of the method of each arm, without settings.
     """
     keys = list(dict.fromkeys(key for arm_settings in settings for key in arm_settings))
     return [key for key in keys if any(_differ(key, group) for group in _same(settings, bases, key))]
@@ -120,7 +128,8 @@ def _settings_of(view: RunView[Any, Any], label: str) -> dict[str, Any]:
 
 
 def short_key(key: str, keys: Sequence[str]) -> str:
-    """Return the shortest end of a dotted key that is unique among the keys. A slot is named without ".kind"."""
+    """Return the shortest end of a dotted key that is unique among the keys. An end ".kind" is removed first, so that a
+    component is named by its setting."""
     plain = {one: one.removesuffix(".kind").split(".") for one in keys}
     parts = plain[key]
     for length in range(1, len(parts)):

@@ -11,9 +11,9 @@ from salframe.evaluation.report.tables import make_tables
 from salframe.evaluation.report.view import RunView
 
 MAX_NAMES = 4
-"""Maximum number of methods that the title names."""
+"""Maximum number of methods that the title of an HTML page names."""
 FIRST_SHOWN = 8
-"""Number of arms whose curves are drawn by default."""
+"""Maximum number of measured arms (methods with their settings) whose curves an HTML page shows by default."""
 
 
 def make_content(
@@ -23,7 +23,7 @@ def make_content(
 
     Args:
         views: The runs, of one task.
-        arms: The arms of the runs.
+        arms: The arms of the runs: the methods with their settings.
         about: A note on the columns of the tables.
         columns: Names of the columns of the first table. Empty for the default columns.
     """

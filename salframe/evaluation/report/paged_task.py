@@ -46,7 +46,8 @@ class PagedTask(Task[Piece, Surveyed, PieceRowT, LineT]):
 
     @classmethod
     def part(cls, views: Sequence[Any], arms: Sequence[Arm]) -> dict[str, Any]:
-        """Return further content of the HTML page, specific to this task, as JSON; empty by default.
+        """Return the content of the HTML page that only this task has, as JSON; empty by default. `arms` are the
+        methods with their settings.
 
         The key "figures" has a list of figures (`figures.Figure`: title, data, layout). The scripts of the page read
         the other keys.
@@ -60,7 +61,7 @@ class PagedTask(Task[Piece, Surveyed, PieceRowT, LineT]):
         """Return the details of each query, pair or episode that the HTML page of the run shows; None: no details
         (default).
 
-        `arms` are the measured methods. `full` shows panoramas in full resolution instead of thumbnails.
+        `arms` are the methods with their settings. `full` shows panoramas in full resolution instead of thumbnails.
         """
         return None
 
@@ -68,7 +69,8 @@ class PagedTask(Task[Piece, Surveyed, PieceRowT, LineT]):
     def content(
         cls, views: Sequence[RunView[PieceRowT, LineT]], arms: Sequence[Arm], columns: Sequence[str] = ()
     ) -> dict[str, Any]:
-        """Return the content of the HTML page of runs (`views`) as JSON. `columns` are those of the first table."""
+        """Return the content of the HTML page of runs (`views`) as JSON. `arms` are the methods with their settings.
+        `columns` are the names of the columns of the first table; empty for the default columns."""
         return {**make_content(views, arms, cls.about, columns), **cls.part(views, arms)}
 
     def write_page(self, result: Result[LineT], records: Sequence[Record[PieceRowT]], survey: Surveyed) -> Path:

@@ -14,7 +14,9 @@ from salframe.framework.validation import validate
 
 
 def describe_run(view: RunView[Any, Any]) -> dict[str, Any]:
-    """Return a run for JSON: `data`, `methods` by label and `more` parameters as text, and `versions`."""
+    """Return a description of a run for JSON. Its keys are "name", "task", "folder", "data" (the dataset with its
+    changed settings), "methods" (pairs of a label and the changed settings), "more" (pairs of a task parameter and its
+    value) and "versions" (pairs of a package and its version)."""
     request, environment = view.result.request, view.result.environment
     parameters = {
         key: value for key, value in request["task"].items() if key not in ("name", "version", "identity", "seed")
@@ -48,7 +50,8 @@ def describe_component(role: str, settings: Mapping[str, Any]) -> str:
 
 
 def list_notes(views: Sequence[RunView[Any, Any]], arms: Sequence[Arm]) -> list[str]:
-    """Return the notes of runs, and the remark and numbers of failures of each arm. Duplicates are removed."""
+    """Return notes for an HTML page, each once: the notes of the runs and, for each arm (a method with its settings),
+    the remark in its table row and the number of its failures of each kind."""
     notes = [note for view in views for note in view.result.notes]
     for arm in arms:
         failures = ", ".join(f"{count} {status}" for status, count in arm.row.status.items() if status != "ok")

@@ -12,7 +12,8 @@ from salframe.evaluation.tables.table import Table
 
 
 def make_tables(kind: type[AnyTask], arms: Sequence[Arm], about: str, columns: Sequence[str] = ()) -> dict[str, Any]:
-    """Return the tables of arms for JSON: `usual` with the chosen columns, `all` with every column, and notes."""
+    """Return the tables of arms (methods with their settings) for JSON: "usual" with the columns in `columns`, "all"
+    with every column, and notes."""
     keys = list(dict.fromkeys(key for arm in arms for key in arm.varied))
     bases = [arm.base for arm in arms]
     leading = {} if keys and len(set(bases)) == 1 else {"method": bases}

@@ -31,7 +31,7 @@ def find_changes(
         method: The preset, component or YAML file that runs.
         variant_settings: Settings of the variant by dotted key.
         config: Configuration of the method.
-        choice: Fills the slots with the value `auto`.
+        choice: Selects the component of each setting with the value `auto`.
     """
     base = label.partition("[")[0]
     known_names = names(role)
@@ -62,6 +62,7 @@ def with_changes(label: str, changes: Sequence[str]) -> str:
 
 
 def hidden_in(changes: Sequence[str], shown: Mapping[str, Any]) -> list[str]:
-    """Return the changes of settings that are not among the keys of `shown`, which may end in ".kind"."""
+    """Return the changed settings ("key=value") whose key is not in `shown`. An end ".kind" of the keys in `shown` is
+    ignored."""
     keys = {key.removesuffix(".kind") for key in shown}
     return [change for change in changes if change.partition("=")[0] not in keys]

@@ -16,7 +16,7 @@ from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.range_model import RangeModel
 
 ORDER = ("annotations", "rgb", "range")
-"""Order in which the parts of panoramas are listed."""
+"""Names of the parts of panoramas (annotated objects, colour, range), in the order in which they are listed."""
 ESTIMATED_RANGE = "estimated range"
 """Input of a method whose range model estimates the range that a dataset lacks."""
 TRIANGULATED = "range: triangulated"

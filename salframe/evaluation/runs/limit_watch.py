@@ -33,7 +33,8 @@ def resident_mb(process: psutil.Process) -> float:
 
 
 def is_late(end: Path) -> bool:
-    """Return whether the current piece of work should have ended."""
+    """Return whether the current piece of work, such as a query, has exceeded its time limit. `end` is the file with
+    the time at which it must have ended, in seconds since the epoch."""
     try:
         return time.time() > float(end.read_text(encoding="ascii"))
     except (OSError, ValueError):  # no piece of work, or one that starts now
@@ -41,7 +42,7 @@ def is_late(end: Path) -> bool:
 
 
 def reason(log: str, timeout_s: float | None, memory_mb: float | None) -> str:
-    """Return why a process was killed, from its log and the limits."""
+    """Return why a process was killed, from the log that `watch` wrote and the limits."""
     if log.startswith(TOO_LARGE):
         return f"the worker process used more than {memory_mb:g} MB, the limit of --memory"
     return f"the worker process took more than {timeout_s:g} s, the limit of --timeout"

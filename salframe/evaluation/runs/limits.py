@@ -25,7 +25,7 @@ at which the piece must have ended."""
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of a piece of work; None: no limit.
+    """Limits of a piece of work, such as a query; None: no limit.
 
     Attributes:
         timeout_s: Maximum time in seconds.
@@ -51,7 +51,8 @@ NO_LIMITS = Limits()
 
 
 class Guard:
-    """Records the current piece of work of a process, and kills the process and its children if they exceed the limits.
+    """Records the current piece of work (such as a query) of a process, and kills the process and its children if they
+    exceed the limits.
 
     The memory limit applies from the start, the time limit to each piece. A process that hangs in a library cannot
     raise an exception, so another process kills it. `Death.of` returns the reason.
@@ -104,7 +105,8 @@ class Death:
     """The death of a process.
 
     Attributes:
-        piece: Key fields of the piece that the process worked on; None if it worked on none.
+        piece: Key fields of the piece of work, such as the id of a query, that the process worked on; None if it worked
+            on none.
         reason: Why the process died.
         by_limit: Whether the process was killed because it exceeded a limit.
     """

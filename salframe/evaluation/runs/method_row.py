@@ -28,9 +28,9 @@ class MethodRow(ABC):
         available: Whether the method can run on this machine and on the data.
         ended: How the work of the method ended.
         reason: Why the method was not measured, or a warning.
-        status: Number of occurrences of each status.
+        status: Number of pieces of work, such as queries, with each status.
         errors: First message of each status that has a message.
-        by_part: The first number of the row, measured on each data set alone. Empty for a single data set.
+        by_part: The main measure of the row (such as the accuracy) on each data set alone. Empty for a single data set.
     """
 
     method: str

@@ -47,21 +47,23 @@ class Record(Generic[PieceRowT]):
 
     @property
     def done(self) -> bool:
-        """Whether the method has processed all pieces of the run."""
+        """Whether the method has processed all pieces of work, such as queries, of the run."""
         return self.outcome.status is MethodStatus.DONE
 
 
 Part = tuple[Surveyed, Sequence[Record[PieceRowT]]]
-"""A task on a data set, and the record of each method, in the order of the table."""
+"""The `Survey` of a task (a data set and its pieces of work), and the record of each method, in the order of the
+table."""
 
 
 def by_method(parts: Sequence[Part[Any, PieceRowT]]) -> list[list[Record[PieceRowT]]]:
-    """Return the records of each method on all data sets, in the order of the table."""
+    """Return a list for each method, in the order of the table: its records on all data sets."""
     return [list(records) for records in zip(*(records for _, records in parts), strict=True)]
 
 
 def in_common(records: Sequence[Record[Any]]) -> dict[str, Any]:
-    """Return the values of the fields of MethodRow, from the records of a method on one or several data sets."""
+    """Return the fields that the table rows of all tasks share (those of MethodRow), as a dictionary, from the records
+    of a method on one or several data sets."""
     worst = max((record.outcome for record in records), key=lambda outcome: list(MethodStatus).index(outcome.status))
     errors: dict[str, str] = {}
     statuses: list[str] = []

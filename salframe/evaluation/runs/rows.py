@@ -60,7 +60,7 @@ class DescriptionLine(Line):
 
 
 class MapLine(Line):
-    """Size of the map of a fold: number of reference frames, and bytes."""
+    """Size of the map of a fold (a map and its queries): number of reference frames, and bytes."""
 
     fold: str
     frames: Annotated[int, Field(gt=0)]

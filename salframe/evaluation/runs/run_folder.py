@@ -73,7 +73,8 @@ class Outcome:
 
 
 def identity_of(config: ComponentConfig) -> dict[str, Any]:
-    """Return the identity of a configured method. If it cannot be computed, return the error and the settings."""
+    """Return the identity of a configured method: its settings, versions and file hashes, on which its answers depend.
+    If it cannot be computed, return the error and the settings."""
     try:
         return identity(config)
     except Exception as error:
@@ -211,12 +212,12 @@ class Run:
         Args:
             label: Label of the method.
             role: Role of the method.
-            choice: Chooses the components of slots that are still undecided.
+            choice: Selects the component of each setting that still has the value `auto`.
 
         Raises:
             ConfigError: The request is invalid.
             UnknownName: The component is not installed.
-            InputMissing: No component can fill an undecided slot.
+            InputMissing: No component can be selected for such a setting.
         """
         return self._component(role, self.content["methods"][label], label, choice)
 

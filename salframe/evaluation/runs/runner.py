@@ -37,8 +37,8 @@ from salframe.panoramas.opening import Progress, open_dataset, reference_frames
 _log = logging.getLogger(__name__)
 POLL_SECONDS = 0.5
 TRIES, DEATHS = 2, 3
-"""Number of deaths of a process after which a piece of work is skipped, and number of skipped pieces that end a
-method."""
+"""A piece of work, such as a query, is skipped if TRIES processes died on it, or if one of them exceeded a limit.
+DEATHS skipped pieces end a method."""
 Key = tuple[Any, ...]
 """Key of a piece of work, such as a query: the values of its key fields."""
 
@@ -223,12 +223,13 @@ def measure(
 
 
 def pool(task: AnyTask, directories: Sequence[Path]) -> Sequence[MethodRow]:
-    """Return the rows of several runs of a task, pooled. Runs no method."""
+    """Return the table row of each method, pooled over the runs in several run folders of one task. Runs no method."""
     return task.summarize(records_of(task, directories), Run.load(directories[-1]).seed)
 
 
 def records_of(task: AnyTask, directories: Sequence[Path]) -> list[Part[Any, Any]]:
-    """Return a `Survey` (dataset and pieces of work) and the records of the methods for each of several runs of a task.
+    """Return, for each of several runs of a task, a `Survey` (data set and pieces of work) and the records of the
+    methods.
 
     No method is run.
     """

@@ -21,14 +21,14 @@ SHARES = "shares"
 
 @dataclass(frozen=True)
 class Share:
-    """A share of a method's work: the keys of its pieces, and the folder for its rows."""
+    """A share of a method's work: the keys of its pieces of work (such as queries), and the folder for their rows."""
 
     keys: Sequence[tuple[Any, ...]]
     folder: Path
 
 
 def split_work(keys: Sequence[tuple[Any, ...]], workers: int, folder: Path) -> list[Share]:
-    """Split the pieces into at most `workers` shares.
+    """Split the pieces of work, such as queries, with these keys into at most `workers` shares.
 
     A share holds consecutive pieces, since these use the same maps. A single share works in the method's folder.
     """

@@ -36,10 +36,10 @@ class TaskOptions(Settings):
 
 
 class Worker(ABC, Generic[Piece]):
-    """Runs a method on pieces of a task, in a worker process."""
+    """Runs a method on pieces of work (such as queries) of a task, in a worker process."""
 
     def prepare(self, piece: Piece) -> None:
-        """Prepare an object that several pieces share, such as a map. Does nothing by default.
+        """Prepare what several pieces of work share, such as the map of several queries. Does nothing by default.
 
         The limits of a piece do not apply here. An exception ends the work of the method.
         """
@@ -47,7 +47,7 @@ class Worker(ABC, Generic[Piece]):
 
     @abstractmethod
     def work(self, piece: Piece) -> Row:
-        """Run the method on a piece and return the row without its key fields.
+        """Run the method on a piece of work, such as a query, and return its row without the key fields.
 
         An exception fails the piece. MethodFailed ends the work of the method.
         """
@@ -84,7 +84,7 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
         default_columns: Names of the default columns.
         Options: Type of the options that studies set.
         counted: Files whose number of lines measures the progress of a method.
-        maps: Whether methods index the maps of the dataset's folds.
+        maps: Whether methods index maps of the data set.
     """
 
     name: ClassVar[str]
@@ -103,7 +103,8 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
 
     @classmethod
     def vary(cls, options: TaskOptions) -> list[tuple[dict[str, Any], TaskOptions]]:
-        """Return (settings that name the row, options of the row) for each row of a study. One row by default."""
+        """Return a pair for each row of a study (a table of methods with varied settings): the settings that name the
+        row, and the options of the task for it. One row by default."""
         return [({}, options)]
 
     @classmethod
@@ -164,11 +165,12 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
 
     @abstractmethod
     def survey(self, dataset: Dataset) -> Surveyed:
-        """Return the pieces of the task on an opened dataset. Raises DataError or InputMissing on unsuitable data."""
+        """Return the pieces of work, such as queries, of the task on an opened dataset. Raises DataError or
+        InputMissing on unsuitable data."""
 
     @abstractmethod
     def key(self, piece: Piece) -> tuple[Any, ...]:
-        """Return the key of a piece: a value for each of `key_fields`."""
+        """Return the key of a piece of work, such as a query: a value for each of `key_fields`."""
 
     def total(self, survey: Surveyed) -> int:
         """Return the number of lines of all files in `counted` when the work is complete."""
@@ -187,10 +189,12 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
 
     @abstractmethod
     def open(self, label: str, method: Any, survey: Surveyed, todo: Sequence[Piece], folder: Path) -> Worker[Piece]:
-        """Return the worker that runs a method on the pieces `todo`. It may write further files into `folder`."""
+        """Return the worker that runs a method on the pieces of work `todo`. The worker may write further files into
+        `folder`."""
 
     def failed(self, piece: Piece) -> Row:
-        """Return the fields of the row of a failed piece, besides its key, status and error; none by default."""
+        """Return the fields of the row of a failed piece of work, besides its key, status and error; none by
+        default."""
         return {}
 
     @abstractmethod
@@ -222,7 +226,8 @@ class ResultBase:
 
     @property
     def crashed(self) -> bool:
-        """Whether at least one method raised an exception or died, on a piece or as a whole."""
+        """Whether at least one method raised an exception or died, on a piece of work (such as a query) or as a
+        whole."""
         return any(row.crashed for row in self.rows)
 
 

@@ -261,7 +261,8 @@ def _cache_key(arms: Sequence[PooledRuns]) -> str:
 
 
 def in_quick(study: TableStudy, where: str) -> TableStudy | None:
-    """Return the table as `--quick` measures it; None if `--quick` skips it.
+    """Return the study of a table with the changes of `--quick` (fewer seeds and methods); None if `--quick` skips the
+    table. `where` names the table in errors.
 
     The methods that `quick` lists must be methods of the table.
     """

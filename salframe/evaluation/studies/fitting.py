@@ -55,7 +55,8 @@ class TuningData:
 
     @cached_property
     def num_objects(self) -> dict[str, int]:
-        """Mapping from the id of each scene frame that the localizer can use to its number of objects."""
+        """Mapping from the id of each scene frame (reference frame in a room) that the localizer can use to its number
+        of objects."""
         return {
             frame.id: self.localizer.count_objects(description)
             for fold in self.dataset.folds()
@@ -65,18 +66,19 @@ class TuningData:
 
     @cached_property
     def map_key(self) -> str:
-        """Key of the scene frames of the maps. Data sets that differ only in their queries have the same key."""
+        """Digest of the ids, poses and numbers of objects of the scene frames (reference frames in rooms). Data sets
+        that differ only in their queries have the same digest."""
         poses = {frame.id: frame.T_world_pano.tolist() for fold in self.dataset.folds() for frame in fold.references}
         return digest(sorted((id, count, poses[id]) for id, count in self.num_objects.items()))
 
     def iterate_queries(
         self, changes: Mapping[str, Any], absent: bool = True
     ) -> Iterator[tuple[Localizer, Description, str, bool]]:
-        """Yield each query for a localizer with changed matching settings.
+        """Yield each query, with a localizer that has changed matching settings and the map of the query.
 
         Args:
             changes: Settings that replace those of the localizer.
-            absent: Whether to include folds whose map contains none of the places of their queries.
+            absent: Whether to include folds (maps with their queries) in which no query has its place in the map.
 
         Yields:
             The localizer with the map of the fold, the description of the query, its true place, and whether the map
@@ -138,7 +140,7 @@ def fit_method(
         tries: Matching settings to try, as "key.path=value,value".
         posterior_only: Whether to keep the matching settings and the weights, and to fit only the posterior.
         data_dir: The `root` of datasets that have one.
-        overrides: Settings as "key.path=value", as for a map.
+        overrides: Settings of the method, the data ("data.KEY") and the engine ("engine.KEY"), as "key.path=value".
         progress: Reports the progress.
         tell: Receives messages.
 

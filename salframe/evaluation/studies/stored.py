@@ -23,7 +23,7 @@ from salframe.framework.version import __version__
 
 RESULTS_FORMAT: Literal[2] = 2
 DIGITS = 6
-"""Number of significant digits that are stored."""
+"""Number of significant digits of stored numbers."""
 EXCLUDED_FIELDS = frozenset({"errors", "reason", "classes", "joined"})
 """Fields of rows that are not stored, since they may reveal the content of the data."""
 

@@ -29,7 +29,7 @@ from salframe.panoramas.opening import Progress
 
 DATA, ARM, SEED = "data", "arm", "data.seed"
 CONDITION = "condition"
-"""Heading of the column of arms."""
+"""Heading of the table column that names the arm (a named set of data settings) of each row."""
 
 
 class StudiedMethod(Settings):
@@ -219,9 +219,11 @@ def leading_columns(
     settings: Sequence[Mapping[str, Any]],
     shared: Mapping[str, Any] | None = None,
 ) -> dict[str, list[str]]:
-    """Return the leading columns of a study: the settings of the data, the method and its settings.
+    """Return the leading columns of a study's table, as a mapping from heading to the texts of all rows: the varied
+    settings of the data, the method, and the varied settings of the method.
 
-    A cell is empty if a setting does not apply to the row.
+    A text is empty if a setting does not apply to the row. `settings` are the varied settings of each row, and `shared`
+    the settings that all rows share.
     """
     keys = list(dict.fromkeys(key for row_settings in settings for key in row_settings))
     texts_by_key = {

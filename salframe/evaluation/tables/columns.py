@@ -50,9 +50,9 @@ class Column(Generic[RowT]):
 INPUT: Column[TableRow] = Column(
     "input", lambda row: ", ".join(row.input).replace("rgb", "colour") or NONE, unmeasured=True
 )
-"""The input of a method."""
+"""Column with the parts of panoramas that a method received as input."""
 SEED_RANGE: Column[TableRow] = Column("per-seed\nrange %", lambda row: _spread(row.by_part))
-"""The per-seed range of the first number of a row: its minimum and maximum over the seeds."""
+"""Column with the per-seed range: minimum and maximum, over the seeds of the data, of the main measure of a row."""
 
 
 def _spread(shares: Sequence[float]) -> str:

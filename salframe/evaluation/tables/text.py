@@ -44,5 +44,6 @@ def two_digits(value: float | None) -> str:
 
 
 def list_methods(labels: Collection[str], of: Collection[str]) -> str:
-    """Return labels of methods as text. If they are all labels in `of`, and more than three: "all N methods"."""
+    """Return labels of methods as text. If `labels` contains all labels in `of`, and these are more than three, the
+    text is "all N methods"."""
     return f"all {len(labels)} methods" if len(labels) == len(of) > 3 else ", ".join(labels)

@@ -1,4 +1,5 @@
-"""Automatic choice: a slot with the value `auto` gets the first component that can run on this machine and the data."""
+"""Automatic choice: a slot (a setting that holds a component) with the value `auto` gets the first component that can
+run on this machine and the data."""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ from salframe.framework.errors import (
 
 
 class Choice:
-    """Chooses the components of slots with the value `auto`. Pass it to `validate`."""
+    """Chooses the components of slots (settings that hold a component) with the value `auto`. Pass it to `validate`."""
 
     def __init__(self, data: str, provides: Callable[[], frozenset[str]]) -> None:
         """Create a choice for a dataset.
@@ -44,7 +45,7 @@ class Choice:
         The order of the components is in configs/defaults.yaml.
 
         Args:
-            role: The role of the slot.
+            role: The role (kind of component, such as "detector") to choose a component for.
             added: Parts that other components add to the panoramas.
 
         Raises:
@@ -113,7 +114,8 @@ def needs_of(config: ComponentConfig) -> frozenset[str]:
 
 
 def parts_added(values: Iterable[Any]) -> frozenset[str]:
-    """Return the parts that components add to panoramas, from their `gives`. Values without a component are ignored."""
+    """Return the parts, such as range, that components add to panoramas (their attribute `gives`). `values` are values
+    of settings; those without a component are ignored."""
     components = (value.component for value in values if isinstance(value, ComponentConfig))
     return frozenset().union(*(getattr(component, "gives", ()) for component in components))
 

@@ -12,7 +12,8 @@ from salframe.framework.files.bounded import parse_yaml
 DEFAULTS = "defaults.yaml"
 """Name of the file of default names in the preset folder."""
 AUTO = "auto"
-"""Value of a slot whose component is chosen automatically for the data, see `Choice`."""
+"""Value of a slot (a setting that holds a component) whose component is chosen automatically for the data, see
+`Choice`."""
 
 
 @cache

@@ -12,7 +12,8 @@ PLUGINS = "SALFRAME_PLUGINS"
 
 
 def discover(group: str) -> list[EntryPoint]:
-    """Return the entry points of a group, sorted by package and name, or the modules in `SALFRAME_PLUGINS` if set."""
+    """Return the plugins of an entry point group, sorted by package and name; if the environment variable
+    SALFRAME_PLUGINS is set, the modules that it names."""
     modules = os.environ.get(PLUGINS)
     if modules is not None:
         return [EntryPoint(module, module, group) for module in modules.split(",") if module]

@@ -85,13 +85,14 @@ def identity(config: ComponentConfig, *, describing: bool = False) -> dict[str, 
 
 
 def matters_to_matching_only(field: FieldInfo) -> bool:
-    """Return whether a setting is declared `match_only`, so that descriptions of panoramas do not depend on it."""
+    """Return whether a setting is declared `match_only`, so that descriptions (features) of panoramas do not depend on
+    it."""
     extra = field.json_schema_extra
     return isinstance(extra, Mapping) and bool(extra.get("match_only"))
 
 
 def matching_settings(model: BaseModel) -> dict[str, Any]:
-    """Return the settings declared `match_only` whose values differ from the defaults."""
+    """Return the settings that affect only matching (declared `match_only`) and differ from their defaults."""
     fields = type(model).model_fields.items()
     match_fields = {name: field for name, field in fields if matters_to_matching_only(field)}
     values = {name: getattr(model, name) for name in match_fields}

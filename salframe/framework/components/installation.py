@@ -38,13 +38,15 @@ def environment() -> dict[str, Any]:
 
 
 def list_weights(plugins: Registry) -> list[NetworkWeights]:
-    """Return all weights that registered components declare, sorted by name, then all downloaded models of the hub."""
+    """Return all weights that registered components declare, sorted by name, then all downloaded models of the Hugging
+    Face hub."""
     weights_by_name = {weights.name: weights for component, _ in plugins for weights in component.weights}
     return [*(weights_by_name[name] for name in sorted(weights_by_name)), *list_hub_models()]
 
 
 def find_weights(name: str, plugins: Registry) -> NetworkWeights:
-    """Return the weights of this name. The name hf:ORG/MODEL[@REVISION] stands for a downloaded model of the hub.
+    """Return the weights of this name. The name hf:ORG/MODEL[@REVISION] stands for a downloaded model of the Hugging
+    Face hub.
 
     Raises:
         UnknownName: No component declares weights of this name.

@@ -86,7 +86,8 @@ def configure(
         name: The name of the settings. It is the name of the component if `content` has no `kind`.
         content: The settings.
         overrides: Settings that replace those of `content`.
-        choice: Fills the slots with the value `auto`. Without it, these slots remain undecided.
+        choice: Chooses the components of slots (settings that hold a component) with the value `auto`. Without it,
+            these slots keep the placeholder `Undecided`.
 
     Raises:
         ConfigError: A setting is invalid.

@@ -28,7 +28,8 @@ class Engine(Role):
 
     @property
     def workers(self) -> int | None:
-        """Number of worker processes, 1 without this setting. None: the engine chooses, with 1 if it measures times."""
+        """Number of worker processes; 1 for engines without the setting `workers`. None (not set): runs that measure
+        times use one worker, and all other work uses as many as the engine chooses."""
         return getattr(self.config, "workers", 1)
 
     @abstractmethod

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler
 
 PREFIX = "hf:"
-"""Start of the name of a model on the hub: hf:ORG/MODEL or hf:ORG/MODEL@REVISION."""
+"""Start of the name of a model on the Hugging Face hub: hf:ORG/MODEL or hf:ORG/MODEL@REVISION."""
 MANIFEST, REVISIONS = "salframe-hub.json", "revisions.json"
 """Names of the file that lists the files of a downloaded model, and of the file that pins revisions to commits."""
 _NAME = re.compile(r"^hf:[\w.-]+/[\w.-]+(@[\w./-]+)?$")
@@ -41,7 +41,7 @@ EXTRA = "salframe[transformers]"
 
 
 class HubName(str):
-    """Type of a setting that names a model of the hub: hf:ORG/MODEL or hf:ORG/MODEL@REVISION."""
+    """Type of a setting that names a model of the Hugging Face hub: hf:ORG/MODEL or hf:ORG/MODEL@REVISION."""
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
@@ -50,7 +50,7 @@ class HubName(str):
 
 @dataclass(frozen=True)
 class HubReference:
-    """A model on the hub.
+    """A model on the Hugging Face hub.
 
     Attributes:
         repository: ORG/MODEL.
@@ -117,17 +117,17 @@ class _HubManifest(Settings):
 
 
 def hub_home() -> Path:
-    """Return the folder of all downloaded models of the hub."""
+    """Return the folder of all downloaded models of the Hugging Face hub."""
     return cache_home() / "weights" / "hub"
 
 
 def is_hub_name(name: str) -> bool:
-    """Return whether a name of weights has the prefix `hf:` of models of the hub."""
+    """Return whether a name of weights has the prefix `hf:`, which names a model of the Hugging Face hub."""
     return name.startswith(PREFIX)
 
 
 def find_hub_model(name: str) -> HubWeights:
-    """Return a downloaded model of the hub, without verifying its files.
+    """Return a downloaded model of the Hugging Face hub, without verifying its files.
 
     Args:
         name: hf:ORG/MODEL or hf:ORG/MODEL@REVISION. The default revision is `main`.
@@ -144,7 +144,7 @@ def find_hub_model(name: str) -> HubWeights:
 
 
 def list_hub_models() -> Iterator[HubWeights]:
-    """Yield all downloaded models of the hub, sorted by name."""
+    """Yield all downloaded models of the Hugging Face hub, sorted by name."""
     for path in sorted(hub_home().glob(f"[!.]*/[!.]*/{MANIFEST}")):
         yield _read_model(path.parent)
 

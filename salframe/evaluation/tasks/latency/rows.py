@@ -17,7 +17,7 @@ class ProgramRow(PieceRow):
         first: Whether the query is the first one in its process.
         describe_ms: Time to describe the query in milliseconds.
         query_ms: Time to answer the described query in milliseconds.
-        scenes: Number of scenes of the map.
+        scenes: Number of reference frames of the map.
         bytes: Size of the saved map with its index.
         open_s: Time to open the map in seconds.
         opened_mb: Memory (1e6 bytes) that opening the map takes; None if it is unknown.

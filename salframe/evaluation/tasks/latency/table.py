@@ -10,11 +10,11 @@ from salframe.evaluation.tables.columns import INPUT, Column, bytes_column, cost
 
 @dataclass(frozen=True, kw_only=True)
 class LatencyRow(MethodRow):
-    """The row of a method. The map is the saved map of the first fold.
+    """The row of a method. The map is the saved map of the first fold (a map and its queries) of the data set.
 
     Attributes:
         queries: Number of queries.
-        scenes: Number of scenes of the map.
+        scenes: Number of reference frames of the map.
         bytes_per_scene: Size of the saved map with its index, divided by `scenes`.
         open_s: Time in seconds to open the map in a process that has only imported salframe.
         opened_mb: Memory (1e6 bytes) that opening the map takes; None on systems other than Linux.

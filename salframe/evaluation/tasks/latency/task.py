@@ -35,12 +35,13 @@ from salframe.panoramas.frames import Fold, QueryFrame
 from salframe.panoramas.opening import open_dataset
 
 QUERIES = 100
-"""Maximum number of queries, evenly spread over the queries of the fold."""
+"""Maximum number of queries, evenly spread over all queries to the map."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LatencySurvey(Survey[QueryFrame]):
-    """The queries of one fold: the first fold of the data set with queries. `fold` is this fold."""
+    """The queries of one fold (a map and its queries): the first fold of the data set with queries. `fold` is this
+    fold."""
 
     fold: Fold
 
@@ -119,7 +120,7 @@ def _result(future: Future[Any]) -> Any:
 
 
 def save_first_map(method: str, data: str, output: str) -> None:
-    """Save the map of one fold: the first fold of a data set with queries.
+    """Save the map of the first fold (a map and its queries) of a data set that has queries.
 
     Args:
         method: Configuration of the localizer as JSON.
@@ -148,7 +149,7 @@ class _Program:
 
 
 _programs: list[_Program] = []
-"""The program of this process, at most one."""
+"""The simulated program of this process that opened the map and queries it; at most one."""
 
 
 def _open_program(data: str, saved: str) -> Row:

@@ -1,4 +1,5 @@
-"""The worker of the task `localization`: answers of a localizer to queries, and their costs, fold by fold."""
+"""The worker of the task `localization`: answers of a localizer to queries, and their costs, one fold (a map and its
+queries) after the other."""
 
 from __future__ import annotations
 
@@ -40,7 +41,7 @@ TOP_PLACES = 10
 
 
 class Answering(Worker[Query]):
-    """Runs a localizer on queries, fold by fold."""
+    """Runs a localizer on queries, fold by fold. A fold is a map and its queries."""
 
     _map: LocalizationMap
     """The map of the fold that was prepared."""
@@ -198,7 +199,7 @@ class _Descriptions:
 
 
 def answer_row(answer: Localization | None, describe_ms: float | None = None, query_ms: float | None = None) -> Row:
-    """Return the row of an answer.
+    """Return the result row of an answer; the row of a query without an answer if `answer` is None.
 
     `pose` holds the 16 numbers of T_world_query row by row, `heading` is heading_rad, and `probabilities` has one
     probability for each of `places`.

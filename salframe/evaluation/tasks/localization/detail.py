@@ -42,7 +42,8 @@ Json = dict[str, Any]
 
 @dataclass(frozen=True, eq=False)
 class QuerySet:
-    """A data set and its queries: the fold and the frame of each query, in the order of LocalizationView."""
+    """A data set and its queries. A query is a pair of its fold (which contains the map) and its frame. The order is
+    the order of `LocalizationView.queries`."""
 
     dataset: Dataset
     queries: Sequence[tuple[Fold, QueryFrame]]
@@ -53,10 +54,11 @@ class Details:
     """Details of the queries of one data set.
 
     Attributes:
-        queries: For each query, the objects that methods detected in it, and details of the answer of each arm. The
-            objects are stored by describer, a hash that identifies how a method describes panoramas.
-        frames: Reference frames that details refer to, by id, with their objects by describer.
-        map_frames: The reference frames of `frames`, by id.
+        queries: For each query, the objects that methods detected in it, and details of the answer of each arm (a
+            method with its settings). A describer is a hash that identifies how a method describes panoramas. The
+            objects are stored by describer.
+        frames: For each reference frame that the details refer to, by id: its objects by describer, for JSON.
+        map_frames: The ReferenceFrame of each entry of `frames`, by id.
         notes: Notes on details that are missing.
     """
 
@@ -73,7 +75,8 @@ def find_details(
     views: Sequence[LocalizationView],
     progress: Progress | None = None,
 ) -> Details:
-    """Return details of the answers of all arms to the queries of a group of runs on the same data."""
+    """Return details of the answers of all arms (methods with their settings) to the queries of runs on the same data.
+    `group` contains the indices of these runs in `views`."""
     details = Details([{"objects": {}, "arms": {}} for _ in query_set.queries])
     for number, arm in enumerate(arms):
         for entry in arm.entries:

@@ -1,4 +1,5 @@
-"""The figures of a comparison for Plotly. Each trace names the arm that determines its colour and visibility."""
+"""The figures of a comparison for Plotly. Each trace names the arm (a method with its settings) that determines its
+colour and visibility."""
 
 from __future__ import annotations
 
@@ -18,12 +19,14 @@ from salframe.evaluation.tasks.localization.view import LocalizationView
 from salframe.panoramas.frames import Truth
 
 Figure = dict[str, Any]
-"""A figure: "title", "data", "layout", and optionally "about". A trace with "arm" has the colour of that arm."""
+"""A figure: "title", "data", "layout", and optionally "about". A trace with "arm" has the colour of that arm (a method
+with its settings)."""
 ERRORS = (
     ("translation_m", "translation error (m)", (0.01, 20.0)),
     ("rotation_deg", "rotation error (degrees)", (0.1, 180.0)),
 )
-"""Field of Judged, title, and range of the axis, for each error."""
+"""For each pose error: the field of `Judged`, the title of the figure, and the minimum and maximum of its error
+axis."""
 HISTOGRAM_BINS = 24
 PERCENT = {"range": [0, 1.02], "tickformat": ".0%"}
 
@@ -52,7 +55,7 @@ class ArmAnswers:
 
 
 def gather(arms: Sequence[Arm], views: Sequence[LocalizationView]) -> list[ArmAnswers]:
-    """Return the measured arms with their answers."""
+    """Return the arms (methods with their settings) that were measured, with their answers to all queries."""
     arm_answers = []
     for number, arm in enumerate(arms):
         line = arm.row

@@ -33,7 +33,8 @@ class Judged:
         accepted: (Q,) float64: 1 if the answer is accepted (`Localization.accepted`), otherwise 0; NaN if the method
             has no probabilities.
         correct: (Q,) bool: whether the first place is the true one, or an out-of-map query is rejected.
-        correct_scene: (Q,) bool: as `correct`, after transition frames are removed from the places.
+        correct_scene: (Q,) bool: as `correct`, after doorways (places with transition frames only) are removed from the
+            places.
         in_top_2: (Q,) bool: whether the true place is among the first 2, or an out-of-map query is rejected.
         in_top_5: (Q,) bool: whether the true place is among the first 5, or an out-of-map query is rejected.
         translation_m: (Q,) float64: translation error; infinite if the method failed or has no pose, NaN if the true

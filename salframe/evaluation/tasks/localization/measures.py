@@ -57,7 +57,7 @@ def summarize_methods(parts: Sequence[Part[LocalizationSurvey, AnswerRow]], seed
 
 
 def judge_records(survey: LocalizationSurvey, records: Sequence[Record[AnswerRow]]) -> list[Judged]:
-    """Return the answers of each method, compared with the ground truth."""
+    """Return the comparison of the answers of each method with the ground truth, in the order of `records`."""
     truth_arguments = survey.truths(), survey.present(), survey.doorways(), survey.dataset.room_types()
     return [judge(record.rows, *truth_arguments) for record in records]
 

@@ -23,14 +23,16 @@ ACCURACY = "accuracy.svg"
 
 
 def make_part(views: Sequence[LocalizationView], arms: Sequence[Arm]) -> dict[str, Any]:
-    """Return the part of the report on localization, as JSON: the drawings and the queries of runs."""
+    """Return the content of the HTML page that only the task `localization` has, as JSON: the figures, and the queries
+    of the runs with the answers of each arm (a method with its settings)."""
     return {"outcomes": OUTCOMES, "figures": draw_figures(arms, views), "sets": list_sets(arms, views)}
 
 
 def make_islands_of_views(
     views: Sequence[LocalizationView], arms: Sequence[Arm], full: bool, progress: Progress | None
 ) -> Islands:
-    """Return every query with its panoramas, objects and matches. Descriptions that are not cached are computed."""
+    """Return the details that the browser reads on demand: the panorama, the objects and the matches of every query.
+    Descriptions (features) of panoramas that are not cached are computed."""
     sets = []
     for group in group_views(views):
         survey = views[group[0]].survey

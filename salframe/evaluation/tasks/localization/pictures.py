@@ -23,7 +23,8 @@ FARTHEST_M = 8.0
 def make_islands(
     sets: Sequence[tuple[QuerySet, Details]], full: bool, progress: Progress | None = None
 ) -> Iterator[tuple[str, str]]:
-    """Yield the ids and texts of the content that the browser reads on demand.
+    """Yield pairs of an id and a text: the content of an HTML page that the browser reads on demand, as JSON or a data
+    URL.
 
     In data set s, q{s}-{i} is query i and f{s}-{j} is reference frame j. Their panoramas are pq{s}-{i} and pf{s}-{j}.
     A frame that cannot be read has no panorama.

@@ -1,4 +1,5 @@
-"""The queries of a data set and the answers of each arm, as columns that a page filters and lists."""
+"""The queries of a data set and the answers of each arm (a method with its settings), as columns that an HTML page
+filters and lists."""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ OUTCOMES = (RIGHT, WRONG, DENIED, NONE)
 
 
 def list_sets(arms: Sequence[Arm], views: Sequence[LocalizationView]) -> list[dict[str, Any]]:
-    """Return the queries of each data set with the answers of its arms, for JSON.
+    """Return the queries of each data set with the answers of its arms (methods with their settings), for JSON.
 
     Runs on the same data share their queries. Truths and answers are indices into `places`.
     """
@@ -91,7 +92,7 @@ def _status(row: AnswerRow | None, status: str) -> str:
 
 
 def outcome_of(row: AnswerRow | None, correct: bool) -> str:
-    """Return the outcome of a query, one of OUTCOMES."""
+    """Return the outcome of a query, one of OUTCOMES. `row` is the answer; None if there is none."""
     if correct:
         return RIGHT
     if row is not None and row.status in PLACED:

@@ -20,7 +20,7 @@ class AnswerRow(PieceRow):
     """An answer to a query.
 
     Attributes:
-        fold: Id of the fold with the map.
+        fold: Id of the fold, which contains the map and its queries.
         query: Id of the query.
         places: The best places, best first.
         pose: 16 numbers of T_world_query row by row; None without a pose.

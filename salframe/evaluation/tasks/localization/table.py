@@ -34,7 +34,7 @@ class LocalizationRow(MethodRow):
         queries: Number of queries.
         absent_queries: Number of out-of-map queries.
         present_accuracy: Accuracy of the queries whose place is in the map.
-        present_scene_accuracy: Accuracy of the queries whose place is in the map, without transition frames.
+        present_scene_accuracy: `scene_accuracy` of the queries whose place is in the map.
         rejection_rate: Rejection rate: share of out-of-map queries that are rejected.
         precision_at: Precision of accepted answers at the recalls statistics.AT_RECALLS.
         average_precision: Area under the precision-recall curve.
@@ -49,7 +49,7 @@ class LocalizationRow(MethodRow):
         right_not_accepted: Share of the answers with the true place that are not accepted.
         absent_accepted: Share of the out-of-map queries whose answer is accepted.
         accuracy: Share of correct answers.
-        scene_accuracy: Accuracy without transition frames.
+        scene_accuracy: Accuracy without transition frames: doorways are removed from the places of the answers.
         macro_precision: Mean precision over places.
         macro_recall: Mean recall over places.
         room_type_accuracy: Share of queries of known room type whose first place is of that type.

@@ -25,7 +25,8 @@ class Queries:
 
 @dataclass(frozen=True, eq=False)
 class LocalizationView(RunView[AnswerRow, LocalizationRow]):
-    """Data of the report of a comparison: its queries, and the answers of each method beside the ground truth."""
+    """Data of a localization run for an HTML page: its queries, and the answers of each method compared with the ground
+    truth (`judged`)."""
 
     survey: LocalizationSurvey
     queries: Queries

@@ -47,7 +47,8 @@ def summarize_pairs(records: Sequence[Record[PairRow]], places: Sequence[str], s
 
 
 Share = tuple[np.ndarray, np.ndarray]
-"""A share (P,) float64 of each of P pairs, failed pairs included, and whether it counts, (P,) bool."""
+"""A share of each of P pairs, failed pairs included, (P,) float64, and whether the pair counts in the mean, (P,)
+bool."""
 
 
 def _points(rows: Sequence[PairRow], done: np.ndarray) -> tuple[dict[str, Share], dict[str, Any]]:

@@ -13,7 +13,7 @@ class PairRow(PieceRow):
     """Numbers of matches of a pair of frames.
 
     Attributes:
-        fold: Id of the fold.
+        fold: Id of the fold, which contains the map and its queries.
         query: Id of the query.
         kind: "points" or "nodes" (objects of graphs): what the method matches.
         matches: Number of matches.

@@ -64,7 +64,7 @@ USUAL_BY_KIND: dict[str, tuple[str, ...]] = {
     "points": ("input", "mma_1", "mma_3", "mma_5", "matches", "unmatched", "pairs"),
     "nodes": ("input", "precision", "recall", "matches", "true", "pairs"),
 }
-"""Usual columns of methods that match points, and of methods that match objects."""
+"""Names of the default columns of methods that match points, and of methods that match objects ("nodes")."""
 DEFAULT_COLUMNS = tuple(COLUMNS)
 
 

@@ -34,8 +34,8 @@ from salframe.panoramas.opening import Progress
 
 @dataclass(frozen=True, eq=False)
 class FramePair:
-    """A query of a fold, a reference frame of the same place, and the true pose T_reference_query (4, 4) of the query
-    in the axes of the reference frame.
+    """A query of a fold (a map and its queries), a reference frame of the same place in the map, and the true pose
+    T_reference_query (4, 4) of the query in the axes of the reference frame.
     """
 
     fold: str
@@ -45,7 +45,8 @@ class FramePair:
 
 
 def measure_matching(request: Request, *, progress: Progress | None = None) -> Result[MatchingRow]:
-    """Match each query with the nearest scene frame of its place. An interrupted run is resumed.
+    """Match each query with the nearest scene frame (reference frame in a room) of its place, and count the correct
+    matches. An interrupted run is resumed.
 
     Raises:
         SalframeError: A name or a setting is wrong, or the dataset has no ranges or poses.
@@ -131,7 +132,7 @@ class _Matching(Worker[FramePair]):
 
 
 def choose_pairs(dataset: Dataset) -> list[FramePair]:
-    """Return each query with the nearest scene frame of its place.
+    """Return each query with the nearest scene frame (reference frame in a room) of its place.
 
     Raises DataError if there is no such pair, or the true pose of a query is unknown.
     """

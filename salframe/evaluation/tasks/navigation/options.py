@@ -1,4 +1,4 @@
-"""Options of a navigation study: its arms and episodes."""
+"""Options of a navigation study: its agents and episodes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from salframe.navigation.episodes import NumEpisodes
 WITHOUT = " without positioning"
 """Suffix of the label of a method whose poses the agent ignores."""
 TRUE_PLACE = "true place"
-"""Label of the control: an agent that knows its true place and uses no method."""
+"""Label of the control agent, which knows its true place and uses no localization method."""
 
 
 class Positioning(StrEnum):

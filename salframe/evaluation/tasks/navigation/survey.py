@@ -11,6 +11,6 @@ from salframe.navigation.episodes import Episode, Site
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class NavigationSurvey(Survey[Episode]):
-    """Episodes of a data set. `sites` has the building of each world id, with its route planner."""
+    """Episodes of a data set. `sites` maps the id of each world (building) to the world and its route planner."""
 
     sites: Mapping[str, Site]

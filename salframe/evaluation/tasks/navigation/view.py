@@ -14,7 +14,7 @@ from salframe.topology.topological_map import TopologicalMap
 
 @dataclass(frozen=True, eq=False)
 class NavigationView(RunView[EpisodeRow, NavigationRow]):
-    """A navigation run, with the map of each world by id."""
+    """Data of a navigation run for an HTML page, with the topological map of each world (building) by id."""
 
     survey: NavigationSurvey
     maps: Mapping[str, TopologicalMap]

@@ -34,7 +34,8 @@ SHOWN = {
 
 
 def list_walks(arms: Sequence[Arm], views: Sequence[NavigationView]) -> list[dict[str, Any]]:
-    """Return, for JSON, the maps of the worlds of each run, and the finished episodes of each arm.
+    """Return, for JSON, the maps of the worlds (buildings) of each run, and the finished episodes of each arm (a method
+    with its settings).
 
     The floors of a world are drawn beside each other, the lowest one on the left.
     """

@@ -1,1 +1,1 @@
-"""The task `scale`: the cost and recall of matching in a map of many scenes."""
+"""The task `scale`: the cost and recall of matching in a map of many scenes (graphs of panoramas)."""

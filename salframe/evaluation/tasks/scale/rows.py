@@ -6,7 +6,7 @@ from salframe.evaluation.runs.rows import Count, PieceRow
 
 
 class SceneRow(PieceRow):
-    """Whether the best match of a query is its scene, and the costs of the map.
+    """Whether the best match of a query is its scene, and the costs of the map. A scene is the graph of one panorama.
 
     Attributes:
         query: Index of the scene that the query shows.

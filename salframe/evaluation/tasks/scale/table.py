@@ -11,7 +11,7 @@ from salframe.evaluation.tables.columns import INPUT, Column, bytes_column, cost
 
 @dataclass(frozen=True, kw_only=True)
 class ScaleRow(MethodRow):
-    """The row of a method.
+    """The row of a method. A scene is the saliency graph of one panorama in the map.
 
     Attributes:
         scenes: Number of scenes of the map.

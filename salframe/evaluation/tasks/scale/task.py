@@ -1,4 +1,5 @@
-"""The task `scale`: cost and recall of matching in a map of many scenes, compared with exhaustive matching."""
+"""The task `scale`: cost and recall of matching in a map of many scenes (graphs of panoramas), compared with exhaustive
+matching."""
 
 from __future__ import annotations
 
@@ -45,15 +46,15 @@ from salframe.panoramas.frames import FrameKind, ReferenceFrame
 from salframe.panoramas.geometry import pose_2d
 
 QUERIES, EXHAUSTIVE = 200, 50
-"""Number of queries, and number of queries that are also matched with all scenes."""
+"""Number of queries, and number of these queries that are also matched with all scenes (graphs) of the map."""
 SEED = 3
 """Seed of the generated scenes (`SyntheticMap`)."""
 MIN_OBJECTS = 3
-"""Minimum number of objects of a room that is used for scenes."""
+"""Minimum number of objects of a room from which scenes (graphs of the map) are generated."""
 WINDOW = 2000
-"""Number of scenes that exhaustive matching matches at once."""
+"""Number of scenes (graphs of the map) that exhaustive matching reads and matches at once."""
 NumScenes = Annotated[int, Field(ge=1, le=10_000_000)]
-"""Number of scenes of a map."""
+"""Number of scenes (graphs) of a map."""
 
 
 class ScaleOptions(TaskOptions):
@@ -66,9 +67,10 @@ class ScaleOptions(TaskOptions):
 
 @dataclass(frozen=True)
 class ScaleTask(Task[int, Survey[int], SceneRow, ScaleRow]):
-    """The task `scale`: which of many scenes does a query show?
+    """The task `scale`: which of many scenes (graphs of panoramas) of a map does a query show?
 
-    The scenes are generated from the rooms of a data set (`SyntheticMap`). A piece of work is the index of a scene.
+    The scenes are generated from the rooms of a data set (`SyntheticMap`). The methods work on one query at a time. A
+    query is given by the index of the scene that it shows.
     """
 
     scenes: int
@@ -231,7 +233,7 @@ class _Window:
 
 
 def rooms_of(method: Localizer, dataset: Dataset) -> tuple[SaliencyGraph, ...]:
-    """Return the graphs that a localizer computes from the scene frames of a data set.
+    """Return the graphs that a localizer computes from the scene frames (reference frames in rooms) of a data set.
 
     Graphs with fewer than MIN_OBJECTS objects are left out. Raises DataError if no graph remains.
     """

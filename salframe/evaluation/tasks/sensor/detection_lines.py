@@ -1,4 +1,5 @@
-"""Detection rates of groups of similar objects, beside the rates that a sensor model predicts."""
+"""Detection rates of groups of similar objects, beside the rates that a sensor model (model of the errors of a
+detector) predicts."""
 
 from __future__ import annotations
 
@@ -13,9 +14,10 @@ from salframe.evaluation.tasks.sensor.fitting import Observations
 from salframe.graphs.sensor import SensorModel
 
 APPARENT_DEG, RANGES_M, HIDDEN = (2, 4, 8, 16, 32), (2, 4, 6, 10), (0.1, 0.3, 0.6)
-"""Limits of the groups: angular diameter, range and hidden share of an object."""
+"""Limits of the groups of objects: angular diameter in degrees, range in metres, and share of the outline that is
+hidden by nearer surfaces."""
 COMMONEST = 10
-"""Number of the most frequent labels that have a line."""
+"""Number of labels, the most frequent ones, for which `by_label` yields a line."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +28,7 @@ class DetectionLine:
         by: Name of the group.
         objects: Number of objects.
         detection_rate: Share of the objects that were detected.
-        modelled: Mean probability of detection by the model.
+        modelled: Mean probability of detection that the sensor model predicts for the objects.
         right: Share of the objects that were detected with the correct label.
     """
 
@@ -38,7 +40,8 @@ class DetectionLine:
 
 
 def by_sight(observations: Observations, sensor: SensorModel) -> Iterator[DetectionLine]:
-    """Yield a line for all objects, and a line for each group by angular size, range or hidden share."""
+    """Yield a line for all objects, and a line for each group of objects of similar angular size, range or hidden share
+    of the outline."""
     visibility, is_detected, is_right = observations.visibility, observations.is_detected, observations.right
     probability = _modelled(observations, sensor)
     apparent_deg = np.degrees(2 * np.sqrt(visibility.solid_angle_sr / np.pi))
@@ -56,7 +59,7 @@ def by_sight(observations: Observations, sensor: SensorModel) -> Iterator[Detect
 
 
 def by_label(observations: Observations, sensor: SensorModel) -> Iterator[DetectionLine]:
-    """Yield the lines of the most frequent labels."""
+    """Yield a line for the objects of each of the COMMONEST most frequent labels."""
     probability = _modelled(observations, sensor)
     for label, _ in Counter(observations.visibility.labels).most_common(COMMONEST):
         chosen = np.array([other == label for other in observations.visibility.labels])

@@ -19,10 +19,10 @@ REACH_SHARE, OTHER_REACH_SHARE = 0.5, 0.25
 the label of the object, and for other detections. The maximum distance is at least NEAR_M."""
 ROUNDS, TOLERANCE = 200, 1e-6
 WEAK_PRECISION = 1e-3
-"""Precision (inverse variance) of the prior of the coefficients that all groups share. It keeps slopes finite if all
-objects were detected, or none."""
+"""Precision (inverse variance) of the prior of the coefficients that all label groups share, in `fit_detection`. It
+keeps slopes finite if all objects were detected, or none."""
 FLOOR_VARIANCE = 1e-4
-"""Minimum variance of the prior of the offsets of groups."""
+"""Minimum variance of the prior of the offsets of label groups, in `fit_detection`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class Observations:
     Attributes:
         panoramas: Number of panoramas.
         visibility: Visibility of the objects.
-        said: Label of the detection of each object; None if it was not detected.
+        said: Label that the detector reported for each object; None if the object was not detected.
         bearing_rad: (M, 2) errors of the bearing of the M detected objects, to the left and up.
         range_log: (M,) errors of the logarithm of the range.
         size_log: (M,) errors of the logarithm of the size.
@@ -179,7 +179,8 @@ def _size(detections: Detections) -> np.ndarray:
 
 
 def fit_sensor(observations: Observations, provenance: Mapping[str, object]) -> SensorModel:
-    """Fit a sensor model to observations. `provenance` has the fields of Provenance except for the counts."""
+    """Fit a sensor model (model of the errors of a detector) to observations. `provenance` has the fields of Provenance
+    except for the counts."""
     confusion: dict[str, Counter[str]] = {}
     for label, detected in zip(observations.visibility.labels, observations.said, strict=True):
         if detected is not None:
@@ -220,8 +221,8 @@ def robust_deviation(values: np.ndarray) -> float:
 def fit_detection(visibility: ObjectVisibility, is_detected: np.ndarray) -> DetectionModel:
     """Fit the probability of detection by penalized maximum likelihood.
 
-    The model is a logistic regression whose offsets by group have a normal prior. Expectation maximization with
-    Laplace's approximation estimates the variance of the prior.
+    The model is a logistic regression. Each group of labels with the same common name has an offset with a normal
+    prior. Expectation maximization with Laplace's approximation estimates the variance of the prior.
 
     Args:
         visibility: Visibility of the objects.

@@ -47,7 +47,8 @@ class SensorMeasurement:
     crashed: bool = False
 
     def write(self, path: str | Path) -> None:
-        """Write the sensor model as JSON. Equal measurements give files with equal bytes."""
+        """Write the sensor model (model of the errors of the detector) as JSON. Equal measurements give files with
+        equal bytes."""
         write_json(Path(path), self.sensor.model_dump(mode="json"))
 
     def table(self) -> Table:

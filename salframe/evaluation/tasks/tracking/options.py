@@ -22,7 +22,8 @@ NumViews = Annotated[int, Field(ge=1, le=MAX_VIEWS)]
 
 
 class Observed(StrEnum):
-    """Answers that a belief is made from: all answers, the latest one alone, or only the first one with a pose."""
+    """Answers that a belief (estimated pose of the camera) is made from: all answers, the latest one alone, or only the
+    first one with a pose."""
 
     ALL = "all"
     LATEST = "latest"
@@ -30,7 +31,7 @@ class Observed(StrEnum):
 
 
 class Belief(Settings):
-    """A way to estimate the pose of the camera from answers and odometry."""
+    """Settings of a way to estimate the pose of the camera from answers and odometry."""
 
     tracker: slot("tracker", description="tracker that estimates the pose of the camera")  # type: ignore[valid-type]
     answers: Observed = Field(

@@ -1,4 +1,4 @@
-"""The row of the task `tracking`: one walk of a camera, with each belief after each view."""
+"""The row of the task `tracking`: one walk of a camera, with each belief (estimated pose) after each view."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from salframe.evaluation.tasks.tracking.walks import NUM_VIEWS
 
 
 class BeliefLine(Line):
-    """A belief after a view, compared with the truth.
+    """A belief (estimated pose of the camera) after a view, compared with the truth.
 
     Attributes:
         tracking: Whether the status of the belief is `tracking`.
@@ -29,7 +29,7 @@ class BeliefLine(Line):
 
 
 class BeliefRow(Line):
-    """A belief during a walk.
+    """A belief (estimated pose of the camera) during a walk.
 
     Attributes:
         walk: The belief after each view of the walk.
@@ -43,7 +43,7 @@ class BeliefRow(Line):
 
 
 class WalkRow(PieceRow):
-    """A walk of a camera: where it starts, and each belief by name."""
+    """A walk of a camera: the place where it starts, and each belief (estimated pose) by name."""
 
     walk: str
     start: str

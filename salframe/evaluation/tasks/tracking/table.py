@@ -11,14 +11,14 @@ from salframe.evaluation.tables.columns import INPUT, SEED_RANGE, Column, number
 from salframe.evaluation.tables.text import NONE, fixed
 
 AFTER = (1, 2, 5, 10, 12)
-"""Numbers of views after which the belief is measured."""
+"""Numbers of views after which the belief (estimated pose of the camera) is compared with the truth."""
 NEAR_M = 0.5
-"""Maximum error of a position that counts as correct."""
+"""Maximum error in metres of a position that counts as correct."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrackingRow(MethodRow):
-    """The row of a belief of a method.
+    """The row of a belief (estimated pose of the camera) of a method.
 
     Shares are relative to all walks, with 95 % intervals, clustered by the place in which a walk starts. A crashed walk
     counts as wrong.

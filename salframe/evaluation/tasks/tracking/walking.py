@@ -42,7 +42,7 @@ class _Step(NamedTuple):
 
 
 class Tracking(Worker[Walk]):
-    """Tracks the camera of walks with each belief."""
+    """Tracks the camera of walks, once for each belief (way to estimate the pose)."""
 
     def __init__(
         self,

@@ -17,7 +17,7 @@ _FAILED = TurnLine(accepted=False, right=False)
 
 
 def summarize_turns(records: Sequence[Record[TurnRow]]) -> TurnsRow:
-    """Return the row of a method, over one data set or several."""
+    """Return the table row of a method, over one data set or several."""
     line = TurnsRow(**in_common(records), queries=sum(len(record.rows) for record in records))
     if not all(record.done for record in records):
         return line
