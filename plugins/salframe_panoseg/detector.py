@@ -22,7 +22,7 @@ from salframe.graphs.detector import Detector
 from salframe.graphs.pixels import without_strays
 from salframe.graphs.score_calibration import ScoreCalibration
 from salframe.graphs.turning import from_near_side
-from salframe.panoramas.exposure import brighten_dark, exposure_setting
+from salframe.panoramas.exposure import correct_dark, exposure_setting
 from salframe.panoramas.geometry import column_azimuth, equirectangular_rays
 from salframe.panoramas.panorama import Panorama
 from salframe_panoseg.classes import CHANNELS, HEIGHT, network_input, smaller
@@ -49,7 +49,7 @@ class PanoSegDetector(Detector):
     """
 
     name = "panoseg"
-    version = "5"
+    version = "6"
     needs: ClassVar[frozenset[str]] = frozenset({"rgb", "range"})
     weights = (PANOSEG,)
 
@@ -96,7 +96,7 @@ class PanoSegDetector(Detector):
         valid = np.isfinite(range_m)
         if panorama.valid is not None:
             valid &= smaller(panorama.valid.astype(np.uint8)) > 0
-        rgb = brighten_dark(panorama.rgb, panorama.valid) if self.config.exposure == "auto" else panorama.rgb
+        rgb = correct_dark(panorama.rgb, panorama.valid) if self.config.exposure == "auto" else panorama.rgb
         class_id, score, vote_m = (output[0] for output in self._model.run(network_input(rgb, panorama.range_m)[None]))
         points_m = equirectangular_rays(HEIGHT) * np.nan_to_num(range_m)[..., None]
         objects = group_pixels(class_id, points_m, points_m + into_panorama(vote_m), valid)

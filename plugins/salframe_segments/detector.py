@@ -17,7 +17,7 @@ from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
 from salframe.graphs.score_calibration import ScoreCalibration
 from salframe.graphs.turning import from_near_side
-from salframe.panoramas.exposure import brighten_dark, exposure_setting
+from salframe.panoramas.exposure import correct_dark, exposure_setting
 from salframe.panoramas.panorama import Panorama
 from salframe_segments.card import card_beside, read_card, shipped_card
 from salframe_segments.networks import TFLITE, open_network
@@ -54,7 +54,7 @@ class SegmentsDetector(Detector):
     """
 
     name = "segments"
-    version = "3"
+    version = "4"
     needs: ClassVar[frozenset[str]] = frozenset({"rgb"})
     requires = ("ai_edge_litert",)
     extra = "salframe[tflite]"
@@ -155,7 +155,7 @@ class SegmentsDetector(Detector):
                 f"{panorama.display_name} has no colour image, which the detector {self.name!r} needs: choose another "
                 "detector"
             )
-        rgb = brighten_dark(panorama.rgb, panorama.valid) if self.config.exposure == "auto" else panorama.rgb
+        rgb = correct_dark(panorama.rgb, panorama.valid) if self.config.exposure == "auto" else panorama.rgb
         return classify(rgb, panorama.valid, self._views, self._classes.names, self._view_probabilities)
 
     def _view_probabilities(self, views: np.ndarray) -> np.ndarray:

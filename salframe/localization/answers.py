@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import partial
@@ -104,6 +104,9 @@ class Localization:
         next_view: Suggested turn of the camera on the spot, to the middle of the largest azimuth sector that the query
             does not show. None if the query shows all directions, if views were fused, or if the method does not
             compute which directions a query shows. `LocalizationMap` sets it.
+        evidence: Values of the evidence for the first place, by the name of the column. The posterior uses them. A
+            column is missing if the query or the map lacks its data, such as range. Empty from a method without
+            evidence.
         floors: Floors of the map, for the plan that notebooks show.
 
     Raises:
@@ -122,6 +125,7 @@ class Localization:
     notes: tuple[str, ...] = ()
     max_accepted_probability: float = MAX_OUT_OF_MAP_PROBABILITY
     next_view: NextView | None = field(default=None, compare=False, repr=False)
+    evidence: Mapping[str, float] = field(default_factory=dict, compare=False, repr=False)
     floors: tuple[FloorMasks, ...] = field(default=(), repr=False, compare=False)
 
     def __post_init__(self) -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 from pydantic import Field
@@ -12,7 +13,15 @@ from salframe.framework.errors import DataError
 from salframe.framework.validation import Settings
 from salframe.localization.answers import MAX_OUT_OF_MAP_PROBABILITY, Localization
 from salframe.localization.localizer import Description, Localizer
-from salframe.localization.posterior import Head, Posterior, absent_moments, log_loss, shift_probability
+from salframe.localization.posterior import (
+    EvidenceTerm,
+    Head,
+    Posterior,
+    absent_moments,
+    evidence_columns,
+    log_loss,
+    shift_probability,
+)
 from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.frames import FrameKind, ReferenceFrame
 from salframe.panoramas.hidden_places import hide_places
@@ -26,10 +35,9 @@ PLACE_GROUPS = 10
 """Maximum number of groups of places. All places of a group are removed at once, so that the map is indexed once for
 each group."""
 ABSENT_PRIOR = 10.0
-"""Weight of the contrast mean and deviation of the fitted posterior when they are averaged with those of the map, as a
-number of out-of-map answers."""
+"""Weight of the mean and the deviation of the fitted posterior, as an equivalent number of out-of-map answers."""
 ACCURACY_PRIOR = 4.0
-"""Weight of the accuracy of the fitted posterior when it is averaged with that of the map, as a number of answers."""
+"""Weight of the accuracy of the fitted posterior, as an equivalent number of answers."""
 DISTANCE_EXPONENT = 0.3
 """The share of correct answers is proportional to d ** -DISTANCE_EXPONENT, with d the distance to the nearest reference
 frame. Fitted on tuning data: ten buildings at half of their viewpoints, and `house-42` with the errors of two
@@ -38,26 +46,27 @@ FITTED_DISTANCE_M = 1.0
 """Distance in metres to the nearest reference frame at which the accuracy of a fitted posterior is valid: about the
 mean distance in the tuning data."""
 ACCURACY_LIMITS = (0.01, 0.99)
-"""Minimum and maximum accuracy (share of correct answers) of a calibrated `Head`, the model of the in-map
-probability."""
+"""Minimum and maximum accuracy of a calibrated `Head`."""
 BIAS_DEVIATION = 2.0
-"""Standard deviation of the normal prior of the amount by which the calibration changes the bias of a `Head`. Like
-DISTANCE_SPREAD, it was fitted on the tuning data of DISTANCE_EXPONENT."""
+"""Standard deviation of the normal prior of the change of the bias. Like DISTANCE_SPREAD, it was fitted on the tuning
+data of DISTANCE_EXPONENT."""
 DISTANCE_SPREAD = 0.5
 """A correct answer at the distance d to the nearest reference frame has the weight exp(-x^2 / 2) in the change of the
 bias, with x = ln(d / query_distance_m) / DISTANCE_SPREAD. Answers at other distances than those of queries have little
-weight, because the contrast (score difference between the first place and the others) depends on the distance."""
+weight, because the contrast depends on the distance."""
 MAX_BIAS_CHANGE = 4.0
-"""Maximum magnitude of the amount by which the calibration changes the bias of a `Head`."""
+"""Maximum magnitude of the change of the bias."""
 PROBABILITY_DIGITS = 4
 """Number of decimals of the stored probabilities. Few decimals keep maps small."""
 MIN_DISTANCE_M = 0.1
 """Minimum distance between frames in metres. Smaller distances are replaced by this value."""
 
+_Moments = TypeVar("_Moments", Head, EvidenceTerm)
+
 
 @dataclass(frozen=True, eq=False)
 class FrameAnswers:
-    """Answers to N scene frames (reference frames in rooms) of a map that were used as queries.
+    """Answers to N scene frames of a map that were used as queries.
 
     Before a frame is localized, it is hidden (removed from the map), either alone or with all frames of its place.
 
@@ -70,6 +79,8 @@ class FrameAnswers:
         distance_m: (N,) float64 distance in metres to the nearest scene frame of the same place that was not hidden;
             NaN if the place was hidden.
         place: (N,) int64 index of the place of each frame.
+        evidence: Mapping from the name of a column of evidence to its values for the first places, (N,) float64; NaN if
+            an answer lacks the column.
     """
 
     contrast: np.ndarray
@@ -78,11 +89,21 @@ class FrameAnswers:
     is_absent: np.ndarray
     distance_m: np.ndarray
     place: np.ndarray
+    evidence: Mapping[str, np.ndarray] = field(default_factory=dict, kw_only=True)
 
     def take(self, rows: np.ndarray) -> FrameAnswers:
         """Return the answers with these indices."""
         columns = (self.contrast, self.objects, self.is_right, self.is_absent, self.distance_m, self.place)
-        return FrameAnswers(*(column[rows] for column in columns))
+        evidence = {name: value[rows] for name, value in self.evidence.items()}
+        return FrameAnswers(*(column[rows] for column in columns), evidence=evidence)
+
+    def log_ratio(self, head: Head) -> np.ndarray:
+        """Return the logarithms (N,) of the likelihood ratios that a head computes for the answers."""
+        return head.log_ratio(self.contrast, self.objects, self.evidence)
+
+    def in_map(self, head: Head) -> np.ndarray:
+        """Return the probabilities (N,) of being in the map that a head computes for the answers."""
+        return head.in_map(self.contrast, self.objects, self.evidence)
 
 
 class ProbabilityScores(Settings):
@@ -103,11 +124,11 @@ class MapCalibration(Settings):
     """The calibration of a map.
 
     Attributes:
-        head: The calibrated head of the posterior. Its mean, deviation, accuracy and number of objects are adapted to
-            this map.
+        head: The calibrated head of the posterior. Its means, deviations, accuracy, bias and number of objects are
+            adapted to this map.
         present_frames: Number of frames that were localized while they were hidden, but not their places.
-        absent_in_map: In-map probabilities, ascending, that `head` computes for the frames whose places were hidden.
-            The answers to these frames are the out-of-map answers.
+        absent_in_map: Probabilities of being in the map, computed by `head`, of the frames whose places were hidden;
+            ascending. Their answers are the out-of-map answers.
         before: Quality of the probabilities without calibration; None if there are no present or no absent frames.
         after: Quality with calibration, cross-validated: for the frames of a place, the calibration does not use these
             frames.
@@ -187,7 +208,7 @@ OTHER_CALIBRATION = (
     "the probabilities are not calibrated, because the map was calibrated with other settings or by another version of "
     "the method: run `salframe map calibrate MAP`, or build the map with the new settings"
 )
-"""Note in the answers of a map that was calibrated with other settings or by another version of the method."""
+"""Note of answers in a map whose calibration does not apply."""
 
 
 def is_calibrated(localizer: Localizer) -> bool:
@@ -226,7 +247,7 @@ def calibrate_posterior(
         )
     answers = localize_frames(localizer, posterior, descriptions, frames, floors)
     head = calibrate_head(posterior, answers)
-    absent = np.sort(head.in_map(answers.contrast[answers.is_absent], answers.objects[answers.is_absent]))
+    absent = np.sort(answers.take(answers.is_absent).in_map(head))
     before, after = _cross_validate(posterior, answers)
     return MapCalibration(
         head=head,
@@ -244,8 +265,7 @@ def localize_frames(
     frames: Sequence[ReferenceFrame],
     floors: Sequence[FloorMasks],
 ) -> FrameAnswers:
-    """Localize scene frames (reference frames in rooms) of a map after they, or all frames of their places, were
-    removed from the map.
+    """Localize scene frames of a map after they, or all frames of their places, were removed from the map.
 
     Answers without a place are left out. Frames that cause an exception in the localizer are left out too. Arguments
     are those of `calibrate_posterior`.
@@ -256,6 +276,7 @@ def localize_frames(
         if frame.kind is FrameKind.SCENE:
             scenes.setdefault(frame.place, []).append(row)
     rows: list[tuple[float, int, bool, bool, float, int]] = []
+    evidence: list[Mapping[str, float]] = []
     for shown, queries, is_absent in _hide(frames, scenes, floors):
         localizer.index([descriptions[row] for row in shown], [frames[row] for row in shown])
         positions_m: dict[str, list[np.ndarray]] = {}
@@ -264,9 +285,10 @@ def localize_frames(
                 positions_m.setdefault(frames[row].place, []).append(frames[row].T_world_pano[:3, 3])
         for row in queries:
             try:
-                places = localizer.match(descriptions[row]).places
+                answer = localizer.match(descriptions[row])
             except Exception:  # if the localizer fails on a frame, only the answer to this frame is lost
                 continue
+            places = answer.places
             if not places:
                 continue
             place, distance_m = frames[row].place, np.nan
@@ -277,36 +299,51 @@ def localize_frames(
             is_right = not is_absent and places[0].place == place
             objects = localizer.count_objects(descriptions[row])
             rows.append((contrast, objects, is_right, is_absent, distance_m, number[place]))
+            evidence.append(answer.evidence)
     columns = zip(*rows, strict=True) if rows else [()] * 6
     kinds = (np.float64, np.int64, np.bool_, np.bool_, np.float64, np.int64)
-    return FrameAnswers(*(np.array(column, kind) for column, kind in zip(columns, kinds, strict=True)))
+    return FrameAnswers(
+        *(np.array(column, kind) for column, kind in zip(columns, kinds, strict=True)),
+        evidence=evidence_columns(evidence),
+    )
 
 
 def calibrate_head(posterior: Posterior, answers: FrameAnswers) -> Head:
     """Return the head of a posterior calibrated for a map, from the answers to frames of this map.
 
-    The number of objects is the mean over the frames. The mean and the deviation of the contrast are computed from the
-    absent frames (whose places were hidden) and averaged with the values of the posterior, which have the weight of
-    ABSENT_PRIOR answers. The accuracy is computed from the present frames (other frames of their places were not
-    hidden), for the distance `query_distance_m`. The accuracy of the posterior has the weight of ACCURACY_PRIOR answers
-    at FITTED_DISTANCE_M. The bias is changed by `_bias_change`.
+    The number of objects is the mean over the frames. The means and the deviations of the contrast and of the columns
+    of evidence are computed from the absent frames. They are averaged with the values of the posterior, which have the
+    weight of ABSENT_PRIOR answers. The accuracy is computed from the present frames, for the distance
+    `query_distance_m`. The accuracy of the posterior has the weight of ACCURACY_PRIOR answers at FITTED_DISTANCE_M. The
+    bias is changed by `_bias_change`.
     """
     head = posterior.head
     if head.objects and answers.objects.any():
         head = head.model_copy(update={"objects": float(answers.objects[answers.objects > 0].mean())})
     absent, present = answers.take(answers.is_absent), answers.take(~answers.is_absent)
-    mean, deviation = head.absent_mean, head.absent_deviation
-    if count := len(absent.contrast):
-        nu = head.relative_objects(absent.objects)
-        map_mean, map_deviation = absent_moments(absent.contrast, nu, head.mean_effect, head.deviation_effect)
-        map_share = count / (count + ABSENT_PRIOR)
-        mean += map_share * (map_mean - mean)
-        deviation = float(np.sqrt(map_share * map_deviation**2 + (1 - map_share) * deviation**2))
-    changes = {"absent_mean": mean, "absent_deviation": deviation}
+    nu = head.relative_objects(absent.objects)
+    terms = {
+        name: _adapt_moments(term, absent.evidence[name], nu) if name in absent.evidence else term
+        for name, term in head.evidence.items()
+    }
     accuracy = _accuracy(present, head, posterior.query_distance_m)
-    head = head.model_copy(update={**changes, "accuracy": accuracy})
+    head = _adapt_moments(head, absent.contrast, nu).model_copy(update={"evidence": terms, "accuracy": accuracy})
     change = _bias_change(present.take(present.is_right), absent, head, posterior.query_distance_m)
     return head.model_copy(update={"bias": head.bias + change})
+
+
+def _adapt_moments(model: _Moments, value: np.ndarray, nu: np.ndarray) -> _Moments:
+    """Return a head or a term whose mean and deviation are adapted to the values (N,) of absent answers; NaN: unknown.
+    `nu` (N,) is described in `Head`."""
+    known = np.isfinite(value)
+    count = int(known.sum())
+    if not count:
+        return model
+    map_mean, map_deviation = absent_moments(value[known], nu[known], model.mean_effect, model.deviation_effect)
+    map_share = count / (count + ABSENT_PRIOR)
+    mean = model.absent_mean + map_share * (map_mean - model.absent_mean)
+    variance = map_share * map_deviation**2 + (1 - map_share) * model.absent_deviation**2
+    return model.model_copy(update={"absent_mean": mean, "absent_deviation": float(np.sqrt(variance))})
 
 
 def _bias_change(right: FrameAnswers, absent: FrameAnswers, head: Head, query_distance_m: float) -> float:
@@ -323,7 +360,7 @@ def _bias_change(right: FrameAnswers, absent: FrameAnswers, head: Head, query_di
         return 0.0
     distance = np.log(np.maximum(right.distance_m, MIN_DISTANCE_M) / query_distance_m) / DISTANCE_SPREAD
     weight = np.exp(-(distance**2) / 2)
-    right_ratio, absent_ratio = (head.log_ratio(answers.contrast, answers.objects) for answers in (right, absent))
+    right_ratio, absent_ratio = right.log_ratio(head), absent.log_ratio(head)
 
     def loss(change: float) -> float:
         of_right = float(weight @ np.logaddexp(0, -right_ratio - change))
@@ -400,8 +437,8 @@ def _cross_validate(
     for place in np.unique(answers.place):
         is_own = answers.place == place
         head = calibrate_head(posterior, answers.take(~is_own))
-        after[is_own] = head.in_map(answers.contrast[is_own], answers.objects[is_own])
-    return _scores(posterior.head.in_map(answers.contrast, answers.objects), answers), _scores(after, answers)
+        after[is_own] = answers.take(is_own).in_map(head)
+    return _scores(answers.in_map(posterior.head), answers), _scores(after, answers)
 
 
 def _scores(in_map: np.ndarray, answers: FrameAnswers) -> ProbabilityScores:

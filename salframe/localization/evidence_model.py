@@ -25,11 +25,14 @@ class EvidenceColumn:
         description: Meaning of the numbers, with their unit.
         weight: Default weight of the column in the score of a place. None: there is no default; set the weight, or fit
             it with `salframe fit`.
+        in_posterior: Whether the posterior uses the value of the first place, besides the differences between the
+            scores of places. True for a value that means something by itself, such as a log likelihood ratio.
     """
 
     name: str
     description: str
     weight: float | None = None
+    in_posterior: bool = False
 
 
 @dataclass(frozen=True, eq=False)

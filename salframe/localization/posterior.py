@@ -3,7 +3,7 @@ data."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,38 @@ MAX_LOG_RATIO = 30.0
 """Maximum logarithm of the likelihood ratio of an answer. It keeps exponentials finite."""
 
 
+class EvidenceTerm(Settings):
+    """The effect of a column of evidence on the probability that a query is in the map.
+
+    x is the value of the column for the first place of an answer. Like the contrast (see `Head`), x is standardized
+    with its mean and standard deviation among out-of-map queries, which depend on the number of objects. With the
+    standardized value z, the term adds bias + slope z to ln(r), the logarithm of the likelihood ratio of a correct
+    answer. If an answer lacks the column, the term adds nothing.
+    """
+
+    absent_mean: float = Field(description="mean of the column in the answers to out-of-map queries")
+    absent_deviation: float = Field(
+        gt=0, description="standard deviation of the column in the answers to out-of-map queries"
+    )
+    mean_effect: float = Field(
+        0.0,
+        description="increase of `absent_mean`, divided by `absent_deviation`, if ln(n / n0) increases by 1. n is the "
+        "number of objects of the query, and n0 is `posterior.head.objects`",
+    )
+    deviation_effect: float = Field(0.0, description="change of ln(`absent_deviation`) if ln(n / n0) increases by 1")
+    bias: float = Field(description="change of ln(p / q) (see `posterior.head.bias`) if the column is `absent_mean`")
+    slope: float = Field(
+        ge=0,
+        description="further change of ln(p / q) (see `posterior.head.bias`) if the column increases by "
+        "`absent_deviation`",
+    )
+
+    def standardize(self, value: np.ndarray, nu: np.ndarray) -> np.ndarray:
+        """Return standardized values (N,) of values (N,); see `standardize`. `nu` (N,) is described in `Head`."""
+        moments = self.absent_mean, self.absent_deviation
+        return standardize(value, nu, *moments, self.mean_effect, self.deviation_effect)
+
+
 class Head(Settings):
     """A model that computes the probability that a query is in the map from the contrast of its answer.
 
@@ -32,9 +64,12 @@ class Head(Settings):
     are equally frequent, the probability that the query is in the map is (a r + 1 - a) / (a r + 2 - a).
 
     Mean, deviation, bias and accuracy depend on the number of objects of the query, by nu = ln(number of objects of the
-    query / mean number of objects of the scene frames of the map). The mean is multiplied by exp(mean_effect nu), and
-    the deviation by exp(deviation_effect nu). bias_effect nu is added to the bias, and accuracy_effect nu to the
-    log-odds of the accuracy.
+    query / mean number of objects of the scene frames of the map). mean_effect deviation nu is added to the mean, and
+    the deviation is then multiplied by exp(deviation_effect nu). bias_effect nu is added to the bias, and
+    accuracy_effect nu to the log-odds of the accuracy.
+
+    The contrast is relative to other places. Each term in `evidence` adds the effect of a value of the first place
+    itself to ln(r), such as the likelihood ratio of its outline.
     """
 
     absent_mean: float = Field(description="mean contrast of the answers to out-of-map queries")
@@ -64,12 +99,15 @@ class Head(Settings):
     )
     mean_effect: float = Field(
         0.0,
-        description="change of ln(`absent_mean`) if ln(n / n0) increases by 1. n is the number of objects of the "
-        "query, and n0 is `posterior.head.objects`",
+        description="increase of `absent_mean`, divided by `absent_deviation`, if ln(n / n0) increases by 1. n is the "
+        "number of objects of the query, and n0 is `posterior.head.objects`",
     )
     deviation_effect: float = Field(0.0, description="change of ln(`absent_deviation`) if ln(n / n0) increases by 1")
     bias_effect: float = Field(0.0, description="change of `bias` if ln(n / n0) increases by 1")
     accuracy_effect: float = Field(0.0, description="change of the log-odds of `accuracy` if ln(n / n0) increases by 1")
+    evidence: Mapping[str, EvidenceTerm] = Field(
+        {}, description="effects of columns of evidence, by the name of the column; only for methods with evidence"
+    )
 
     def relative_objects(self, objects: np.ndarray) -> np.ndarray:
         """Return nu (see the class) for queries with these numbers of objects (N,); 0 if a number of objects is 0,
@@ -86,24 +124,34 @@ class Head(Settings):
             contrast: (N,) contrasts.
             nu: (N,) values of nu (see the class), as returned by `relative_objects`.
         """
-        mean = self.absent_mean * np.exp(self.mean_effect * nu)
-        return np.asarray((contrast - mean) / (self.absent_deviation * np.exp(self.deviation_effect * nu)))
+        moments = self.absent_mean, self.absent_deviation
+        return standardize(contrast, nu, *moments, self.mean_effect, self.deviation_effect)
 
-    def log_ratio(self, contrast: np.ndarray, objects: np.ndarray) -> np.ndarray:
+    def log_ratio(
+        self, contrast: np.ndarray, objects: np.ndarray, evidence: Mapping[str, np.ndarray] | None = None
+    ) -> np.ndarray:
         """Return ln(r) (see the class), the logarithm of the likelihood ratio of a correct answer, (N,) float64.
         Arguments are those of `in_map`."""
         nu = self.relative_objects(objects)
-        return np.asarray(self.bias + self.bias_effect * nu + self.slope * self.standardize(contrast, nu))
+        ratio = self.bias + self.bias_effect * nu + self.slope * self.standardize(contrast, nu)
+        for name in self.evidence.keys() & (evidence or {}).keys():
+            term = self.evidence[name]
+            ratio = ratio + np.nan_to_num(term.bias + term.slope * term.standardize((evidence or {})[name], nu))
+        return np.asarray(ratio)
 
-    def in_map(self, contrast: np.ndarray, objects: np.ndarray) -> np.ndarray:
+    def in_map(
+        self, contrast: np.ndarray, objects: np.ndarray, evidence: Mapping[str, np.ndarray] | None = None
+    ) -> np.ndarray:
         """Return the probability that the query is in the map, (N,) float64.
 
         Args:
             contrast: (N,) contrasts of answers (score differences, see the class).
             objects: (N,) numbers of objects of the queries; 0: unknown.
+            evidence: Mapping from the name of a column of evidence to its values for the first places, (N,) float64;
+                NaN if an answer lacks the column. None: no columns.
         """
         accuracy = shift_probability(self.accuracy, self.accuracy_effect * self.relative_objects(objects))
-        right = accuracy * np.exp(np.minimum(self.log_ratio(contrast, objects), MAX_LOG_RATIO))
+        right = accuracy * np.exp(np.minimum(self.log_ratio(contrast, objects, evidence), MAX_LOG_RATIO))
         wrong = 1 - accuracy
         return np.asarray((right + wrong) / (right + wrong + 1))
 
@@ -175,7 +223,8 @@ class Posterior(Settings):
             return localization
         frames, names, place_scores, _ = zip(*localization.places, strict=True)
         scores = np.array(place_scores, np.float64)
-        in_map = float(self.head.in_map(np.array(self.contrast(scores)), np.array(objects)))
+        evidence = {name: np.array(value) for name, value in localization.evidence.items()}
+        in_map = float(self.head.in_map(np.array(self.contrast(scores)), np.array(objects), evidence))
         places = ranked_places(frames, names, place_scores, (in_map * shares(scores, self.temperature)).tolist())
         answer = replace(localization, places=places, out_of_map_probability=1 - in_map, max_accepted_probability=limit)
         if localization.status.names_a_place and 1 - in_map > self.max_out_of_map_probability:
@@ -225,14 +274,42 @@ def log_loss(probability: np.ndarray, outcome: np.ndarray) -> float:
     return float(-np.mean(np.log(np.where(outcome > 0, probability, 1 - probability))))
 
 
+def evidence_columns(evidence: Sequence[Mapping[str, float]]) -> dict[str, np.ndarray]:
+    """Return the columns of evidence of N answers, (N,) float64 each; NaN if an answer lacks the column."""
+    names = sorted({name for values in evidence for name in values})
+    return {name: np.array([values.get(name, np.nan) for values in evidence], np.float64) for name in names}
+
+
+def standardize(
+    value: np.ndarray, nu: np.ndarray, mean: float, deviation: float, mean_effect: float, deviation_effect: float
+) -> np.ndarray:
+    """Return standardized values (N,): (value - m) / s, with m = mean + mean_effect deviation nu and
+    s = deviation exp(deviation_effect nu).
+
+    Args:
+        value: (N,) values.
+        nu: (N,) logarithms of relative numbers of objects, see `Head`.
+        mean: Mean of out-of-map answers at nu = 0.
+        deviation: Standard deviation of out-of-map answers at nu = 0.
+        mean_effect: As in `Head`.
+        deviation_effect: As in `Head`.
+    """
+    return np.asarray(((value - mean) / deviation - mean_effect * nu) / np.exp(deviation_effect * nu))
+
+
 def absent_moments(
     contrast: np.ndarray, nu: np.ndarray, mean_effect: float, deviation_effect: float
 ) -> tuple[float, float]:
-    """Return the mean and the standard deviation, at nu = 0, of the contrasts (N,) of out-of-map answers, by maximum
-    likelihood. N is at least 1; the other arguments are as in `Head`."""
-    scale, spread = np.exp(mean_effect * nu), np.exp(deviation_effect * nu)
-    mean = float((contrast * scale / spread**2).sum() / (scale**2 / spread**2).sum())
-    return mean, float(np.sqrt(np.mean(((contrast - mean * scale) / spread) ** 2)))
+    """Return the mean and the standard deviation, at nu = 0, of the contrasts (N,) of out-of-map answers, or of another
+    value of these answers, by maximum likelihood. N is at least 1; the other arguments are as in `Head`."""
+    weight = np.exp(-2 * deviation_effect * nu)
+    center, nu_center = float(np.average(contrast, weights=weight)), float(np.average(nu, weights=weight))
+    # For a deviation s, the most likely mean is center - mean_effect s nu_center. The most likely s is then a root of
+    # N s^2 + linear s - squares.
+    x, v = contrast - center, nu - nu_center
+    squares, linear = float(weight @ x**2), mean_effect * float(weight @ (x * v))
+    deviation = float((np.sqrt(linear**2 + 4 * len(x) * squares) - linear) / (2 * len(x)))
+    return center - mean_effect * deviation * nu_center, deviation
 
 
 def relative_logarithm(objects: np.ndarray, map_objects: np.ndarray | float) -> np.ndarray:

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from salframe.framework.errors import DataError
 from salframe.localization.posterior import (
     NUM_OTHERS,
+    EvidenceTerm,
     Head,
     Posterior,
     absent_moments,
+    evidence_columns,
     log_loss,
     relative_logarithm,
     shift_probability,
+    standardize,
 )
 
 TEMPERATURES = (1e-4, 1e4)
@@ -37,6 +40,7 @@ class ScoredAnswer:
         map: Name of the map. The contrast is standardized separately for each map.
         objects: Number of objects of the query; 0: unknown.
         map_objects: Mean number of objects of the scene frames of the map; 0: unknown.
+        evidence: As in `Localization`.
     """
 
     scores: np.ndarray
@@ -45,6 +49,7 @@ class ScoredAnswer:
     map: str
     objects: int = 0
     map_objects: float = 0.0
+    evidence: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -75,7 +80,7 @@ class Fit:
 def fit_posterior(answers: Sequence[ScoredAnswer]) -> Fit:
     """Fit temperature and head by maximum likelihood. The result is deterministic.
 
-    The mean and the deviation of the head are computed from the out-of-map answers. Bias and slope are fitted by a
+    The means and the deviations of the head are computed from the out-of-map answers. Biases and slopes are fitted by a
     logistic regression that separates correct answers from out-of-map answers. The effects of the number of objects are
     fitted to differences between queries to the same map. Each map has the same weight in the head.
 
@@ -102,6 +107,7 @@ def fit_posterior(answers: Sequence[ScoredAnswer]) -> Fit:
     in_map = np.array([answer.here for answer in answers], float)
     contrasts = np.array([posterior.contrast(answer.scores) for answer in answers])
     objects = np.array([answer.objects for answer in answers])
+    evidence = evidence_columns([answer.evidence for answer in answers])
     base = in_map.mean()
     return Fit(
         posterior,
@@ -110,7 +116,7 @@ def fit_posterior(answers: Sequence[ScoredAnswer]) -> Fit:
         _place_nll(ranked, 1.0),
         _place_nll(ranked, temperature),
         -float(base * np.log(base) + (1 - base) * np.log(1 - base)),
-        log_loss(posterior.head.in_map(contrasts, objects), in_map),
+        log_loss(posterior.head.in_map(contrasts, objects, evidence), in_map),
     )
 
 
@@ -133,14 +139,8 @@ def _fit_head(answers: Sequence[ScoredAnswer], temperature: float) -> Head:
     nu = relative_logarithm(np.array([answer.objects for answer in answers]), map_objects)
     _, map_number = np.unique([answer.map for answer in answers], return_inverse=True)
 
-    mean_effect, deviation_effect = _fit_effects(contrast[~here], nu[~here], map_number[~here])
-    moments = {
-        number: absent_moments(contrast[rows], nu[rows], mean_effect, deviation_effect)
-        for number in np.unique(map_number)
-        if (rows := (map_number == number) & ~here).any()
-    }
-    mean, deviation = np.mean([m for m, _ in moments.values()]), np.sqrt(np.mean([s**2 for _, s in moments.values()]))
-    if deviation == 0:
+    of_contrast = _fit_moments(contrast, nu, map_number, ~here)
+    if of_contrast.deviation == 0:
         raise DataError(
             "the answers to all out-of-map queries have the same scores, expected different scores: use tuning data "
             "with more queries"
@@ -149,24 +149,24 @@ def _fit_head(answers: Sequence[ScoredAnswer], temperature: float) -> Head:
     accuracy = float(np.mean([*accuracies.values()]))
     head = head.model_copy(
         update={
-            "absent_mean": float(mean),
-            "absent_deviation": float(deviation),
+            **of_contrast.settings(),
             "accuracy": accuracy,
             "objects": float(np.mean([map_objects[map_number == number].mean() for number in np.unique(map_number)])),
-            "mean_effect": mean_effect,
-            "deviation_effect": deviation_effect,
             "accuracy_effect": accuracy_effect,
         }
     )
     used = right | ~here
     if not right.any():
         return head
-    z = np.empty(len(answers))
-    for number in np.unique(map_number):
-        map_mean, map_deviation = moments.get(number, (mean, deviation))
-        moments_of_map = {"absent_mean": map_mean, "absent_deviation": map_deviation or deviation}
-        rows = map_number == number
-        z[rows] = head.model_copy(update=moments_of_map).standardize(contrast[rows], nu[rows])
+    columns = evidence_columns([answer.evidence for answer in answers])
+    terms = {
+        name: moments
+        for name, value in columns.items()
+        if (moments := _fit_moments(value, nu, map_number, ~here & np.isfinite(value))).deviation > 0
+    }
+    features = [of_contrast.standardize(contrast, nu, map_number), nu]
+    for name, moments in terms.items():
+        features += [np.isfinite(columns[name]), np.nan_to_num(moments.standardize(columns[name], nu, map_number))]
     # For a given number of objects, correct answers are a * (present / absent) times as frequent as out-of-map answers,
     # where a is the accuracy. The likelihood ratio does not include this factor, which is therefore an offset.
     map_accuracy = np.array([accuracies.get(number, accuracy) for number in map_number])
@@ -174,13 +174,69 @@ def _fit_head(answers: Sequence[ScoredAnswer], temperature: float) -> Head:
     weight = _equal_weights(map_number)
     offset = np.log(frequency * weight[here].sum() / weight[~here].sum())
     weight = weight[used] / weight[used].sum()
-    features = np.stack([z, nu], 1)[used]
-    bias, (slope, bias_effect) = _fit_logistic(features, right[used], weight, offset[used])
-    return head.model_copy(update={"bias": bias, "slope": max(float(slope), 0.0), "bias_effect": float(bias_effect)})
+    bias, (slope, bias_effect, *rest) = _fit_logistic(np.stack(features, 1)[used], right[used], weight, offset[used])
+    evidence = {
+        name: EvidenceTerm(**terms[name].settings(), bias=float(term_bias), slope=max(float(term_slope), 0.0))
+        for name, term_bias, term_slope in zip(terms, rest[::2], rest[1::2], strict=True)
+    }
+    coefficients = {"bias": bias, "slope": max(float(slope), 0.0), "bias_effect": float(bias_effect)}
+    return head.model_copy(update={**coefficients, "evidence": evidence})
 
 
 _MIN_ACCURACY = 1e-6
 """Lower bound of an accuracy, so that its logarithm is finite."""
+
+
+@dataclass(frozen=True)
+class _Moments:
+    """Moments of a value of out-of-map answers, such as the contrast.
+
+    Attributes:
+        by_map: Mean and standard deviation at nu = 0 for each map with out-of-map answers, by the number of the map.
+        mean_effect: As in `Head`.
+        deviation_effect: As in `Head`.
+    """
+
+    by_map: Mapping[int, tuple[float, float]]
+    mean_effect: float
+    deviation_effect: float
+
+    @property
+    def mean(self) -> float:
+        """Mean over the maps; 0 without maps."""
+        return float(np.mean([mean for mean, _ in self.by_map.values()])) if self.by_map else 0.0
+
+    @property
+    def deviation(self) -> float:
+        """Root mean square of the deviations of the maps; 0 without maps."""
+        return float(np.sqrt(np.mean([s**2 for _, s in self.by_map.values()]))) if self.by_map else 0.0
+
+    def settings(self) -> dict[str, float]:
+        """Return the settings of `Head` and of `EvidenceTerm` for the mean, the deviation, and the effects on them."""
+        moments = {"absent_mean": self.mean, "absent_deviation": self.deviation}
+        return {**moments, "mean_effect": self.mean_effect, "deviation_effect": self.deviation_effect}
+
+    def standardize(self, value: np.ndarray, nu: np.ndarray, map_number: np.ndarray) -> np.ndarray:
+        """Return the values (N,), standardized with the moments of their maps."""
+        z = np.empty(len(value))
+        for number in np.unique(map_number):
+            rows = map_number == number
+            mean, deviation = self.by_map.get(int(number), (self.mean, self.deviation))
+            moments = mean, deviation or self.deviation, self.mean_effect, self.deviation_effect
+            z[rows] = standardize(value[rows], nu[rows], *moments)
+        return z
+
+
+def _fit_moments(value: np.ndarray, nu: np.ndarray, map_number: np.ndarray, is_used: np.ndarray) -> _Moments:
+    """Return the moments of the values (N,) of those answers that are used (N,): out-of-map answers with a known
+    value."""
+    effects = _fit_effects(value[is_used], nu[is_used], map_number[is_used])
+    moments = {
+        int(number): absent_moments(value[rows], nu[rows], *effects)
+        for number in np.unique(map_number)
+        if (rows := (map_number == number) & is_used).any()
+    }
+    return _Moments(moments, *effects)
 
 
 def _fit_effects(contrast: np.ndarray, nu: np.ndarray, map_number: np.ndarray) -> tuple[float, float]:
@@ -198,8 +254,10 @@ def _fit_effects(contrast: np.ndarray, nu: np.ndarray, map_number: np.ndarray) -
     def loss(effects: np.ndarray) -> float:
         total = RIDGE * float(effects @ effects)
         for values, own in groups:
-            deviation = absent_moments(values, own, *effects)[1]
-            total += float(np.log(max(deviation, _MIN_DEVIATION)) + effects[1] * own.mean()) / len(groups)
+            mean, deviation = absent_moments(values, own, *effects)
+            deviation = max(deviation, _MIN_DEVIATION)
+            z = standardize(values, own, mean, deviation, *effects)
+            total += float(np.log(deviation) + effects[1] * own.mean() + np.mean(z**2) / 2) / len(groups)
         return total
 
     result = minimize(loss, np.zeros(2), method="Nelder-Mead", options={"initial_simplex": _FIRST_EFFECTS})
@@ -263,7 +321,7 @@ def _fit_logistic(
 
     mean = weight @ features
     spread = np.sqrt(weight @ (features - mean) ** 2)
-    spread[spread == 0] = 1.0
+    spread[spread < _MIN_DEVIATION] = 1.0  # a constant feature has no effect
     standardized = (features - mean) / spread
 
     def loss(parameters: np.ndarray) -> tuple[float, np.ndarray]:

@@ -167,6 +167,23 @@ def test_an_outline_is_remembered_where_there_is_range():
     )
 
 
+def test_an_answer_has_the_evidence_of_its_first_place_for_the_posterior():
+    """The values of the best hypothesis. Panoramas without range images have no outline."""
+    localizer = SaliencyPlacesLocalizer(SaliencyPlacesLocalizer.Config(detector="annotations"))
+    built = LocalizationMap.build(localizer, FRAMES)
+    T = pose_2d(0.3, -0.4, 0.7)
+    description = localizer.describe(panorama("q", ["a"], T))
+    answer = built.answer(description)
+    evidence = localizer.evidence(description)
+    of_place = np.array(evidence.places) == answer.places[0].place
+    scores = np.where(of_place, evidence.scores(localizer.config.weights), -np.inf)
+    assert dict(answer.evidence) == {"likelihood": evidence.values["likelihood"][scores.argmax()]}
+    assert answer.evidence["likelihood"] > 0
+    bearings = built.answer(graph_to_arrays(without_range(graph_from_arrays(description))))
+    assert bearings.places
+    assert dict(bearings.evidence) == {}
+
+
 def test_what_is_fitted_comes_from_a_file_or_the_settings(tmp_path):
     rates, weights = shipped_rates().model_copy(update={"clutter": 0.5}), shipped_weights()
     path = tmp_path / "fitted.yaml"

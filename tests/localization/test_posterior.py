@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import norm
@@ -9,7 +11,7 @@ from scipy.stats import norm
 from salframe.framework.errors import ConfigError, DataError
 from salframe.framework.validation import validate
 from salframe.localization.answers import Localization, RankedPlace
-from salframe.localization.posterior import Head, Posterior, read_fitted, shares
+from salframe.localization.posterior import EvidenceTerm, Head, Posterior, read_fitted, shares
 from salframe.localization.posterior_fit import ScoredAnswer, fit_posterior
 
 NEUTRAL = {"absent_mean": 0.0, "absent_deviation": 1.0, "bias": 0.0, "slope": 0.0, "accuracy": 1.0, "other_score": 0.0}
@@ -55,6 +57,32 @@ def test_the_head_is_a_mixture_of_right_and_wrong_answers():
     np.testing.assert_allclose(head.in_map(contrast, np.zeros(3)), present / (present + 1))
 
 
+OUTLINE = EvidenceTerm(absent_mean=10.0, absent_deviation=4.0, bias=-0.5, slope=1.0)
+
+
+def test_evidence_multiplies_the_likelihood_ratio_and_missing_evidence_does_not():
+    """Right answers have an outline that is higher by one deviation than in out-of-map answers: the ratio of the
+    densities of two normal distributions is exp(z - 1 / 2)."""
+    known = {"absent_mean": 2.0, "absent_deviation": 0.5, "bias": -2.0, "slope": 2.0, "accuracy": 0.8}
+    head = Head(**known, other_score=0.0, evidence={"outline": OUTLINE})
+    contrast, outline = np.array([1.0, 2.0, 3.5, 2.0]), np.array([9.0, 18.0, 10.0, np.nan])
+    ratio = norm.pdf(contrast, 3.0, 0.5) / norm.pdf(contrast, 2.0, 0.5)
+    ratio[:3] *= norm.pdf(outline[:3], 14.0, 4.0) / norm.pdf(outline[:3], 10.0, 4.0)
+    present = 0.8 * ratio + 0.2
+    columns = {"outline": outline, "unused": np.zeros(4)}
+    np.testing.assert_allclose(head.in_map(contrast, np.zeros(4), columns), present / (present + 1))
+    bare = Head(**known, other_score=0.0)
+    np.testing.assert_allclose(head.in_map(contrast, np.zeros(4)), bare.in_map(contrast, np.zeros(4)))
+
+
+def test_the_probability_of_an_answer_uses_its_evidence():
+    """A contrast without effect, and an outline with the log-ratio -1 / 2 + 2: the odds of being in the map."""
+    evidence = {"outline": OUTLINE}
+    shown = replace(answer(4.0, 2.0), evidence={"outline": 18.0})
+    assert posterior(evidence=evidence).apply(shown).out_of_map_probability == pytest.approx(1 / (1 + np.exp(1.5)))
+    assert posterior(evidence=evidence).apply(answer(4.0, 2.0)).out_of_map_probability == pytest.approx(0.5)
+
+
 def test_an_answer_that_is_not_here_loses_its_pose_and_keeps_its_places():
     found = posterior(bias=-1.0).apply(answer(4.0, 2.0))
     assert (found.status, found.T_world_query, len(found.places)) == ("out-of-map", None, 2)
@@ -98,8 +126,9 @@ def test_a_fit_recovers_what_the_answers_were_drawn_from():
 
 
 def test_the_head_depends_on_the_number_of_objects():
-    """A query with a quarter of the objects of the map: half the mean, the deviation of 1 / 4**0.25, a bias of
-    -2 + ln(4) and the odds of a right answer of 4 / 4**1.5. Where a number is unknown, it has no effect."""
+    """A query with a quarter of the objects of the map: a mean that is smaller by ln(4) / 2 deviations, the deviation
+    of 1 / 4**0.25, a bias of -2 + ln(4) and the odds of a right answer of 4 / 4**1.5. Where a number is unknown, it has
+    no effect."""
     effects = {
         "objects": 8.0,
         "mean_effect": 0.5,
@@ -110,7 +139,7 @@ def test_the_head_depends_on_the_number_of_objects():
     known = {"absent_mean": 4.0, "absent_deviation": 1.0, "bias": -2.0, "slope": 2.0, "other_score": 0.0}
     head = Head(**known, accuracy=0.8, **effects)
     deviation, odds = 4**-0.25, 4 / 4**1.5
-    right = odds / (1 + odds) * np.exp(-2 + np.log(4) + 2 * (3.0 - 2.0) / deviation)
+    right = odds / (1 + odds) * np.exp(-2 + np.log(4) + 2 * (3.0 - (4.0 - np.log(4) / 2)) / deviation)
     wrong = 1 / (1 + odds)
     expected = (right + wrong) / (right + wrong + 1)
     assert float(head.in_map(np.array(3.0), np.array(2))) == pytest.approx(expected)
@@ -127,7 +156,7 @@ def test_a_fit_recovers_the_effects_of_the_number_of_objects():
             nu = np.log(objects / 10)
             odds = 4 * np.exp(1.5 * nu)
             right = here and rng.uniform() < odds / (1 + odds)
-            contrast = 6 * np.exp(0.4 * nu) + np.exp(0.2 * nu) * (rng.standard_normal() + 2 * right)
+            contrast = 6 + 0.4 * nu + np.exp(0.2 * nu) * (rng.standard_normal() + 2 * right)
             scores = np.array([contrast, 0.0])
             answers.append(ScoredAnswer(scores, int(not right) if here else None, here, "one", int(objects), 10.0))
     found = fit_posterior(answers).posterior
@@ -141,6 +170,35 @@ def test_a_fit_recovers_the_effects_of_the_number_of_objects():
     assert head.bias_effect == pytest.approx(0, abs=0.2)
 
 
+def test_a_fit_recovers_the_evidence_that_half_of_the_answers_have():
+    """Contrast and outline are independent, and both are higher in right answers: by 2 and by 1.5 deviations."""
+    rng = np.random.default_rng(6)
+    answers = []
+    for here in (True, False):
+        for number in range(6000):
+            right = here and rng.uniform() < 0.8
+            scores = np.array([6 + rng.standard_normal() + 2 * right, 0.0])
+            evidence = {"outline": 30 + 5 * (rng.standard_normal() + 1.5 * right)} if number % 2 else {}
+            answers.append(ScoredAnswer(scores, int(not right) if here else None, here, "one", evidence=evidence))
+    fit = fit_posterior(answers)
+    term = fit.posterior.head.evidence["outline"]
+    assert term.absent_mean == pytest.approx(30, abs=0.4)
+    assert term.absent_deviation == pytest.approx(5, rel=0.05)
+    assert term.slope == pytest.approx(1.5, rel=0.1)
+    assert term.bias == pytest.approx(-(1.5**2) / 2, abs=0.25)  # the ridge makes it smaller
+    assert fit.posterior.head.slope == pytest.approx(2, rel=0.1)
+    without = fit_posterior([replace(answer, evidence={}) for answer in answers])
+    assert fit.here_nll_after < without.here_nll_after
+    assert without.posterior.head.evidence == {}
+
+
+def test_evidence_that_all_answers_have_changes_no_bias():
+    answers = [replace(answer, evidence={"outline": float(i % 7)}) for i, answer in enumerate(drawn(300, 5))]
+    head = fit_posterior(answers).posterior.head
+    assert head.evidence["outline"].bias == pytest.approx(0, abs=1e-6)
+    assert np.isfinite(head.bias)
+
+
 def test_a_fit_is_the_same_for_the_same_answers():
     answers = list(drawn(200, 2))
     assert fit_posterior(answers) == fit_posterior(answers)
@@ -151,7 +209,7 @@ def test_answers_that_can_be_told_apart_have_a_finite_slope():
         ScoredAnswer(np.array([2.0, second]), None, False, "one") for second in (1.8, 1.9)
     ]
     found = fit_posterior(answers)
-    assert np.isfinite([*found.posterior.head.model_dump().values()]).all()
+    assert np.isfinite([*found.posterior.head.model_dump(exclude={"evidence"}).values()]).all()
     assert found.posterior.apply(answer(2.0, 1.9)).status == "out-of-map"
     assert found.posterior.apply(answer(9.0, 1.0)).status == "ok"
 

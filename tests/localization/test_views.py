@@ -41,7 +41,7 @@ def test_the_motion_of_the_last_view_is_the_identity():
     assert motions([View(PANORAMA), View(PANORAMA)]) is None
     with pytest.raises(DataError, match="no views"):
         motions([])
-    with pytest.raises(DataError, match="view number 0 \(from 0\) has the type Panorama"):
+    with pytest.raises(DataError, match=r"view number 0 \(from 0\) has the type Panorama"):
         motions([PANORAMA])
 
 

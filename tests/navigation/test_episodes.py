@@ -71,7 +71,7 @@ def test_a_file_gives_starts_and_goals(sites):
         ({"start": "b", "goal": "c"}, "episode 1: building floor: unknown node 'c'"),
         (
             {"start": "b", "goal": "a-west", "world": "attic"},
-            "episode 1: the episode has the unknown `world` \(building\) 'attic', expected one of floor",
+            r"episode 1: the episode has the unknown `world` \(building\) 'attic', expected one of floor",
         ),
     ],
 )

@@ -19,7 +19,7 @@ from salframe.framework.components.presets import configure
 from salframe.framework.components.registry import registry
 from salframe.framework.errors import ConfigError, InputMissing, WeightsError
 from salframe.graphs.detections import Detections
-from salframe.panoramas.exposure import brighten_dark
+from salframe.panoramas.exposure import correct_dark
 from salframe.panoramas.geometry import pose_2d, transform_points, wrap_angle
 from salframe.panoramas.panorama import Annotations, Panorama
 from salframe.panoramas.query_image import QueryImage, change_image
@@ -206,4 +206,4 @@ def test_dark_panoramas_are_corrected_and_others_are_not(detector, panoramas):
     assert scores(detector, day) == scores(uncorrected, day)
     dark = replace(day, rgb=change_image(day.rgb, QueryImage(exposure_ev=-2)))
     assert scores(detector, dark) != scores(uncorrected, dark)
-    assert scores(detector, dark) == scores(uncorrected, replace(dark, rgb=brighten_dark(dark.rgb)))
+    assert scores(detector, dark) == scores(uncorrected, replace(dark, rgb=correct_dark(dark.rgb)))

@@ -12,7 +12,7 @@ import yaml
 onnx = pytest.importorskip("onnx")
 
 COLOURS = {
-    "wall": (90, 90, 90),
+    "wall": (128, 128, 128),
     "armchair": (255, 0, 0),
     "plant": (0, 255, 0),
     "tv": (0, 0, 255),

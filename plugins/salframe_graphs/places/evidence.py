@@ -177,6 +177,14 @@ class PlaceEvidence:
                 columns |= _checked(model, model.score(description, hypotheses), len(rows))
         return Evidence([self.places.names[name] for name in names.tolist()], columns)
 
+    def for_posterior(self, evidence: Evidence, row: int) -> dict[str, float]:
+        """Return the columns that the posterior uses, with their values for the hypothesis `row`.
+
+        A column with the value 0 is left out: the query or the map lacks its data, or the hypothesis has no pose.
+        """
+        names = [column.name for model in self._models for column in model.columns if column.in_posterior]
+        return {name: value for name in names if (value := float(evidence.values[name][row]))}
+
     def _added(self, description: Description, arrays_of: Callable[[EvidenceModel], Description]) -> Description:
         """Return a copy of a description, extended by the arrays of each component, which `arrays_of` returns.
 

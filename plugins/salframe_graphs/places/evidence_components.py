@@ -60,6 +60,7 @@ class LikelihoodEvidence(EvidenceModel):
         EvidenceColumn(
             "likelihood",
             "log likelihood ratio (nats) of the objects of the query, at the best pose in the candidate place",
+            in_posterior=True,
         ),
         EvidenceColumn(
             "bearing_likelihood",
@@ -91,6 +92,7 @@ class OutlineEvidence(EvidenceModel):
         EvidenceColumn(
             "outline",
             "log likelihood ratio (nats) of the outline of the free space, at the best pose in the candidate place",
+            in_posterior=True,
         ),
     )
     arrays = (OUTLINE,)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import lcm
 from pathlib import Path
@@ -94,7 +94,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
     """
 
     name = "saliency-places"
-    version = "13"
+    version = "14"
     uses_floors = True
 
     class Config(PlacesConfig):
@@ -224,20 +224,21 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         frames = [self._matching.frames[number] for number in self._map.nearest_frames(names, ranking.poses, pose_row)]
         ids = [frame.id for frame in frames]
         places = ranked_places(ids, [self._map.names[name] for name in names.tolist()], ranking.score.tolist())
+        evidence = ranking.evidence
         if not self.config.pose:
-            return Localization(places, frames[0].T_world_pano, LocalizationStatus.OK)
+            return Localization(places, frames[0].T_world_pano, LocalizationStatus.OK, evidence=evidence)
         if pose_row[0] < 0:
-            return self._without_pose(places, names[0])
+            return self._without_pose(places, names[0], evidence)
         best, share = ranking.search.poses.take(pose_row[:1]), ranking.search.share(int(pose_row[0]))
         if (share.sum(1) > 0.5).sum() < MIN_EXPLAINED:
-            return self._without_pose(places, names[0])
+            return self._without_pose(places, names[0], evidence)
         pose, covariance = refine_final_pose(ranking.search.scorer, best, share, MIN_DEVIATION_M)
         height_m = height_of(description) * pose.scale[0]  # the same ranges measured the height
         camera_z_m = (
             self._map.camera_z_m(int(ranking.poses.place[pose_row[0]]), height_m) + pose.camera_height_offset_m[0]
         )
         T_world_query = pose_2d(pose.shift_m[0, 0], pose.shift_m[0, 1], pose.yaw_rad[0], camera_z_m)
-        return Localization(places, T_world_query, LocalizationStatus.OK, covariance)
+        return Localization(places, T_world_query, LocalizationStatus.OK, covariance, evidence=evidence)
 
     def _rank(self, query: SaliencyGraph, description: Description) -> Ranking | None:
         """Return the places of a query, best first; None if no place has any of the query's labels."""
@@ -260,14 +261,17 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
         ascending = np.argsort(value[: len(hypotheses.poses)], kind="stable")
         pose_row[row[ascending]] = ascending  # the last assignment wins: the best hypothesis with a pose
         order = np.lexsort((first, -score))
-        return Ranking(names[order], score[order], pose_row[order], hypotheses.poses, hypotheses.search)
+        rows = np.flatnonzero(row == order[0])
+        evidence = self._evidence.for_posterior(hypotheses.evidence, int(rows[np.argmax(value[rows])]))
+        return Ranking(names[order], score[order], pose_row[order], hypotheses.poses, hypotheses.search, evidence)
 
-    def _without_pose(self, places: tuple[RankedPlace, ...], name: int) -> Localization:
+    def _without_pose(self, places: tuple[RankedPlace, ...], name: int, evidence: Mapping[str, float]) -> Localization:
         """Return an answer without a pose, and with a note if the frames of the first place lie on several storeys.
 
         Args:
             places: The ranked places.
             name: Index of the name of the first place.
+            evidence: Evidence for the first place.
         """
         heights_m = self._map.heights_m(name)
         divided = np.diff(heights_m).max(initial=0) > MAX_STEP_M
@@ -276,7 +280,8 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
             f"{heights_m[0]:.2f} to {heights_m[-1]:.2f} m), expected one storey: use different place "
             "names on each storey"
         )
-        return Localization(places, None, LocalizationStatus.NO_POSE, notes=(note,) if divided else ())
+        notes = (note,) if divided else ()
+        return Localization(places, None, LocalizationStatus.NO_POSE, notes=notes, evidence=evidence)
 
     def evidence(self, description: Description) -> Evidence | None:
         query = graph_from_arrays(description)

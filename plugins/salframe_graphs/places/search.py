@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -58,6 +59,7 @@ class Ranking:
         poses: Poses of the query. Their place indices refer to all places of the map.
         search: Result of the search. Its poses are those of `poses`, but its place indices refer to the searched places
             only.
+        evidence: Evidence for the first place that the posterior uses, by the name of the column.
     """
 
     names: np.ndarray
@@ -65,6 +67,7 @@ class Ranking:
     pose_row: np.ndarray
     poses: Poses
     search: SearchResult
+    evidence: Mapping[str, float] = field(default_factory=dict)
 
 
 def search(

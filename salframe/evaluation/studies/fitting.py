@@ -282,7 +282,7 @@ def _scored(tuning: TuningData, changes: Mapping[str, Any]) -> Iterator[ScoredAn
             scores = np.array([ranked.score for ranked in answer.places], np.float64)
             position = names.index(place) if place in names else None
             objects = localizer.count_objects(description)
-            yield ScoredAnswer(scores, position, here, tuning.map_key, objects, map_objects)
+            yield ScoredAnswer(scores, position, here, tuning.map_key, objects, map_objects, answer.evidence)
 
 
 def _summary(fit: Fit) -> list[str]:

@@ -54,7 +54,7 @@ def study(data: str, method: str = "proposed", **settings) -> Study:
 
 
 def test_queries_of_a_home_are_turned():
-    fast = {"data.height": 128, "data.queries_per_room": 1, "data.rgb": False, "data.query_fov_deg": 60}
+    fast = {"data.height": 128, "data.queries_per_room": 1, "data.rgb": False, "data.query_fov_deg": 40}
     result = run_study(study("house-6", **fast), Request(engine="inline", name="turns"))
     (row,) = result.rows
     lines = (result.runs[0] / "methods" / "proposed" / "rows.jsonl").read_text().splitlines()
