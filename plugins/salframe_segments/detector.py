@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 from salframe.framework.component import ComponentConfig
 from salframe.framework.components.identity import SingleFile
 from salframe.framework.errors import InputMissing, WeightsError
-from salframe.framework.files.weights import Link, NetworkWeights, WeightsFile
+from salframe.framework.files.weights import Download, Link, NetworkWeights, WeightsFile
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
 from salframe.graphs.score_calibration import ScoreCalibration
@@ -24,26 +24,47 @@ from salframe_segments.networks import TFLITE, open_network
 from salframe_segments.semantic import UNSEEN, Classes, PixelClasses, classify, find_objects
 from salframe_segments.view_scores import Views
 
-ADE20K = NetworkWeights(
-    name="ade20k",
-    licence="Apache-2.0",
-    data="ADE20K, whose images are for research and non-commercial use",
-    files=(
-        WeightsFile(
-            "lite-model_deeplabv3-mobilenetv2-ade20k_1_default_1.tflite",
-            "9476784566f88bf0bdc3169f0012fb7d08857b325811d8c1aaf5ada1c0d4e4f9",
-            2_415_896,
+_ADE20K_TERMS = "ADE20K, whose images are for research and non-commercial use"
+NETWORKS = {
+    weights.name: weights
+    for weights in (
+        NetworkWeights(
+            name="ade20k",
+            licence="Apache-2.0",
+            data=_ADE20K_TERMS,
+            files=(
+                WeightsFile(
+                    "lite-model_deeplabv3-mobilenetv2-ade20k_1_default_1.tflite",
+                    "9476784566f88bf0bdc3169f0012fb7d08857b325811d8c1aaf5ada1c0d4e4f9",
+                    2_415_896,
+                ),
+            ),
+            # TensorFlow Hub moved to Kaggle: the first address redirects, the second hosts its TensorFlow Lite files.
+            source=Link(
+                (
+                    "https://tfhub.dev/sayakpaul/lite-model/deeplabv3-mobilenetv2-ade20k/1/default/1?lite-format=tflite",
+                    "https://storage.googleapis.com/tfhub-lite-models/sayakpaul/lite-model/deeplabv3-mobilenetv2-ade20k/1/default/1.tflite",
+                )
+            ),
         ),
-    ),
-    # TensorFlow Hub moved to Kaggle: the first address redirects, the second hosts its TensorFlow Lite files.
-    source=Link(
-        (
-            "https://tfhub.dev/sayakpaul/lite-model/deeplabv3-mobilenetv2-ade20k/1/default/1?lite-format=tflite",
-            "https://storage.googleapis.com/tfhub-lite-models/sayakpaul/lite-model/deeplabv3-mobilenetv2-ade20k/1/default/1.tflite"
-            "",
-        )
-    ),
-)
+        NetworkWeights(
+            name="ade20k-32",
+            licence="Apache-2.0",
+            data=_ADE20K_TERMS,
+            files=(
+                WeightsFile(
+                    "deeplabv3_mnv2_ade20k_uint8.tflite",
+                    "2d58c681d81b5e181816b81cc815b82edf3daad905b4d7d35afade80aee93b5f",
+                    2_348_952,
+                ),
+            ),
+            source=Download(
+                ("https://github.com/mlcommons/mobile_models/raw/1f9963316b81a63fdef1040133ae64f6e8879c5b/v0_7/tflite",)
+            ),
+        ),
+    )
+}
+"""Networks that `salframe weights fetch` downloads, by name. Both are DeepLabv3 on MobileNetV2."""
 
 
 class SegmentsDetector(Detector):
@@ -58,14 +79,14 @@ class SegmentsDetector(Detector):
     needs: ClassVar[frozenset[str]] = frozenset({"rgb"})
     requires = ("ai_edge_litert",)
     extra = "salframe[tflite]"
-    weights = (ADE20K,)
+    weights = tuple(NETWORKS.values())
 
     class Config(ComponentConfig):
-        model: Literal["ade20k"] | SingleFile = Field(
+        model: Literal[tuple(NETWORKS)] | SingleFile = Field(  # type: ignore[valid-type]
             "ade20k",
             union_mode="left_to_right",
-            description="network. ade20k: weights that `salframe weights fetch` downloads; a path: your ONNX or "
-            "TensorFlow Lite file",
+            description="network. ade20k, with 150 classes, and ade20k-32, with 32 classes: weights that `salframe "
+            "weights fetch` downloads; a path: your ONNX or TensorFlow Lite file",
         )
         card: SingleFile | None = Field(
             None,
@@ -100,7 +121,7 @@ class SegmentsDetector(Detector):
             """Set `card` to the card file beside the network file, so that its content is part of the cache key."""
             if isinstance(value, Mapping) and value.get("card") is None:
                 model = value.get("model", "ade20k")
-                if isinstance(model, str | Path) and model != "ade20k" and (card := card_beside(Path(model))):
+                if isinstance(model, str | Path) and model not in NETWORKS and (card := card_beside(Path(model))):
                     return {**value, "card": str(card)}
             return value
 
@@ -130,12 +151,12 @@ class SegmentsDetector(Detector):
     @classmethod
     def requires_in_use(cls, config: Any) -> tuple[str, ...]:
         """Return LiteRT's package, which only TensorFlow Lite networks need."""
-        return cls.requires if config.model == "ade20k" or config.model.suffix == TFLITE else ()
+        return cls.requires if isinstance(config.model, str) or config.model.suffix == TFLITE else ()
 
     @classmethod
     def weights_in_use(cls, config: Any) -> tuple[NetworkWeights, ...]:
         """Return the downloadable weights that `model` names; empty if `model` is a file."""
-        return cls.weights if config.model == "ade20k" else ()
+        return (NETWORKS[config.model],) if isinstance(config.model, str) else ()
 
     @from_near_side
     def detect(self, panorama: Panorama) -> Detections:
@@ -174,10 +195,10 @@ def _model_path(model: str | SingleFile) -> Path:
         WeightsError: The file is missing, or the hash of the downloaded weights is wrong.
     """
     if isinstance(model, str):
-        return ADE20K.paths()[0]
+        return NETWORKS[model].paths()[0]
     if not model.is_file():
         raise WeightsError(
             f"the setting model is {model}, which does not exist; expected the path of an ONNX or TensorFlow Lite "
-            "file, or ade20k"
+            f"file, or one of {', '.join(NETWORKS)}"
         )
     return model

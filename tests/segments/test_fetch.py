@@ -50,10 +50,10 @@ def published(folder, address, tmp_path, monkeypatch):
     monkeypatch.setenv("SALFRAME_CACHE", str(tmp_path / "cache"))
     content = write_tflite(folder / "network.tflite", quantized=True).read_bytes()
     sha256 = hashlib.sha256(content).hexdigest()
-    file = WeightsFile(detector.ADE20K.files[0].name, sha256, len(content))
+    file = WeightsFile(detector.NETWORKS["ade20k"].files[0].name, sha256, len(content))
     source = Link((f"{address}/gone.tflite", f"{address}/network.tflite?lite-format=tflite"))
-    weights = replace(detector.ADE20K, files=(file,), source=source)
-    monkeypatch.setattr(detector, "ADE20K", weights)
+    weights = replace(detector.NETWORKS["ade20k"], files=(file,), source=source)
+    monkeypatch.setitem(detector.NETWORKS, "ade20k", weights)
     monkeypatch.setattr(detector.SegmentsDetector, "weights", (weights,))
     shipped = tmp_path / "cards"
     shipped.mkdir()
