@@ -24,7 +24,7 @@ class FolderDataset(Dataset):
     """Panoramas in a folder with a manifest.json, whose format is described in docs/reference/folder-format.md."""
 
     name = "folder"
-    version = "2"
+    version = "3"
 
     class Config(QueryView):
         root: Path | None = Field(

@@ -30,6 +30,7 @@ from salframe.panoramas.folder_format import (
 )
 from salframe.panoramas.frames import FrameKind, QueryFrame, ReferenceFrame, Truth
 from salframe.panoramas.label_table import LabelTable
+from salframe.panoramas.logo import find_logo
 from salframe.panoramas.panorama import Panorama
 from salframe.panoramas.panorama_files import load_panorama
 from salframe.panoramas.pose_conventions import convert_pose
@@ -38,6 +39,8 @@ from salframe.panoramas.sequences import Odometry
 
 _MIN_UPRIGHT_COSINE = np.cos(np.radians(1.0))
 """Cosine of the maximum tilt of a pose that counts as upright."""
+_MAX_LOGO_FRAMES = 8
+"""Maximum number of frames whose pictures are compared to find a logo."""
 MIN_STOREY_M = 2.4
 """Minimum height of a storey. Cameras whose heights differ by more stand on different floors."""
 
@@ -174,7 +177,25 @@ class Folder:
             rendered=self.manifest.rendered,
             encoding=frame.encoding(self.manifest.encoding(RangeEncoding())),
             level=pose is None or pose[2, 2] > _MIN_UPRIGHT_COSINE,
+            logo=self._logo,
         )
+
+    @cached_property
+    def _logo(self) -> np.ndarray | None:
+        """The logo at the bottom of the panoramas, as in `find_logo`. Rendered panoramas have none."""
+        entries = [] if self.manifest.rendered else [frame for frame in self.manifest.frames if frame.rgb is not None]
+        if len(entries) > _MAX_LOGO_FRAMES:
+            indices = np.linspace(0, len(entries) - 1, _MAX_LOGO_FRAMES).round().astype(int)
+            entries = [entries[index] for index in indices]
+        return find_logo(rgb for entry in entries if (rgb := self._stored_picture(entry)) is not None)
+
+    def _stored_picture(self, frame: FrameEntry) -> np.ndarray | None:
+        """Return the picture of a frame, (H, 2H, 3) uint8 on the full sphere and not levelled. None if it cannot be
+        read, which is an error when the frame is loaded."""
+        try:
+            return load_panorama(frame.id, rgb=self.root / (frame.rgb or ""), level=False).rgb
+        except DataError:
+            return None
 
     def floors(self) -> list[FloorMasks]:
         """Read the floor masks."""

@@ -11,6 +11,7 @@ from salframe.framework.errors import DataError
 from salframe.panoramas import images
 from salframe.panoramas.blank_rows import blank_rows
 from salframe.panoramas.fisheye import is_dual_fisheye
+from salframe.panoramas.logo import num_logo_rows
 from salframe.panoramas.panorama import Annotations, Panorama
 from salframe.panoramas.photo_sphere import PhotoSphere, read_photo_sphere
 from salframe.panoramas.range_encoding import RangeEncoding
@@ -27,6 +28,7 @@ def load_panorama(
     rendered: bool = False,
     encoding: RangeEncoding | None = None,
     level: bool = True,
+    logo: np.ndarray | None = None,
 ) -> Panorama:
     """Read the image files of a panorama.
 
@@ -34,8 +36,8 @@ def load_panorama(
     false elsewhere. If the XMP declares a tilt and `level` is true, the picture is turned upright. The other images are
     changed in the same way.
 
-    `valid` is also false in black bands without range at the top and bottom of the picture (`blank_rows`), such as the
-    patch that hides a tripod.
+    `valid` is also false in two kinds of rows without range: in black bands at the top and bottom of the picture
+    (`blank_rows`), such as the patch that hides a tripod, and in the rows of the logo.
 
     Args:
         id: Id of the panorama.
@@ -47,6 +49,7 @@ def load_panorama(
         rendered: Whether labels and ranges come from a renderer, as in `Annotations`.
         encoding: Encoding of the values of the range image; None: millimetres along the ray.
         level: Whether to turn a tilted picture upright.
+        logo: (R, 2H, 3) uint8, lowest rows of all pictures of the camera (`find_logo`); None: no logo.
 
     Raises:
         DataError: A file is missing or malformed, the images differ in size, the XMP contradicts them, or the picture
@@ -72,13 +75,11 @@ def load_panorama(
     encoding = encoding or RangeEncoding()
     if (steps := parts["range"]) is not None:
         parts["range"] = encoding.panorama_range(steps)
-    parts["valid"], num_masked = _mask_blank_rows(parts)
+    notes += _mask_rows(parts, logo)
     if sphere is not None and level:
         parts = {name: None if image is None else sphere.level(image) for name, image in parts.items()}
     if sphere is not None and (note := sphere.note(levelled=level)):
         notes.append(note)
-    if num_masked:
-        notes.append(f"{num_masked} black rows at the top or bottom are masked")
     instance_id = parts["instances"]
     annotations = None if instance_id is None else Annotations(instance_id, labels or {}, rendered=rendered)
     return Panorama(
@@ -132,20 +133,28 @@ def _place(parts: Mapping[str, np.ndarray | None], sphere: PhotoSphere) -> dict[
     return placed
 
 
-def _mask_blank_rows(parts: Mapping[str, np.ndarray | None]) -> tuple[np.ndarray | None, int]:
-    """Return the mask `valid` without the blank rows of the picture, and the number of rows that it loses by this.
+def _mask_rows(parts: dict[str, np.ndarray | None], logo: np.ndarray | None) -> list[str]:
+    """Set the mask `valid` to false in black bands and in the logo of the camera, and return a note for each.
 
-    If it loses no row, it is returned unchanged, even if it is None. Images of different sizes, which `Panorama`
+    If there are no such rows, the mask stays unchanged, even if it is None. Images of different sizes, which `Panorama`
     refuses, change nothing.
     """
     rgb, range_m, valid = parts["rgb"], parts["range"], parts["valid"]
     if rgb is None or any(image is not None and image.shape[:2] != rgb.shape[:2] for image in parts.values()):
-        return valid, 0
-    visible = np.ones(rgb.shape[:2], bool) if valid is None else valid
+        return []
+    visible = np.ones(rgb.shape[:2], bool) if valid is None else valid.copy()
     rows = np.flatnonzero(visible.any(axis=1))
-    lost = rows[blank_rows(rgb[rows], None if range_m is None else range_m[rows])]
-    if not len(lost):
-        return valid, 0
-    masked = visible.copy()
-    masked[lost] = False
-    return masked, len(lost)
+    black = rows[blank_rows(rgb[rows], None if range_m is None else range_m[rows])]
+    visible[black] = False
+    hidden = len(rgb) - (0 if logo is None else num_logo_rows(rgb, logo))
+    in_logo = visible[hidden:] if range_m is None else visible[hidden:] & np.isnan(range_m[hidden:])
+    num_logo = int(in_logo.any(axis=1).sum())
+    visible[hidden:] &= ~in_logo
+    notes = []
+    if len(black):
+        notes.append(f"{len(black)} black rows at the top or bottom are masked")
+    if num_logo:
+        notes.append(f"{num_logo} rows at the bottom are masked: they show the same logo in all panoramas")
+    if notes:
+        parts["valid"] = visible
+    return notes
