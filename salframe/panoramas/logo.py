@@ -11,7 +11,10 @@ MIN_PICTURES = 4
 """Minimum number of panoramas that show whether a picture at the bottom is a logo. Fewer may show one floor."""
 MAX_DIFFERENCE = 8
 """Maximum difference of a channel (0 to 255) between two pixels of the same logo. JPEG compression changes equal blocks
-equally. It changes blocks at the edge of the logo differently."""
+equally."""
+MAX_FRINGE, FRINGE_ROWS = 40, 16
+"""Maximum difference in the fringe of the logo, and maximum number of rows of the fringe: one block of JPEG. Such a
+block also contains pixels above the logo, which differ between panoramas."""
 MIN_SHARE = 0.95
 """Minimum share of the pixels in a row of a logo that are equal in all panoramas."""
 MIN_HEIGHT, MAX_HEIGHT = 0.02, 0.25
@@ -53,6 +56,13 @@ def num_logo_rows(picture: np.ndarray, logo: np.ndarray) -> int:
     if picture.shape[1:] != logo.shape[1:]:
         return 0
     num_rows = min(len(picture), len(logo))
-    difference = np.abs(picture[-num_rows:].astype(np.int16) - logo[-num_rows:]).max(axis=2)
-    is_equal = (difference <= MAX_DIFFERENCE).mean(axis=1) >= MIN_SHARE
-    return int(np.logical_and.accumulate(is_equal[::-1]).sum())
+    difference = np.abs(picture[-num_rows:].astype(np.int16) - logo[-num_rows:]).max(axis=2)[::-1]
+    num_equal = _num_leading(difference, MAX_DIFFERENCE)
+    return num_equal and num_equal + _num_leading(difference[num_equal : num_equal + FRINGE_ROWS], MAX_FRINGE)
+
+
+def _num_leading(difference: np.ndarray, limit: int) -> int:
+    """Return the number of rows before the first row in which fewer than MIN_SHARE of the pixels differ by at most
+    `limit`. `difference` is (R, 2H)."""
+    is_equal = (difference <= limit).mean(axis=1) >= MIN_SHARE
+    return int(np.logical_and.accumulate(is_equal).sum())
