@@ -37,8 +37,8 @@ GROUPS = {"columns": "column", "rows": "method or detector", "inputs": "input", 
 """Heading of the definitions of each group of terms."""
 ACCURACY, SUCCESS_RATE = "accuracy %", "SR %"
 """Columns that only tables of localization and only tables of navigation have."""
-IN_NAVIGATION = f"p (Holm) in tables with {SUCCESS_RATE}"
-"""Term that explains what differs in tables of navigation, on pages that also have tables of localization."""
+IN_NAVIGATION = {f"{name} in tables with {SUCCESS_RATE}" for name in ("95 % CI", "p (Holm)")}
+"""Terms that explain what differs in tables of navigation, on pages that also have tables of localization."""
 HOURS = re.compile(r"(<!-- hours -->).*?(<!-- /hours -->)")
 TABLE = re.compile(r"(<!-- table: ([\w-]+) ([\w-]+) (\[.*?\]) -->\n).*?(<!-- /table -->\n)", re.DOTALL)
 LIST = re.compile(r"(<!-- experiments -->\n).*?(<!-- /experiments -->\n)", re.DOTALL)
@@ -116,7 +116,7 @@ def used_terms(tables: Sequence[Table], titles: str = "") -> dict[str, set[str]]
             used["rows"] |= set(re.sub(r"\[.*", "", cells[METHOD]).split(", "))
             used["inputs"] |= {_input(part) for part in re.split(r", | \+ ", cells.get("input", "-"))} - {"-"}
     if {SUCCESS_RATE, ACCURACY} <= used["columns"]:
-        used["columns"].add(IN_NAVIGATION)
+        used["columns"] |= IN_NAVIGATION
     used["data"] |= {word for word in TERMS["data"] if word in titles.lower()}
     return used
 
