@@ -94,8 +94,8 @@ def draw_episodes(sites: Mapping[str, Site], count: int, seed: int) -> tuple[lis
     for world, site in sites.items():
         if _draw(site, np.random.default_rng([seed, 0]), 0) is None:
             left_out.append(
-                f"the building {world} allows no episode, expected a start and a goal node in different rooms, and a "
-                "path between them"
+                f"the building {world} allows no episode (walk to a goal), expected a start and a goal in different "
+                "rooms, and a path between them"
             )
         else:
             worlds.append(world)
