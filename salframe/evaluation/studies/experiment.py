@@ -289,5 +289,8 @@ def reported_in(experiment: Experiment) -> tuple[tuple[str, ReportedTable], ...]
     tables_by_title = {part.title: (paper.source, part) for paper in read_reported() for part in paper.tables}
     absent = [title for title in experiment.reported if title not in tables_by_title]
     if absent:
-        raise ConfigError(f"the key `reported` has an {unknown('table title', absent[0], list(tables_by_title))}")
+        raise ConfigError(
+            f"the key `reported` of the experiment {experiment.title!r} has an "
+            f"{unknown('table title', absent[0], list(tables_by_title))}"
+        )
     return tuple(tables_by_title[title] for title in experiment.reported)
