@@ -225,7 +225,8 @@ def main() -> None:
         if _debug:
             raise
         _fail(
-            f"out of memory{f': {one_line(error)}' if str(error) else ''}; close other programs, or use fewer workers"
+            f"out of memory{f': {one_line(error)}' if str(error) else ''}; close other programs, or "
+            "use fewer workers if the command has the option --workers"
         )
 
 

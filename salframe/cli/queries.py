@@ -62,15 +62,19 @@ class QueryOptions:
             raise ConfigError("received --views without a view, expected the views as arguments: --views a.jpg b.jpg")
         if not (self.frames or has_images):
             raise ConfigError(
-                "received neither a frame nor images, expected either FRAME or image files such as --rgb FILE"
+                "received neither FRAME (a file, or the id of a panorama in --data) nor image files such as --rgb "
+                "FILE, expected one of them"
             )
         if self.frames and has_images and not takes_both:
             raise ConfigError(
-                "received both a frame and images, expected either FRAME or image files such as --rgb FILE"
+                "received both FRAME and image files such as --rgb FILE, expected only one of them (with a "
+                "photograph as FRAME, add --fov or --camera)"
             )
         if not self.is_sequence and (len(self.frames) > 1 or self.motion is not None):
-            received = f"{len(self.frames)} frames" if len(self.frames) > 1 else "--motion"
-            raise ConfigError(f"received {received} without --views, expected --views for several views of one query")
+            received = f"{len(self.frames)} values for FRAME" if len(self.frames) > 1 else "--motion"
+            raise ConfigError(
+                f"received {received} without --views: add --views to localize several views as one query"
+            )
         if self.camera is not None and self.fov_deg is not None:
             raise ConfigError("received both --camera and --fov, expected only one of them")
         if self.are_photographs and self.data is not None:

@@ -41,7 +41,7 @@ def check_rerun_output(path: Path) -> None:
         RequirementMissing: The package rerun-sdk is not installed.
     """
     if path.suffix != SUFFIX:
-        raise ConfigError(f"the recording for rerun is {path}, expected a file that ends in {SUFFIX}")
+        raise ConfigError(f"received --rerun {path}, expected a file name that ends in {SUFFIX}")
     if find_spec("rerun") is None:
         raise RequirementMissing(
             "a recording for rerun needs rerun-sdk, which is not installed: pip install 'salframe[rerun]'"

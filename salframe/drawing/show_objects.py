@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from salframe.drawing.object_picture import draw_objects
-from salframe.framework.components.auto import Choice
+from salframe.framework.components.auto import Choice, name_parts
 from salframe.framework.components.registry import registry
 from salframe.framework.components.settings import list_settings
 from salframe.framework.components.slots import slot
@@ -275,13 +275,12 @@ class _Stages:
             InputMissing: The panorama lacks an input of the detector.
             InvalidAnswer: The detector did not return Detections.
         """
-        missing = sorted(self._detector.needs - panorama.provides)
+        missing = self._detector.needs - panorama.provides
         if missing:
-            hint = " (--range FILE)" if missing == ["range"] else ""
+            hint = " (--range FILE)" if missing == {"range"} else ""
             raise InputMissing(
-                f"the detector {self._detector.name!r} needs {' and '.join(missing)}{hint}, which the image "
-                f"{panorama.id} "
-                "does not have"
+                f"the detector {self._detector.name!r} needs {name_parts(missing)}{hint}, which the image "
+                f"{panorama.id} does not have: choose another detector (--detector)"
             )
         start = time.perf_counter()
         detections = self._detector.detect(panorama)
@@ -289,8 +288,7 @@ class _Stages:
         if not isinstance(detections, Detections):
             raise InvalidAnswer(
                 f"the function `detect` of the detector {self._detector.name!r} returned {type(detections).__name__}, "
-                "expected "
-                "Detections"
+                "expected Detections"
             )
         return detections, seconds
 

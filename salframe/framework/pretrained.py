@@ -62,7 +62,8 @@ def check_model(component: str, config: PretrainedConfig) -> None:
     """Raise WeightsError if the setting `model` names no model on this machine. `component` begins the message."""
     if config.model is None:
         raise WeightsError(
-            f"{component} has no network: set the setting `model` to the folder of a model, or to hf:ORG/MODEL",
+            f"{component} has no network: set the setting `model` to the folder of a model, or to hf:ORG/MODEL "
+            "(a model of the Hugging Face hub)",
             "model=FOLDER",
         )
     read_model_config(find_model_folder(config.model))
@@ -97,8 +98,8 @@ def read_model_config(folder: Path) -> Mapping[str, Any]:
     for names in ((CONFIG,), WEIGHTS):
         if not any((folder / name).is_file() for name in names):
             raise WeightsError(
-                f"{folder / names[0]} does not exist, expected a folder with {CONFIG} and {WEIGHTS[0]}: "
-                "other formats of weights can execute code"
+                f"{folder / names[0]} does not exist, expected a folder with {CONFIG} and {WEIGHTS[0]} "
+                "(salframe does not load other formats of weights, because they can execute code)"
             )
     try:
         content = read_json(folder / CONFIG)
@@ -229,7 +230,9 @@ class PretrainedModel:
             if isinstance(value, torch.Tensor) and value.is_floating_point():
                 output[name] = value.float().cpu()
                 if torch.isnan(value).any():
-                    missing = f", and its file lacks {', '.join(self._missing[:3])}" if self._missing else ""
+                    missing = (
+                        f", and its file lacks the weights {', '.join(self._missing[:3])}" if self._missing else ""
+                    )
                     raise WeightsError(
                         f"the network in {self.folder} returned NaN in the output {name}{missing}, expected numbers"
                     )

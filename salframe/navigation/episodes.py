@@ -94,8 +94,8 @@ def draw_episodes(sites: Mapping[str, Site], count: int, seed: int) -> tuple[lis
     for world, site in sites.items():
         if _draw(site, np.random.default_rng([seed, 0]), 0) is None:
             left_out.append(
-                f"the building {world} allows no episode, expected a start and a goal node in different rooms, and a "
-                "path between them"
+                f"the building {world} allows no episode (walk to a goal), expected a start and a goal in different "
+                "rooms, and a path between them"
             )
         else:
             worlds.append(world)
@@ -142,9 +142,12 @@ def read_episode_requests(path: Path) -> tuple[EpisodeRequest, ...]:
     """Read the episodes of a JSON file.
 
     Raises:
-        DataError: The file cannot be read or is invalid.
+        DataError: The file cannot be read, is invalid, or contains no episode.
     """
-    return tuple(read_as(path, list[EpisodeRequest]))
+    requests = tuple(read_as(path, list[EpisodeRequest]))
+    if not requests:
+        raise DataError(f"{path} contains no episode, expected a list of at least one episode")
+    return requests
 
 
 def place_episodes(
@@ -170,7 +173,7 @@ def place_episodes(
         except (DataError, NoRoute, UnknownName) as error:
             left_out.append(f"episode {number}: {error}")
     if not episodes:
-        raise DataError(left_out[0] if left_out else "the file of episodes is empty, expected at least one episode")
+        raise DataError(left_out[0] if left_out else "received no episode, expected at least one")
     return episodes, left_out
 
 

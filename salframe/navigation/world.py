@@ -265,7 +265,10 @@ def open_worlds(dataset: Dataset) -> Sequence[World]:
     if isinstance(dataset, NavigableDataset):
         return dataset.worlds()
     if type(dataset).observe is Dataset.observe:
-        raise InputMissing(f"navigation needs panoramas at new poses, which the dataset {dataset.name} cannot render")
+        raise InputMissing(
+            f"navigation needs panoramas at new poses, which the dataset {dataset.name} cannot render: choose another "
+            "dataset, such as house-12"
+        )
     return floor_worlds(dataset)
 
 
@@ -284,7 +287,10 @@ def floor_worlds(dataset: Dataset, actual: Sequence[FloorMasks] | None = None) -
     """
     floors, connections = dataset.floors(), dataset.connections()
     if not floors:
-        raise DataError(f"navigation needs floor masks to detect collisions, the dataset {dataset.name} has none")
+        raise DataError(
+            "navigation needs floor masks (images of the free floor) to detect collisions, which the dataset "
+            f"{dataset.name} does not have: choose another dataset, such as house-12"
+        )
     order = sorted(range(len(floors)), key=lambda number: floors[number].z_m)
     by_height = [floors[number] for number in order]
     frames_by_floor: list[list[ReferenceFrame]] = [[] for _ in floors]
@@ -295,8 +301,8 @@ def floor_worlds(dataset: Dataset, actual: Sequence[FloorMasks] | None = None) -
     without_frames = [floor.z_m for floor, frames in zip(floors, frames_by_floor, strict=True) if not frames]
     if without_frames:
         raise DataError(
-            f"the dataset {dataset.name} has no reference frame on its floor at z = {without_frames[0]:g} m, "
-            "expected at least one on each floor"
+            f"the dataset {dataset.name} has no reference frame (panorama of the map) on its floor at "
+            f"z = {without_frames[0]:g} m, expected at least one on each floor"
         )
     pairs = _connected_floors(by_height, frames_by_floor, connections)
     building = components(len(floors), np.array([(order[i], order[j]) for i, j in pairs], int).reshape(-1, 2))

@@ -32,7 +32,8 @@ def plan_route(served: ServedMap, start: RouteStart, goal: RouteGoal) -> dict[st
     if topology is None:
         raise Problem(
             HTTPStatus.CONFLICT,
-            "the map has no topology, which routes need: build the map from data with floor masks or range",
+            "the map has no topology (graph for routes): build the map again without --no-topology, from data with "
+            "floor masks (images of the free floor) or range images",
         )
     first, heading_rad = start.place or "", None
     if start.pose is not None:
@@ -61,7 +62,8 @@ def _node_of_frame(topology: TopologicalMap, frame: str) -> str:
             return node.id
     raise Problem(
         HTTPStatus.CONFLICT,
-        f"no route starts at this frame: the reference frame {shorten(repr(frame))} has no node in the topology",
+        f"no route starts at the reference frame {shorten(repr(frame))}, because it has no node in the topology (graph "
+        "for routes): send `pose` or `place` instead of `frame`",
     )
 
 

@@ -56,7 +56,8 @@ class Session:
         if self.t_s is not None and t_s <= self.t_s:
             raise Problem(
                 HTTPStatus.CONFLICT,
-                f"the observation has t_s {t_s!r}, expected a time after the previous observation, {self.t_s!r}",
+                f"the observation has t_s {t_s!r}, expected a later time than that of the previous "
+                f"observation, {self.t_s!r}",
             )
 
     def observe(

@@ -47,7 +47,7 @@ async def stream_belief(
             return
         if len(session.listeners) >= limits.max_listeners:
             await socket.close(
-                TRY_AGAIN, f"the session has {len(session.listeners)} streams, the maximum number: close one"
+                TRY_AGAIN, f"the session has {len(session.listeners)} open WebSockets, the maximum number: close one"
             )
             return
         await _send_beliefs(socket, session)

@@ -129,7 +129,7 @@ def test_a_comparison_says_which_frames_it_could_not_use_and_measures_the_rest(d
     (row,) = compare("./data", "--json").json["rows"]
     assert row["status"] == {"no-pose": 2, "error": 1}
     assert re.fullmatch(
-        r"number of query frames that cannot be used: 1, the first: .*lounge-query\.range\.png is not a readable .*",
+        r"number of query panoramas that cannot be used: 1, the first: .*lounge-query\.range\.png is not a readable .*",
         row["reason"],
     )
 
@@ -162,7 +162,7 @@ def test_an_empty_dataset(data):
     change_manifest(lambda manifest: manifest.update(frames=[f for f in manifest["frames"] if f["role"] == "map"]))(
         data
     )
-    assert_one_line(compare("./data"), "has no query, expected at least one")
+    assert_one_line(compare("./data"), r"has no query \(panorama to localize\), expected at least one")
     change_manifest(lambda manifest: manifest["frames"].clear())(data)
     assert_one_line(compare("./data"), r"manifest\.json: none of 0 frames in the manifest is a reference frame")
 

@@ -117,8 +117,8 @@ def test_images_without_what_the_map_needs_are_one_line(loose):
         "error: the method 'saliency-places' needs annotations, which panorama a.jpg does not have: "
         "build the map with detector.kind=panoseg, or pass annotations too\n"
     )
-    assert "received neither a frame nor images" in run("localize", "map").err
-    assert "received both a frame and images" in run("localize", "map", "query", *loose).err
+    assert "received neither FRAME" in run("localize", "map").err
+    assert "received both FRAME and image files" in run("localize", "map", "query", *loose).err
 
 
 def test_no_answer_is_ok_where_out_of_map_is_the_most_probable(capsys):

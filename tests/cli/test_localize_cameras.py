@@ -124,8 +124,8 @@ def test_an_unusual_camera_is_reported_once(photographs):
         (("0.jpg", "--fov", "175"), "received --fov '175', expected a number from 5.0 to 170.0"),
         (("a", "--fov", "90", "--data", "data"), "received --data with --fov or --camera, which"),
         (("--range", "0.depth.png", "--fov", "90"), "received --fov or --camera without a photograph"),
-        (("0.jpg", "1.jpg", "--fov", "90"), "received 2 frames without --views"),
-        (("0.jpg", "--range", "0.depth.png"), "received both a frame and images"),
+        (("0.jpg", "1.jpg", "--fov", "90"), "received 2 values for FRAME without --views"),
+        (("0.jpg", "--range", "0.depth.png"), "received both FRAME and image files"),
         (
             ("--views", "0.jpg", "1.jpg", "--fov", "90", *parts(0)),
             "the number of options --range is 1, expected 2: one for each view",

@@ -36,7 +36,7 @@ def test_views_without_motion_are_fused(tiny):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("a", "b"), "received 2 frames without --views"),
+        (("a", "b"), "received 2 values for FRAME without --views"),
         (("a", "--motion", "motion.csv"), "received --motion without --views"),
         (("--views",), "received --views without a view"),
         (("--views", "--rgb", "a.jpg"), "received --views with --rgb"),

@@ -77,7 +77,7 @@ def test_every_command_has_help():
         ),
         (
             ["compare", "--methods", "reader", "--data", "rooms", "--set", "data.rooms=0"],
-            "rooms has no query, expected at least one",
+            "rooms has no query (panorama to localize), expected at least one",
         ),
         (["ablate", "absent.yaml"], "cannot read the file absent.yaml"),
         (

@@ -226,5 +226,6 @@ def test_running_out_of_memory_is_one_line(fakes, monkeypatch):
     done = run("build", "rooms", "-o", "map")
     assert (done.code, done.err) == (
         2,
-        "error: out of memory: Unable to allocate 7.28 TiB; close other programs, or use fewer workers\n",
+        "error: out of memory: Unable to allocate 7.28 TiB; close other programs, or use fewer workers if the "
+        "command has the option --workers\n",
     )

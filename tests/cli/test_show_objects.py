@@ -164,7 +164,7 @@ def test_only_pictures_of_ours_are_overwritten(pictures):
         (("hall.jpg", "--fov", "180"), 2, "received --fov '180', expected a number from 5.0 to 170.0"),
         (("hall.jpg", "--range", "hall.jpg"), 1, "hall.jpg has 3 channels of 8 bits, expected 1 channel of 16 bits"),
         (("hall.jpg", "--range", "desk.depth.png"), 1, "the range image is 640 x 480"),
-        (("hall.jpg", "--detector", "range-balls"), 1, "'range-balls' needs range (--range FILE), which"),
+        (("hall.jpg", "--detector", "range-balls"), 1, "'range-balls' needs range images (--range FILE), which"),
         (("hall.jpg", "--set", "detector.fail=true"), 1, "no ball today"),
     ],
 )

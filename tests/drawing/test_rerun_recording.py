@@ -139,12 +139,12 @@ def test_the_command_writes_a_recording(tracked, tmp_path):
     assert (tmp_path / "out.rrd").stat().st_size > 10_000
     error = run("track", root / "map", root, "--rerun", tmp_path / "out.png")
     assert error.code == 2
-    assert "expected a file that ends in .rrd" in error.err
+    assert "expected a file name that ends in .rrd" in error.err
 
 
 def test_a_missing_package_is_named_before_the_work(monkeypatch, tmp_path):
     monkeypatch.setattr(rerun_recording, "find_spec", lambda name: None)
     with pytest.raises(RequirementMissing, match=r"pip install 'salframe\[rerun\]'"):
         rerun_recording.check_rerun_output(tmp_path / "a.rrd")
-    with pytest.raises(ConfigError, match=r"a\.bin, expected a file that ends in \.rrd"):
+    with pytest.raises(ConfigError, match=r"a\.bin, expected a file name that ends in \.rrd"):
         rerun_recording.check_rerun_output(tmp_path / "a.bin")

@@ -113,7 +113,7 @@ def test_a_malformed_file_is_one_line(sites, content, line):
 
 
 def test_a_file_without_episodes_is_one_line(sites):
-    with pytest.raises(DataError, match="the file of episodes is empty, expected at least one"):
+    with pytest.raises(DataError, match=r"episodes\.json contains no episode, expected a list of at least one"):
         place_episodes(read_episode_requests(write([])), sites, 0)
 
 

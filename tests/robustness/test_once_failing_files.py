@@ -214,7 +214,8 @@ FAULTS: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
             lambda results: results["whole"]["half"]["rows"].append(results["whole"]["half"]["rows"][0]),
         ),
         ("experiment", "experiment.yaml", "--engine", "inline", "--results", "results"),
-        r"experiment\.json: key whole\.half: the stored table is inconsistent: 2 rows, settings for 1 row, 1 .*",
+        r"experiment\.json: key whole\.half: the stored table is inconsistent: it has 2 rows, settings for 1 row, "
+        "and 1 .*",
     ),
     "complex outlines": (
         array_file("building/parts-*/scenes/outline_mm.npy", lambda outlines: outlines.astype(np.complex64)),

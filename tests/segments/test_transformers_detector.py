@@ -483,7 +483,7 @@ def test_one_line_says_what_does_not_fit(models, tmp_path, monkeypatch):
     (folder / "preprocessor_config.json").unlink()
     refused(folder, "the ImageProcessor in .* is missing or invalid: ")
     (folder / "model.safetensors").rename(folder / "pytorch_model.bin")
-    refused(folder, r"model\.safetensors does not exist, expected .* other formats of weights can execute code")
+    refused(folder, r"model\.safetensors does not exist, expected .* other formats of weights, because they can")
     message = "the setting device is 'cuda', which this machine does not have, expected one of cpu"
     if not tiny.torch.cuda.is_available():
         refused(models(tiny.segformer), message, ConfigError, device="cuda")
@@ -504,7 +504,7 @@ def test_a_file_without_tensors_that_the_network_uses_is_refused_and_unused_ones
     used = "decode_head.classifier.weight"
     kept = {name: value for name, value in tensors.items() if name != used}
     save_file(kept, folder / "model.safetensors", {"format": "pt"})
-    with pytest.raises(WeightsError, match=f"returned NaN in the output logits, and its file lacks {used}"):
+    with pytest.raises(WeightsError, match=f"returned NaN in the output logits, and its file lacks the weights {used}"):
         build(folder)
 
 

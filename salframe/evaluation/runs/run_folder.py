@@ -138,9 +138,14 @@ class Run:
             ConfigError: The name is invalid, or the folder holds another request.
         """
         if not name or "/" in name or name in (".", "..") or not name.isprintable():
-            raise ConfigError(f"received the run name {shorten(name)!r}, expected printable text without slashes")
+            raise ConfigError(
+                f"received the run name {shorten(name)!r}, expected printable text without "
+                "slashes: choose another --name"
+            )
         if (size := len(name.encode())) > MAX_NAME_BYTES:
-            raise ConfigError(f"received a run name of {size} bytes, expected at most {MAX_NAME_BYTES}")
+            raise ConfigError(
+                f"received a run name of {size} bytes, expected at most {MAX_NAME_BYTES}: choose a shorter --name"
+            )
         key = _fingerprint(task, seed, resolved.data, resolved.methods)
         settings = {label: config.model_dump(mode="json") for label, config in resolved.methods.items()}
         request = {
@@ -163,7 +168,8 @@ class Run:
             methods = {label: run.method(label, roles[label]) for label in run.labels if label in roles}
             if run.labels != list(roles) or _fingerprint(run.task, run.seed, run.data(), methods) != key:
                 raise ConfigError(
-                    f"the file {path} was edited after the run began: restore the file, or remove {directory}"
+                    f"the file {path} was edited after the run began: restore the file, or remove the run folder "
+                    f"{directory}"
                 )
             return run
         return cls(directory, content)
@@ -178,8 +184,8 @@ class Run:
         if isinstance(content, Mapping) and content.get("format") != RUN_FORMAT:
             version = content.get("format", 1)
             raise ConfigError(
-                f"{directory} has run format {version}, expected {RUN_FORMAT}: repeat the run with this version of "
-                "salframe and another --name"
+                f"the run folder {directory} has the format {version} of another version of salframe, expected "
+                f"{RUN_FORMAT}: repeat the run with this version and another --name"
             )
         validate(_Request, content, f"{path}:")
         return cls(directory, content)

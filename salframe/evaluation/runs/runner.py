@@ -165,7 +165,11 @@ class _Work:
         answers = iter(self.engine.map(work, shares))
         for _ in shares:
             answer = next(
-                answers, MethodFailed(f"the engine {self.engine.name!r} returned no answer for some of the work")
+                answers,
+                MethodFailed(
+                    f"the engine {self.engine.name!r} returned too few results, expected one for each part of the "
+                    "work: choose another --engine"
+                ),
             )
             if isinstance(answer, BaseException) and not isinstance(answer, WorkerDied):
                 answer = Outcome(MethodStatus.CRASHED, describe_error(answer))

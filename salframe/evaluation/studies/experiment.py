@@ -145,11 +145,12 @@ def read_experiment(name: str | Path) -> Experiment:
     if path is None:
         raise UnknownName(unknown("experiment", str(name), experiment_names()))
     experiment: Experiment = validate(Experiment, read_yaml(path), f"{name}:")
-    for table in experiment.tables.values():
+    for table_name, table in experiment.tables.items():
         absent = [column for column in table.columns if column not in table.kind.columns]
         if absent:
             raise ConfigError(
-                f"{name}: the key `columns` has an {unknown('column', absent[0], list(table.kind.columns))}"
+                f"{name}: the key `tables.{table_name}.columns` has an "
+                f"{unknown('column', absent[0], list(table.kind.columns))}"
             )
     return experiment
 
@@ -288,5 +289,8 @@ def reported_in(experiment: Experiment) -> tuple[tuple[str, ReportedTable], ...]
     tables_by_title = {part.title: (paper.source, part) for paper in read_reported() for part in paper.tables}
     absent = [title for title in experiment.reported if title not in tables_by_title]
     if absent:
-        raise ConfigError(f"the key `reported` has an {unknown('table title', absent[0], list(tables_by_title))}")
+        raise ConfigError(
+            f"the key `reported` of the experiment {experiment.title!r} has an "
+            f"{unknown('table title', absent[0], list(tables_by_title))}"
+        )
     return tuple(tables_by_title[title] for title in experiment.reported)

@@ -104,8 +104,9 @@ class TuningData:
             ]
             if not usable:
                 raise DataError(
-                    f"the fold {fold.id} (one map of the data) has no reference frame that {localizer.name} can use, "
-                    "expected at least one: check the dataset with `salframe data info`, or use other tuning data"
+                    f"the map {fold.id} of the tuning data has no reference frame (panorama of the map) that the "
+                    f"method {localizer.name} can use, expected at least one: check the dataset with "
+                    "`salframe data info`, or use other tuning data"
                 )
             frames, described = [frame for frame, _ in usable], [description for _, description in usable]
             fold_map = LocalizationMap.from_descriptions(localizer, described, frames, self.dataset.floors())

@@ -76,9 +76,7 @@ class Study(Settings):
     def _check(self) -> Study:
         if (self.method is None) == (not self.methods):
             received = "neither" if self.method is None else "both"
-            raise ValueError(
-                f"the study has {received} of the keys `method` and `methods`, expected exactly one of them"
-            )
+            raise ValueError(f"received {received} of the keys `method` and `methods`, expected exactly one of them")
         empty = [key for key, values in self.vary.items() if not values]
         if empty:
             raise ValueError(

@@ -115,7 +115,9 @@ def nest_for(pairs: Pairs, scopes: Sequence[str]) -> dict[str, list[dict[str, An
     for path, value in pairs:
         if path[0] not in by_scope or len(path) < 2:
             expected = " or ".join(f"{scope}.KEY" for scope in scopes)
-            raise ConfigError(f"received the setting {'.'.join(path)!r}, expected a name of the form {expected}")
+            raise ConfigError(
+                f"received the setting {'.'.join(path)!r}, expected a name of the form {expected} (KEY: a setting)"
+            )
         by_scope[path[0]].append(nest(path[1:], value))
     return by_scope
 

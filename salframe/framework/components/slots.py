@@ -115,8 +115,8 @@ def _fill(role: str, default: str, value: Any, info: ValidationInfo) -> Componen
         if len(value) > 1:
             keys = ", ".join(f"{role}.{key}" for key in value if key != "kind")
             raise ConfigError(
-                f"{keys} cannot be set, because the {role} is 'auto' and 'auto' selects {with_article(role)} only when "
-                f"the dataset is known: set {role} to one of {', '.join(auto_order(role))}, or specify the dataset"
+                f"{keys} cannot be set, because the {role} is 'auto': 'auto' selects {with_article(role)} only when "
+                f"the dataset is known. Set {role} to one of {', '.join(auto_order(role))}, or specify the dataset"
             )
         return undecided(role).Config()
     component = choice.choose(role, parts_added(info.data.values()))

@@ -54,12 +54,14 @@ class _Table(Settings):
     def _check(self) -> _Table:
         names = [column.name for column in self.columns]
         if duplicates := [name for name in names if names.count(name) > 1]:
-            raise ValueError(f"the column {duplicates[0]!r} is listed twice, expected different column names")
+            raise ValueError(
+                f"the column {duplicates[0]!r} is listed twice, expected different column names: build the map again"
+            )
         for column in self.columns:
             if len(set(column.absent)) < len(column.absent) or max(column.absent, default=-1) >= self.rows:
                 raise ValueError(
                     f"the list `absent` of the column {column.name!r} has a row number that is repeated or too large, "
-                    f"expected different row numbers below {self.rows}"
+                    f"expected different row numbers below {self.rows}: build the map again"
                 )
         return self
 
@@ -171,8 +173,8 @@ class _Spool:
         dimensions = sorted({self._empty.ndim, *(array.ndim for array in complete)})
         if len(dimensions) > 1:
             raise DataError(
-                f"the arrays named {self._name!r} have {' and '.join(map(str, dimensions))} dimensions, expected the "
-                "same number of dimensions in all frames"
+                f"the method computed arrays {self._name!r} with {' and '.join(map(str, dimensions))} dimensions, "
+                "expected the same number of dimensions for all panoramas"
             )
         self._shapes.append(np.array([array.shape for array in complete], np.int64).reshape(len(arrays), *dimensions))
         self.absent += [self._rows + i for i, array in enumerate(arrays) if array is None]
@@ -182,7 +184,8 @@ class _Spool:
             if len(self._contents) > 1 or "Python objects" in self._contents:
                 received = " and ".join(sorted(self._contents))
                 raise DataError(
-                    f"the arrays named {self._name!r} contain {received}, expected either only numbers or only strings"
+                    f"the method computed arrays {self._name!r} that contain {received}, expected either only "
+                    "numbers or only strings"
                 )
             self._write(np.concatenate(parts))
 

@@ -188,7 +188,10 @@ def fetch_hub_model(name: str, progress: ByteProgress = lambda done, total: None
         )
     commit = info.sha or ""
     if not re.fullmatch(_COMMIT, commit):
-        raise WeightsError(f"{api.endpoint} returned {commit!r} as the commit of {reference}, expected 40 hex digits")
+        raise WeightsError(
+            f"{api.endpoint} returned {commit!r} as the commit of {reference}, expected 40 hex digits: check the "
+            "environment variable HF_ENDPOINT (address of the hub)"
+        )
     files = _select(reference, info.siblings or [])
     folder = reference.folder / commit
     shutil.rmtree(folder, ignore_errors=True)  # incomplete or damaged, else it would have been found

@@ -111,14 +111,14 @@ def test_columns_cost_their_values_and_a_header(tmp_path):
 
 
 def test_arrays_of_other_dimensions_are_refused(tmp_path):
-    with pytest.raises(DataError, match=r"arrays named 'a' have 1 and 2 dimensions, expected the same"):
+    with pytest.raises(DataError, match=r"arrays 'a' with 1 and 2 dimensions, expected the same"):
         write_columns(tmp_path / "rows", [{"a": np.zeros(3)}, {"a": np.zeros((3, 1))}])
 
 
 @pytest.mark.parametrize("second", [np.arange(3), np.array([None])])
 def test_arrays_that_no_column_holds_are_refused(tmp_path, second):
     with pytest.raises(
-        DataError, match=r"arrays named 'a' contain .* and strings, expected either only numbers or only strings"
+        DataError, match=r"arrays 'a' that contain .* and strings, expected either only numbers or only strings"
     ):
         write_columns(tmp_path / "rows", [{"a": np.array(["bed"])}, {"a": second}])
 

@@ -70,7 +70,7 @@ class DetectionTask(Task[QueryFrame, Survey[QueryFrame], PanoramaRow, DetectionR
             )
         frames = {frame.id: frame for fold in dataset.folds() for frame in fold.queries}
         if not frames:
-            raise DataError(f"the dataset {dataset.name} has no query, expected at least one")
+            raise DataError(f"the dataset {dataset.name} has no query (panorama to localize), expected at least one")
         return Survey(dataset, list(frames.values()))
 
     def key(self, piece: QueryFrame) -> tuple[str]:

@@ -62,7 +62,7 @@ class LatencyTask(Task[QueryFrame, LatencySurvey, ProgramRow, LatencyRow]):
     def survey(self, dataset: Dataset) -> LatencySurvey:
         fold = next((fold for fold in dataset.folds() if fold.queries), None)
         if fold is None:
-            raise DataError(f"the dataset {dataset.name} has no query, expected at least one")
+            raise DataError(f"the dataset {dataset.name} has no query (panorama to localize), expected at least one")
         step = -(-len(fold.queries) // QUERIES)
         return LatencySurvey(dataset, fold.queries[::step], fold=fold)
 

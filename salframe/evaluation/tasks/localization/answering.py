@@ -91,8 +91,8 @@ class Answering(Worker[Query]):
         for ranked in answer.places:
             if self._places.get(ranked.frame) != ranked.place:
                 raise InvalidAnswer(
-                    f"the function `match` of the method returned the frame {ranked.frame!r} with the place "
-                    f"{ranked.place!r}, expected a reference frame of the map, and its place in the map"
+                    f"the function `match` of the method returned the reference frame {ranked.frame!r} with the place "
+                    f"{ranked.place!r}, expected a reference frame (panorama of the map), and its place"
                 )
         return {**answer_row(answer, query.seconds * 1e3, query_ms), "status": answer.status, "error": None}
 
@@ -136,9 +136,9 @@ class Answering(Worker[Query]):
     def warning(self) -> str | None:
         problems = {
             "of maps that have objects without position": list(self._completed.values()),
-            "of query frames that cannot be used": self._unusable_queries,
+            "of query panoramas that cannot be used": self._unusable_queries,
             "of queries with several views that were localized view by view": self._fused,
-            "of frames that the method used only in part": list(self._descriptions.notes.values()),
+            "of panoramas that the method used only in part": list(self._descriptions.notes.values()),
         }
         parts = [
             f"number {what}: {len(reasons)}, the first: {reasons[0]}" for what, reasons in problems.items() if reasons

@@ -106,10 +106,10 @@ class LocalizationTask(PagedTask[Query, LocalizationSurvey, AnswerRow, Localizat
     def survey(self, dataset: Dataset) -> LocalizationSurvey:
         queries = [Query(fold, frame) for fold in dataset.folds() for frame in fold.queries]
         if not queries:
-            raise DataError(f"the dataset {dataset.name} has no query, expected at least one")
+            raise DataError(f"the dataset {dataset.name} has no query (panorama to localize), expected at least one")
         survey = LocalizationSurvey(dataset, queries)
         absent = int((~survey.present()).sum())
-        note = f"the place of {absent} of {len(queries)} queries is not in the map: their correct answer is out-of-map"
+        note = f"the place of {absent} of {len(queries)} queries is not in the map, so the correct answer is out-of-map"
         return replace(survey, notes=(note, *places_notes(dataset))) if absent else survey
 
     def key(self, piece: Query) -> tuple[str, str]:

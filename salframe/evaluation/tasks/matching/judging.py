@@ -59,8 +59,8 @@ def point_errors_px(
     """
     if query.range_m is None or reference.range_m is None:
         raise InputMissing(
-            f"the frame {query.id if query.range_m is None else reference.id} has no range image, which the check of "
-            "matches needs"
+            f"the panorama {query.id if query.range_m is None else reference.id} has no range image, which the check "
+            "of matches needs"
         )
     range_m = sample_nearest(query.range_m, matches.query)
     points_m = transform_points(T_reference_query, matches.query * range_m[:, None])
@@ -87,7 +87,9 @@ def objects_of_nodes(centroid_m: np.ndarray, panorama: Panorama) -> np.ndarray:
     from scipy.spatial.distance import cdist
 
     if panorama.annotations is None or panorama.annotations.instance_id is None:
-        raise InputMissing(f"the frame {panorama.id} has no instance image, which the check of matched objects needs")
+        raise InputMissing(
+            f"the panorama {panorama.id} has no instance image, which the check of matched objects needs"
+        )
     objects = annotated_objects(panorama)
     owner_m = np.array([one.points_m.mean(0, dtype=np.float64) for one in objects]).reshape(-1, 3)
     closeness = np.nan_to_num(np.maximum(NODE_RADIUS_M - cdist(centroid_m, owner_m), 0))  # NaN: unknown position

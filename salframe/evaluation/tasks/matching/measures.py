@@ -31,13 +31,13 @@ def summarize_pairs(records: Sequence[Record[PairRow]], places: Sequence[str], s
     good, failed = ([row for row in finished if (row.status == PieceStatus.OK) == ok] for ok in (True, False))
     if failed:
         line = replace(
-            line, reason=f"{counted(len(failed), 'pair')} of frames failed, the first error: {failed[0].error}"
+            line, reason=f"{counted(len(failed), 'pair')} of panoramas failed, the first error: {failed[0].error}"
         )
     if not good:
         return line
     if len({row.kind for row in good}) > 1:
         return replace(
-            line, reason="the method matched points in some pairs of frames, but objects (graph nodes) in others"
+            line, reason="the method matched points in some pairs of panoramas, but objects (graph nodes) in others"
         )
     kind, matches = good[0].kind, sum(row.matches or 0 for row in good) / pairs
     done = np.array([row is not None and row.status == PieceStatus.OK for row in rows])

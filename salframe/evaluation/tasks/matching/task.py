@@ -74,8 +74,12 @@ class MatchingTask(Task[FramePair, Survey[FramePair], PairRow, MatchingRow]):
                 "another dataset"
             )
         pairs = choose_pairs(dataset)
-        left_out = sum(len(fold.queries) for fold in dataset.folds()) - len(pairs)
-        note = f"{left_out} queries are left out: their place has no reference frame of kind scene (in a room)"
+        total = sum(len(fold.queries) for fold in dataset.folds())
+        left_out = total - len(pairs)
+        note = (
+            f"{left_out} of {total} queries are left out: their place has no panorama of the map with the kind scene "
+            "(in a room)"
+        )
         return Survey(dataset, pairs, (note, *places_notes(dataset)) if left_out else ())
 
     def key(self, piece: FramePair) -> tuple[str, str]:
@@ -124,7 +128,7 @@ class _Matching(Worker[FramePair]):
         if self._kind not in (None, type(matches)):
             raise InvalidAnswer(
                 f"the function `correspond` of the method returned {type(matches).__name__}, but {self._kind.__name__} "
-                "for earlier pairs of frames, expected the same type for all pairs"
+                "for earlier pairs of panoramas, expected the same type for all pairs"
             )
         self._kind = type(matches)
         row = check_matches(matches, piece.query.load(), piece.reference.load(), piece.T_reference_query)
@@ -156,8 +160,8 @@ def choose_pairs(dataset: Dataset) -> list[FramePair]:
                 pairs.append(FramePair(fold.id, query, reference, T_reference_query))
     if not pairs:
         reason = (
-            f"the dataset {dataset.name} has no query in a place with a reference frame of kind scene (in a room), "
-            "expected at least one"
+            f"the dataset {dataset.name} has no query in a place with a panorama of the map that has the kind "
+            "scene (in a room), expected at least one"
         )
         raise DataError("; ".join([reason, *places_notes(dataset)]))
     return pairs

@@ -113,5 +113,5 @@ def test_data_without_a_query_is_refused_in_one_line(tiny, tmp_path):
     content = json.loads((tiny / "manifest.json").read_text())
     content["frames"] = [frame for frame in content["frames"] if frame["role"] != "query"]
     (tiny / "manifest.json").write_text(json.dumps(content))
-    with pytest.raises(DataError, match="has no query, expected at least one"):
+    with pytest.raises(DataError, match=r"has no query \(panorama to localize\), expected at least one"):
         running(tiny, tmp_path / "runs")

@@ -172,7 +172,7 @@ def test_a_pair_that_crashes_counts_as_wrong_and_is_asked_again(furnished):
         0,
         1,
     )  # of two places, one of which may be both
-    assert rows["points"].reason == "1 pair of frames failed, the first error: ValueError: no more"
+    assert rows["points"].reason == "1 pair of panoramas failed, the first error: ValueError: no more"
     assert rows["nodes"].precision.value == 1
     assert result.crashed
     before = {path.parent.name: path.read_text() for path in result.run.glob("methods/*/rows.jsonl")}
@@ -194,7 +194,7 @@ def test_queries_of_places_that_are_not_mapped_are_left_out_and_counted(furnishe
     rows, result = measure(["points"], "data.unmapped=true")
     assert rows["points"].pairs == 1
     assert result.notes == (
-        "1 queries are left out: their place has no reference frame of kind scene (in a room)",
+        "1 of 2 queries are left out: their place has no panorama of the map with the kind scene (in a room)",
         "the true place of 1 query is not in the map, so the correct answer is out-of-map: 'kitchen'",
     )
 

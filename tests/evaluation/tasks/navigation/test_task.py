@@ -174,11 +174,13 @@ def test_the_command_prints_the_table_and_the_report(read):
     [
         (
             ("--data", "still"),
-            "error: navigation needs panoramas at new poses, which the dataset still cannot render\n",
+            "error: navigation needs panoramas at new poses, which the dataset still cannot render: choose another "
+            "dataset, such as house-12\n",
         ),
         (
             ("--data", "unmasked"),
-            "error: navigation needs floor masks to detect collisions, the dataset unmasked has none\n",
+            "error: navigation needs floor masks (images of the free floor) to detect collisions, which the dataset "
+            "unmasked does not have: choose another dataset, such as house-12\n",
         ),
         (
             ("--data", "apartment", "--episodes", "none.json"),
