@@ -63,8 +63,8 @@ PLACE_PRIOR = 3.0
 """Weight of the mean and the deviation of all score differences in those of a place, as an equivalent number of score
 differences."""
 PLACE_SHARE = 0.7
-"""Share of the normalization for a place in the used contrast. The rest is the contrast without normalization. Chosen
-from 0, 0.3, 0.5, 0.7 and 1 by the log loss on tuning data: ten buildings at half of their viewpoints, and `house-42`."""
+"""Weight of the full normalization for a place. The weight of the original contrast is 1 - PLACE_SHARE. Chosen from 0,
+0.3, 0.5, 0.7 and 1 by the log loss on tuning data: ten buildings at half of their viewpoints, and `house-42`."""
 SCALE_DIGITS = 3
 """Number of decimals of the stored normalizations."""
 PROBABILITY_DIGITS = 4
@@ -366,7 +366,10 @@ def place_scales(localized: Sequence[LocalizedFrame]) -> dict[str, PlaceScale]:
         localized: The localized frames. Only those whose places were hidden are used.
     """
     _, names, differences = _differences(localized)
-    return {str(name): _scale(differences[names == name], differences) for name in np.unique(names)}
+    scales = {str(name): _scale(differences[names == name], differences) for name in np.unique(names)}
+    return {
+        name: (round(offset, SCALE_DIGITS), round(factor, SCALE_DIGITS)) for name, (offset, factor) in scales.items()
+    }
 
 
 def _differences(localized: Sequence[LocalizedFrame]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -389,7 +392,7 @@ def _scale(own: np.ndarray, differences: np.ndarray) -> PlaceScale:
     own_variance = (float(((own - own_mean) ** 2).sum()) + PLACE_PRIOR * variance) / weight
     factor = float(np.sqrt(variance / own_variance))
     offset = PLACE_SHARE * (mean - factor * own_mean)
-    return round(offset, SCALE_DIGITS), round(1 - PLACE_SHARE + PLACE_SHARE * factor, SCALE_DIGITS)
+    return offset, 1 - PLACE_SHARE + PLACE_SHARE * factor
 
 
 def frame_answers(posterior: Posterior, localized: Sequence[LocalizedFrame]) -> FrameAnswers:
