@@ -27,6 +27,7 @@ from salframe.localization.describing import describe_frame
 from salframe.localization.evidence import Evidence, fit_weights
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map import LocalizationMap
+from salframe.localization.posterior import SAME_SCALE, PlaceScale
 from salframe.localization.posterior_fit import Fit, ScoredAnswer, fit_posterior
 from salframe.localization.preparing import Tell, prepare, silent
 from salframe.panoramas.dataset import Dataset
@@ -73,16 +74,15 @@ class TuningData:
 
     def iterate_queries(
         self, changes: Mapping[str, Any], absent: bool = True
-    ) -> Iterator[tuple[Localizer, Description, str, bool]]:
-        """Yield each query, with a localizer that has changed matching settings and the map of the query.
+    ) -> Iterator[tuple[LocalizationMap, Description, str, bool]]:
+        """Yield each query, with the map of the query. The localizer of the map has changed matching settings.
 
         Args:
             changes: Settings that replace those of the localizer.
             absent: Whether to include folds (maps with their queries) in which no query has its place in the map.
 
         Yields:
-            The localizer with the map of the fold, the description of the query, its true place, and whether the map
-            contains that place.
+            The map of the fold, the description of the query, its true place, and whether the map contains that place.
         """
         config = merge(self.localizer.config.model_dump(mode="json"), changes)
         localizer: Localizer = type(self.localizer)(validate(type(self.localizer).Config, config, ""))
@@ -113,7 +113,7 @@ class TuningData:
             for query, place, is_here in zip(fold.queries, places, here, strict=True):
                 description_of_query = self.descriptions[query.id]
                 if description_of_query is not None:
-                    yield fold_map.localizer, description_of_query, place, is_here
+                    yield fold_map, description_of_query, place, is_here
 
 
 def fit_method(
@@ -266,8 +266,8 @@ def _fit(tunings: Sequence[TuningData], changes: Mapping[str, Any]) -> tuple[dic
     """Fit the weights of a method with changed settings to the queries whose place is in the map. See `fit_weights`."""
     samples: list[tuple[Evidence, str]] = []
     for tuning in tunings:
-        for localizer, description, place, here in tuning.iterate_queries(changes, absent=False):
-            if here and (evidence := localizer.evidence(description)) is not None:
+        for fold_map, description, place, here in tuning.iterate_queries(changes, absent=False):
+            if here and (evidence := fold_map.localizer.evidence(description)) is not None:
                 samples.append((evidence, place))
     return fit_weights(samples)
 
@@ -276,14 +276,20 @@ def _scored(tuning: TuningData, changes: Mapping[str, Any]) -> Iterator[ScoredAn
     """Yield the scores and the true place of each answer that ranks places."""
     counts = [count for count in tuning.num_objects.values() if count]
     map_objects = float(np.mean(counts)) if counts else 0.0
-    for localizer, description, place, here in tuning.iterate_queries(changes):
+    indexed: LocalizationMap | None = None
+    scales: Mapping[str, PlaceScale] = {}
+    for fold_map, description, place, here in tuning.iterate_queries(changes):
+        if fold_map is not indexed:
+            indexed, scales = fold_map, fold_map.place_scales()
+        localizer = fold_map.localizer
         answer = localizer.match(description)
         if answer.places:
             names = [ranked.place for ranked in answer.places]
             scores = np.array([ranked.score for ranked in answer.places], np.float64)
             position = names.index(place) if place in names else None
             objects = localizer.count_objects(description)
-            yield ScoredAnswer(scores, position, here, tuning.map_key, objects, map_objects, answer.evidence)
+            scale = scales.get(names[0], SAME_SCALE)
+            yield ScoredAnswer(scores, position, here, tuning.map_key, objects, map_objects, answer.evidence, scale)
 
 
 def _summary(fit: Fit) -> list[str]:
