@@ -181,7 +181,8 @@ def fit_method(
         raise ConfigError(
             f"the method {method} has no setting `weights`, which --try needs: use another method, or leave out --try"
         )
-    answers = [answer for tuning in tunings for answer in _scored(tuning, content)]
+    scales: dict[tuple[str, ...], Mapping[str, PlaceScale]] = {}
+    answers = [answer for tuning in tunings for answer in _scored(tuning, content, scales)]
     try:
         fit = fit_posterior(answers)
     except DataError as error:
@@ -272,15 +273,20 @@ def _fit(tunings: Sequence[TuningData], changes: Mapping[str, Any]) -> tuple[dic
     return fit_weights(samples)
 
 
-def _scored(tuning: TuningData, changes: Mapping[str, Any]) -> Iterator[ScoredAnswer]:
-    """Yield the scores and the true place of each answer that ranks places."""
+def _scored(
+    tuning: TuningData, changes: Mapping[str, Any], scales: dict[tuple[str, ...], Mapping[str, PlaceScale]]
+) -> Iterator[ScoredAnswer]:
+    """Yield the scores and the true place of each answer that ranks places.
+
+    `scales` contains the place scales of maps that were already computed, by `TuningData.map_key` and the ids of the
+    frames of the map. It is extended.
+    """
     counts = [count for count in tuning.num_objects.values() if count]
     map_objects = float(np.mean(counts)) if counts else 0.0
-    indexed: LocalizationMap | None = None
-    scales: Mapping[str, PlaceScale] = {}
     for fold_map, description, place, here in tuning.iterate_queries(changes):
-        if fold_map is not indexed:
-            indexed, scales = fold_map, fold_map.place_scales()
+        key = (tuning.map_key, *(frame.id for frame in fold_map.frames))
+        if key not in scales:
+            scales[key] = fold_map.place_scales()
         localizer = fold_map.localizer
         answer = localizer.match(description)
         if answer.places:
@@ -288,7 +294,7 @@ def _scored(tuning: TuningData, changes: Mapping[str, Any]) -> Iterator[ScoredAn
             scores = np.array([ranked.score for ranked in answer.places], np.float64)
             position = names.index(place) if place in names else None
             objects = localizer.count_objects(description)
-            scale = scales.get(names[0], SAME_SCALE)
+            scale = scales[key].get(names[0], SAME_SCALE)
             yield ScoredAnswer(scores, position, here, tuning.map_key, objects, map_objects, answer.evidence, scale)
 
 
