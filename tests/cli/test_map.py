@@ -139,7 +139,7 @@ def test_a_position_is_printed_without_a_route(rooms):
     assert run("map", "build", "rooms", "-o", "map", "--method", "reader").code == 0
     query = "map", "query", "map", "query-1-0", "--data", "rooms"
     for goal, reason in (
-        ("room-3", "no route from here to room-3: no edges of the map connect them"),
+        ("room-3", "no route from here to room-3: the map has no path between them"),
         ("rom-3", "no route to rom-3: unknown node or place 'rom-3', did you mean 'room-3'?"),
     ):
         done = run(*query, "--to", goal)
@@ -199,7 +199,7 @@ def test_build_and_map_build_are_one_command(built, tmp_path):
 def test_data_without_floors_give_a_map_without_topology(rooms):
     done = run("map", "build", "maskless", "-o", "map", "--method", "reader")
     reason = "the data have neither floor masks nor range images to derive floors from, expected one of them"
-    assert (done.code, done.err) == (0, f"warning: the map has no topology: {reason}\n")
+    assert (done.code, done.err) == (0, f"warning: the map has no topology (graph for routes): {reason}\n")
     assert done.out.endswith(", no topology\n")
     assert run("localize", "map", "query-1-0", "--data", "doored").code == 0
     done = run("map", "query", "map", "query-1-0", "--data", "doored", "--json").json
@@ -207,7 +207,7 @@ def test_data_without_floors_give_a_map_without_topology(rooms):
     done = run("map", "query", "map", "query-1-0", "--data", "doored", "--to", "room-3")
     assert (done.code, done.err) == (1, "")
     assert "pose: x 4.00 m, y 0.00 m, yaw 0.0 deg" in done.out
-    reason = "the map has no topology: build it from data with floor masks or range"
+    reason = "the map has no topology, which routes need: build the map from data with floor masks or range"
     assert done.out.endswith(f"no route to room-3: {reason}\n")
 
 
@@ -241,7 +241,7 @@ def test_rooms_without_doors_are_built_and_said_to_be_apart(rooms):
         in done.out
     )
     done = run("map", "route", "map", "room-0", "room-1")
-    assert (done.code, done.err) == (2, "error: no route from room-0 to room-1: no edges of the map connect them\n")
+    assert (done.code, done.err) == (2, "error: no route from room-0 to room-1: the map has no path between them\n")
 
 
 def test_floors_above_each_other_are_said_to_be_apart(rooms):
