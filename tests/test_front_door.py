@@ -98,7 +98,7 @@ def test_a_map_that_needs_more_says_what_to_build_instead(saved, monkeypatch, tm
     seen = query_frames(PARTS - {"annotations"})[0].load()
     said = (
         "^the method 'saliency-places' needs annotations, which the panorama does not have: "
-        r"build the map with detector\.kind=panoseg, or pass annotations too$"
+        r"build the map with --set detector\.kind=panoseg, or pass annotations too$"
     )
     with pytest.raises(salframe.InputMissing, match=said):
         salframe.open_map(saved).localize(rgb=seen.rgb, range_m=seen.range_m)

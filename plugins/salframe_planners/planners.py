@@ -56,7 +56,7 @@ class _GraphPlanner(Planner):
         while path[-1] != first:
             path.append(predecessors[path[-1]])
             if path[-1] == _NO_NODE:
-                raise NoRoute(f"no route from {start} to {goal}: no edges of the map connect them")
+                raise NoRoute(f"no route from {start} to {goal}: the map has no path between them")
         path.reverse()
         legs = tuple(self._edges[pair] for pair in pairwise(path))
         return Route(tuple(self._names[number] for number in path), legs, math.fsum(leg.length_m for leg in legs))

@@ -78,7 +78,7 @@ class ImportPreview:
         low_m, middle_m, high_m = self.camera_z_m
         height_m, share = self.camera_height_m, self.valid_range_share
         return [
-            f"reference frames: {self.num_references} in {self.num_places} places (from: {self.place_from})",
+            f"reference frames: {self.num_references} in {self.num_places} places (--place-from {self.place_from})",
             f"queries: {self.num_queries} ({self.num_without_pose} without a pose)",
             f"camera z: {low_m:.2f} to {high_m:.2f} m, median {middle_m:.2f} m",
             f"camera height above the visible floor: {'unknown' if height_m is None else f'{height_m:.2f} m'}",

@@ -73,7 +73,7 @@ def suggest_components(config: ComponentConfig, provides: frozenset[str]) -> str
     missing = " and ".join(sorted(needs_of(config) - provides))
     if not replacements:
         return f"pass {missing} too, or build a map with another method"
-    settings = " and ".join(f"{slot}.kind={name}" for slot, name in replacements)
+    settings = " and ".join(f"--set {slot}.kind={name}" for slot, name in replacements)
     return f"build the map with {settings}, or pass {missing} too"
 
 

@@ -155,14 +155,12 @@ class MapParts:
         if (kind, saved.version) != (name, version):
             raise DataError(
                 f"{directory} was built with version {saved.version} of the method {kind!r}, expected version "
-                f"{version} of "
-                f"{name!r}: build the map again"
+                f"{version} of {name!r}: build the map again"
             )
         if saved.described_by != digest(localizer.describe_identity()):
             raise DataError(
                 f"{directory} was built with other settings, weights or files than the method {name!r} has now: build "
-                "the "
-                "map again"
+                "the map again"
             )
 
     def index_folder(self, localizer: Localizer) -> Path:

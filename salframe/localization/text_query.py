@@ -155,15 +155,17 @@ class _Reader:
                 if start:
                     self.notes.append(f"ignored words: {' '.join(words[:start])!r} in {' '.join(words)!r}")
                 if label not in self._labels and is_object(label) is False:
-                    self.notes.append(f"{word!r} is not an object that maps contain")
+                    self.notes.append(f"{word!r} does not name an object that a map stores")
                 return Mention(word, label, count, is_absent)
         word = " ".join(words)
         nearest = self._vectors.nearest(word)
         if nearest is None:
-            self.notes.append(f"{word!r} is ignored: the word is not in the vocabulary{self._vectors.reason}")
+            self.notes.append(
+                f"{word!r} is ignored: the word is not in the vocabulary of object names{self._vectors.reason}"
+            )
             return Mention(word, None, count, is_absent)
         label = object_label(nearest)
-        self.notes.append(f"{word!r} is not in the vocabulary; its nearest word is {nearest!r}")
+        self.notes.append(f"{word!r} is not in the vocabulary of object names; its nearest word is {nearest!r}")
         return Mention(word, label, count, is_absent, is_nearest=True)
 
 

@@ -29,8 +29,8 @@ def check_unusable(unusable_frames: Mapping[str, DataError | InputMissing], num_
     if num_frames == 1:
         raise type(first)(str(first))
     message = (
-        f"{len(unusable_frames)} of {num_frames} reference frames cannot be used, expected at most "
-        f"{MAX_UNUSABLE_SHARE:.0%}: complete or remove these frames; the first error: {first}"
+        f"{len(unusable_frames)} of {num_frames} reference frames (panoramas of the map) cannot be used, expected "
+        f"at most {MAX_UNUSABLE_SHARE:.0%}: complete or remove these frames; the first error: {first}"
     )
     raise InputMissing(message) if missing else DataError(message)
 
@@ -40,5 +40,6 @@ def unusable_note(unusable_frames: Mapping[str, DataError | InputMissing]) -> st
     if not unusable_frames:
         return None
     return (
-        f"{len(unusable_frames)} reference frame(s) left out; the first error: {next(iter(unusable_frames.values()))}"
+        f"{len(unusable_frames)} of the reference frames (panoramas of the map) left out; the first error: "
+        f"{next(iter(unusable_frames.values()))}"
     )

@@ -121,10 +121,13 @@ class Camera:
         """
         if not MIN_FOV_DEG <= fov_deg <= MAX_FOV_DEG:
             raise DataError(
-                f"the camera has a field of view of {fov_deg:g} deg, expected {MIN_FOV_DEG:g} to {MAX_FOV_DEG:g} deg"
+                f"the camera has a horizontal field of view of {fov_deg:g} deg, expected {MIN_FOV_DEG:g} to "
+                f"{MAX_FOV_DEG:g} deg: correct fov_deg"
             )
         if not abs(elevation_deg) <= 90:
-            raise DataError(f"the camera has an elevation of {elevation_deg:g} deg, expected -90 to 90 deg")
+            raise DataError(
+                f"the camera looks up by {elevation_deg:g} deg, expected -90 to 90 deg: correct elevation_deg"
+            )
         c, s = np.cos(np.radians(elevation_deg)), np.sin(np.radians(elevation_deg))
         look_up = np.array([[c, 0, -s, 0], [0, 1, 0, 0], [s, 0, c, 0], [0, 0, 0, 1]])
         focal = float(width / 2 / np.tan(np.radians(fov_deg) / 2))
@@ -340,7 +343,8 @@ class Camera:
         if len(values) != len(names):
             expected = f"{len(names)} ({', '.join(names)})" if names else "none"
             raise DataError(
-                f"the distortion model {self.distortion_model} has {len(values)} coefficients, expected {expected}"
+                f"the key distortion of the camera has {len(values)} coefficients, expected {expected} for the "
+                f"distortion_model {self.distortion_model}"
             )
         if not np.isfinite(values).all():
             raise DataError(f"the distortion coefficients of the camera are {values.tolist()}, expected finite numbers")

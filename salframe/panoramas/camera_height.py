@@ -141,5 +141,8 @@ def units_note(frames: Sequence[Frame], camera_z_m: Sequence[float] | np.ndarray
     factor = min(UNITS, key=lambda factor: abs(np.log(height_m * factor / USUAL_M)))
     times = f"{round(max(factor, 1 / factor), 2):g} times too {'large' if factor < 1 else 'small'}"
     plausible = min_m <= height_m * factor <= max_m
-    cause = f"ranges may be about {times}, likely {UNITS[factor]}" if plausible else "check the unit of the ranges"
-    return f"the floor lies {height_m:.3g} m below the camera ({source}), expected {min_m:g} to {max_m:g} m: {cause}"
+    cause = f"ranges may be about {times}, likely {UNITS[factor]}" if plausible else "the ranges may be wrong"
+    return (
+        f"the floor lies {height_m:.3g} m below the camera ({source}), expected {min_m:g} to {max_m:g} m: {cause}. "
+        "Check the unit of the ranges: range_unit_m in manifest.json, or --range-unit for single images"
+    )

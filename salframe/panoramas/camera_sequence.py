@@ -61,14 +61,14 @@ def read_sequence(
     if format is None and (source / MANIFEST).exists():
         if settings:
             raise ConfigError(
-                f"received importer settings for the folder of panoramas {source}, which is read without an importer: "
-                "leave out --set"
+                f"received the importer setting {settings[0]} for {source}, expected none, because a folder with a "
+                f"{MANIFEST} is read without an importer: leave out --set"
             )
         return _folder_sequence(Folder(source), name)
     if name is not None:
         raise ConfigError(
-            f"received the sequence {name!r} for {source}, expected a sequence name only for a folder of panoramas: "
-            "leave out --sequence"
+            f"received the sequence {name!r} for {source}, expected a sequence name only for a folder with a "
+            f"{MANIFEST}: leave out --sequence"
         )
     return _recorded_sequence(source, default_of("recording") if format is None else format, settings)
 
@@ -103,7 +103,7 @@ def _choose(folder: Folder, name: str | None) -> tuple[str, Sequence[FrameEntry]
         )
     name = next(iter(sequences)) if name is None else name
     if name not in sequences:
-        raise UnknownName(unknown("sequence", name, list(sequences)))
+        raise UnknownName(f"{folder.root}: {unknown('sequence', name, list(sequences))}")
     return name, sequences[name]
 
 

@@ -56,8 +56,8 @@ def motion_note(folds: Sequence[Fold]) -> str | None:
         return None
     return (
         f"{len(unknown)} of {len(queries)} queries with several views have no motion between the views, such as "
-        f"{unknown[0]}, expected odometry at the times of all views: each view is localized alone, and the answers are "
-        "combined"
+        f"{unknown[0]}, expected odometry (measured camera motion) at the times t_s of all views: each view is "
+        "localized alone, and the answers are combined"
     )
 
 
@@ -87,9 +87,8 @@ def query_notes(panorama: Panorama, camera_z_m: Sequence[float] | np.ndarray = (
     if panorama.range_m is not None and panorama.range_by is None:
         if is_cube_depth(panorama.range_m):
             notes.append(
-                f"the range image of {panorama.id} seems to contain z-depth of cube faces, expected range along the "
-                "ray: "
-                'set range_kind to "cube" (option --range-kind cube)'
+                f"the range image of {panorama.id} seems to contain z-depth of cube faces (depth along the axis of "
+                'the face), expected the distance along the ray: set range_kind to "cube" (option --range-kind cube)'
             )
         else:
             notes.append(units_note([panorama], camera_z_m))
@@ -115,5 +114,6 @@ def upside_down_note(query: str, surfaces: LevelSurfaces, camera_z_m: np.ndarray
         return None
     return (
         f"{query} seems to be upside down: the image shows the floor {surfaces.floor_m:.2f} m below the camera and the "
-        f"ceiling {surfaces.ceiling_m:.2f} m above it, but the cameras of the map are at z = {np.median(known_m):.2f} m"
+        f"ceiling {surfaces.ceiling_m:.2f} m above it, but the cameras of the map are at z = {np.median(known_m):.2f} "
+        "m: turn the images by 180 deg"
     )

@@ -131,5 +131,6 @@ class Dataset(Role):
             InputMissing: The dataset cannot render.
         """
         raise InputMissing(
-            f"the dataset {self.name} cannot render panoramas at new poses, because it has only recorded panoramas"
+            f"the dataset {self.name} cannot render panoramas at new poses, because it has only recorded panoramas: "
+            "use a dataset that renders, such as house"
         )

@@ -82,12 +82,13 @@ class FloorMasks:
         for name, mask_shape in (("region", region.shape), ("obstacle", check_mask(self, "obstacle").shape)):
             if mask_shape != shape:
                 raise DataError(
-                    f"the {name} mask of a floor is {mask_shape[1]} x {mask_shape[0]} pixels, "
+                    f"the {name} mask of the floor with z_m = {self.z_m} is {mask_shape[1]} x {mask_shape[0]} pixels, "
                     f"expected {shape[1]} x {shape[0]}, the size of the free mask of this floor"
                 )
         if not 0 < self.resolution_m < np.inf:
             raise DataError(
-                f"the masks of a floor have resolution_m = {self.resolution_m}, expected a finite number above 0"
+                f"the floor with z_m = {self.z_m} has resolution_m = {self.resolution_m}, expected the metres per "
+                "pixel of its masks, a finite number above 0"
             )
         position_m = as_array((*self.origin_m, self.z_m), "the origin of a floor")
         if position_m.shape != (3,) or not np.isfinite(position_m).all():
@@ -170,13 +171,18 @@ def floor_pixels(floor: FloorMasks, xy_m: np.ndarray) -> np.ndarray:
     return np.floor(np.stack([row, column], 1)).astype(int)
 
 
+def _place_of(floor: FloorMasks) -> str:
+    places = [*floor.regions.values()]
+    return f"with the place {places[0]!r}" if places else "without places"
+
+
 def check_heights(floors: Sequence[FloorMasks]) -> None:
     """Check that floors whose masks overlap or adjoin have different heights. Raises DataError."""
     for floor, other in combinations(floors, 2):
         if floor.z_m == other.z_m and masks_touch(floor, other):
             raise DataError(
-                f"two floors whose masks overlap or touch have z_m = {floor.z_m:g}, expected a different z_m for each "
-                "floor"
+                f"two floors whose masks overlap or touch have z_m = {floor.z_m:g} (one {_place_of(floor)}, one "
+                f"{_place_of(other)}), expected a different z_m for each floor"
             )
 
 
@@ -346,7 +352,7 @@ def read_floors(directory: Path) -> tuple[FloorMasks, ...]:
     if count.ndim or count.dtype.kind not in "iu" or list(parts) != [str(number) for number in range(int(count))]:
         raise DataError(
             f"{path} has the floors {', '.join(parts) or 'none'} and count = {count}, expected floors numbered from 0, "
-            "and count = the number of floors"
+            "and count = the number of floors: build the map again"
         )
     return tuple(_unpack_floor(floor, f"{path}, floor {number}") for number, floor in parts.items())
 
@@ -370,10 +376,13 @@ def _unpack_floor(parts: Mapping[str, np.ndarray], where: str) -> FloorMasks:
     left_m, top_m = parts["origin_m"].tolist()
     height, width = parts["region"].shape
     if any(parts[name].shape != (height, -(-width // 8)) for name in ("free", "obstacle")):
-        raise DataError(f"{where}: the masks and the regions differ in size, expected {width} x {height} pixels")
+        raise DataError(
+            f"{where}: a mask differs in size from the regions, expected {width} x {height} pixels: build the map again"
+        )
     if len(parts["labels"]) != len(parts["places"]):
         raise DataError(
-            f"{where} has {len(parts['labels'])} labels and {len(parts['places'])} places, expected equal numbers"
+            f"{where} has {len(parts['labels'])} labels and {len(parts['places'])} places, expected equal numbers: "
+            "build the map again"
         )
     return FloorMasks(
         np.unpackbits(parts["free"], axis=1, count=width).astype(bool),

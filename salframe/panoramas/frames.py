@@ -106,11 +106,12 @@ class QueryFrame:
         if self.T_last_view is None:
             return
         motions = check_array(self, "T_last_view", np.float64, len(self.earlier) + 1, 4, 4)
-        if not all(is_rigid(motion, POSE_TOLERANCE) for motion in motions):
-            raise DataError(
-                f"the query {self.id} has a motion between its views that is not rigid, expected rigid motions of "
-                "shape (4, 4)"
-            )
+        for number, motion in enumerate(motions):
+            if not is_rigid(motion, POSE_TOLERANCE):
+                raise DataError(
+                    f"the query {self.id} has T_last_view[{number}] = {motion.tolist()}, expected a rigid motion: a "
+                    "rotation without scale or reflection, a translation in metres, and the last row 0 0 0 1"
+                )
 
     @property
     def views(self) -> tuple[QueryFrame, ...]:

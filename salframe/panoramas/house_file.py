@@ -96,7 +96,8 @@ def read_house(path: Path) -> HouseFile:
             if words[:1] == ["P"] and len(words[1]) == _NAME_LENGTH
         }
     except (IndexError, ValueError) as error:
-        raise DataError(f"{path} is not a .house file: {one_line(error)}") from None
+        reason = "a line is too short" if isinstance(error, IndexError) else one_line(error)
+        raise DataError(f"{path} is not {expected}: {reason}") from None
     numbers = [*(r.low_m for r in regions), *(r.high_m for r in regions), *(o for r in regions for o in r.outlines_m)]
     numbers += [part for o in objects for part in (o.centre_m, o.axes, o.half_m)]
     numbers += [point.position_m for point in panoramas.values()]

@@ -54,8 +54,8 @@ def select(
     if not references:
         num_posed = sum(record.is_reference for record in records)
         raise DataError(
-            f"no panorama of the recording can be a reference frame ({len(records)} panoramas, {num_posed} with "
-            "poses), expected at least one that has a pose and is not a query"
+            f"none of the {len(records)} panoramas of the recording can be in a map ({num_posed} have poses), expected "
+            "at least one that has a pose and is not a query (option --queries)"
         )
     source = _place_source(references, place_from)
     reference_ids = {record.id for record in references}
@@ -83,8 +83,8 @@ def _place_source(references: Sequence[PanoramaRecord], place_from: str | None) 
     if without and source is not PlaceSource.NONE:
         known = [s for s in PlaceSource if s is PlaceSource.NONE or all(s in record.places for record in references)]
         raise DataError(
-            f"--place-from {source} has no place for {len(without)} of {len(references)} reference panoramas, such as "
-            f"{without[0]}, expected a place for each: choose {' or '.join(known)}"
+            f"--place-from {source} gives no place for {len(without)} of {len(references)} reference frames (panoramas "
+            f"of the map), such as {without[0]}, expected a place for each: choose {' or '.join(known)}"
         )
     return source
 
@@ -107,7 +107,8 @@ def _query_ids(
         number = queries.removeprefix("every:")
         if not (number.isascii() and number.isdecimal() and 2 <= int(number) <= 10**6):
             raise ConfigError(
-                f"the option --queries is {queries!r}, expected every:N with N from 2 to 1000000, or a file of ids"
+                f"the option --queries is {queries!r}, expected every:N with N from 2 to 1000000, or a text file with "
+                "the id of a query in each line"
             )
         posed = [record.id for record in records if record.is_reference]
         return set(posed[int(number) - 1 :: int(number)])

@@ -204,6 +204,6 @@ class Importer(Role):
             DataError: As in `read`, or the format has no odometry.
         """
         raise DataError(
-            f"recordings in the format {self.name} have no odometry, expected a format with odometry such as rosbag, "
-            "or a folder of panoramas with a sequence"
+            f"recordings in the format {self.name} have no odometry (measured camera motion), expected a format with "
+            "odometry such as rosbag, or a folder of panoramas with a sequence"
         )

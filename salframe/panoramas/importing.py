@@ -75,7 +75,7 @@ class ImportResult:
 
     def lines(self) -> list[str]:
         """Return the result as text."""
-        frames = f"{self.num_references} reference frames in {self.num_places} places (from: {self.place_from})"
+        frames = f"{self.num_references} reference frames in {self.num_places} places (--place-from {self.place_from})"
         return [f"{self.folder}: {frames}, {self.num_queries} queries, in {self.seconds:.1f} s"]
 
 
@@ -260,8 +260,8 @@ class _Writer:
         if not any(entry.role == "map" for entry in self._entries):
             first = next(iter(self.failures.values()), "none was selected")
             raise DataError(
-                f"no reference panorama could be imported ({counted(len(self.failures), 'panorama')} failed), the "
-                f"first: {first}"
+                f"no panorama for the map could be imported ({counted(len(self.failures), 'panorama')} failed), the "
+                f"first error: {first}"
             )
         objects, odometry = self._recording.objects, self._recording.odometry
         if objects is not None:

@@ -104,7 +104,9 @@ class PhotoSphere:
             changes.append(f"placed as a crop of the full panorama ({share})")
         if self.is_tilted:
             tilt = f"pitch {self.pitch_deg:g} deg and roll {self.roll_deg:g} deg"
-            changes.append(f"levelled from {tilt}" if levelled else f"not levelled from {tilt}: the pose is tilted")
+            changes.append(
+                f"levelled from {tilt}" if levelled else f"not levelled from {tilt}, because the pose is tilted"
+            )
         return f"{' and '.join(changes)}, as the Photo Sphere XMP metadata states" if changes else None
 
 

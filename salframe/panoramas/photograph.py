@@ -43,7 +43,7 @@ def see_panorama(camera: Camera, panorama_image: np.ndarray) -> np.ndarray:
     if camera.lost_share > 0:
         raise DataError(
             f"the lens distortion of the camera is not invertible in {camera.lost_share:.1%} of the pixels, expected "
-            "an invertible distortion in the whole image: check the coefficients"
+            f"an invertible distortion in the whole image: check the coefficients {list(camera.distortion)}"
         )
     return sample_nearest(panorama_image, camera.rays())
 
@@ -81,7 +81,8 @@ def photograph_panorama(
         if image is not None and np.shape(image)[:2] != (camera.height, camera.width):
             received = " x ".join(map(str, np.shape(image)[1::-1]))
             raise DataError(
-                f"the {what} is {received}, expected {camera.width} x {camera.height}, the size of its camera"
+                f"{name}: the {what} is {received}, expected {camera.width} x {camera.height}, the image size of the "
+                "camera"
             )
     height = height or int(np.clip(round(np.pi * camera.fx), MIN_ROWS, MAX_ROWS))
     is_shown, pixels = camera.sampling(height)

@@ -119,8 +119,8 @@ def pose_notes(
     notes = []
     if is_hanging.sum() > REFUSED_SHARE * len(frames) and _hang(frames, is_hanging):
         notes.append(
-            f"{is_hanging.sum()} of {len(frames)} reference frames hang upside down according to their poses and to "
-            "the floor that they show: the images are turned upright"
+            f"{is_hanging.sum()} of {len(frames)} reference frames (panoramas of the map) hang upside down according "
+            "to their poses and to the floor that they show: the images are turned upright"
         )
         is_tilted &= ~is_hanging
     if np.count_nonzero(is_tilted & (tilts > REFUSED_TILT_DEG)) > REFUSED_SHARE * len(frames):
@@ -128,9 +128,9 @@ def pose_notes(
     if is_tilted.any():
         first = int(is_tilted.argmax())
         notes.append(
-            f"{is_tilted.sum()} of {len(frames)} reference frames are tilted by more than {MAX_TILT_DEG:g} deg "
-            f"according to their poses ({frames[first].id}: {tilts[first]:.0f} deg), and are levelled: if the camera "
-            "was upright, check the setting pose_convention"
+            f"{is_tilted.sum()} of {len(frames)} reference frames (panoramas of the map) are tilted by more than "
+            f"{MAX_TILT_DEG:g} deg according to their poses ({frames[first].id}: {tilts[first]:.0f} deg). Their images "
+            "are levelled: if the camera was upright, check the setting pose_convention"
         )
     if not compares_ranges:
         return notes
@@ -162,12 +162,12 @@ def _tilt_deg(pose: np.ndarray) -> float:
 def _tilt_error(frames: Sequence[ReferenceFrame], tilts: np.ndarray) -> str:
     worst = int(np.argmax(tilts > REFUSED_TILT_DEG))
     text = (
-        f"{(tilts > REFUSED_TILT_DEG).sum()} of {len(frames)} reference frames are not upright according to their "
-        f"poses ({frames[worst].id}: the up axis of the panorama is {tilts[worst]:.0f} deg from the up axis of the "
-        "world)"
+        f"{(tilts > REFUSED_TILT_DEG).sum()} of {len(frames)} reference frames (panoramas of the map) are not upright "
+        f"according to their poses ({frames[worst].id}: the up axis of the panorama is {tilts[worst]:.0f} deg from the "
+        "up axis of the world)"
     )
     if np.median(tilts) > 180 - MAX_TILT_DEG:
-        return f"{text}, likely the camera hangs upside down: turn the images and the poses by 180 deg about x"
+        return f"{text}, likely the camera hangs upside down: turn the images and the poses by 180 deg about the x axis"
     level = [
         name for name in NAMES if all(_tilt_deg(convert_pose(f.T_world_pano, name)) <= MAX_TILT_DEG for f in frames)
     ]
@@ -218,8 +218,8 @@ def _cube_note(sample: _Sample) -> str | None:
     if sum(flags) * 2 <= len(flags):
         return None
     return (
-        f"{sum(flags)} of {len(flags)} range images contain z-depth of cube faces, such as "
-        f"{sample.frames[flags.index(True)].id}, expected range along the ray: "
+        f"{sum(flags)} of {len(flags)} checked range images contain z-depth of cube faces (depth along the axis of the "
+        f"face), such as {sample.frames[flags.index(True)].id}, expected the distance along the ray: "
         'set "range_kind": "cube" in manifest.json'
     )
 
@@ -251,7 +251,7 @@ def _agreement_notes(sample: _Sample) -> list[str]:
 
 def _contradiction(sample: _Sample, total: Agreement) -> str:
     return (
-        f"poses and ranges of {len(sample.frames)} reference frames contradict each other "
+        f"poses and ranges of {len(sample.frames)} reference frames (panoramas of the map) contradict each other "
         f"({100 * total.ratio:.0f} % of the points that are visible in two frames agree, "
         f"expected at least {100 * MIN_RATIO:.0f} %)"
     )
@@ -275,8 +275,9 @@ def _pair_notes(sample: _Sample, pairs: Sequence[tuple[int, int]], compared: Seq
         return []
     first, second = (sample.frames[index].id for index in wrong[0])
     return [
-        f"the poses of {len(wrong)} of {len(pairs)} pairs of neighbouring reference frames contradict their ranges "
-        f"(the first pair: {first} and {second}), expected agreement: check the poses and places of these frames"
+        f"the poses of {len(wrong)} of {len(pairs)} pairs of neighbouring reference frames (panoramas of the map) "
+        f"contradict their ranges (the first pair: {first} and {second}), expected agreement: check the poses and "
+        "places of these frames"
     ]
 
 
@@ -311,12 +312,15 @@ def _candidates(sample: _Sample) -> Iterator[_Explanation]:
             text = text if name == "ros" else f"{_convention_text(name)}, and {text}"
             yield _Explanation(sample.agreement(turned), text, surprise=float(offset % 90 != 0))
     views = [RangeView(range_of_cube_depth(range_m)) for range_m in sample.ranges]
-    text = 'likely the ranges are z-depth of cube faces: set "range_kind": "cube" in manifest.json'
+    text = (
+        "likely the ranges are z-depth of cube faces (depth along the axis of the face): "
+        'set "range_kind": "cube" in manifest.json'
+    )
     yield _Explanation(sample.agreement(poses, views=views), text)
 
 
 def _convention_text(name: PoseConvention) -> str:
-    text = f'likely the convention "{name}": set "pose_convention": "{name}" in manifest.json'
+    text = f'likely the poses follow the convention "{name}": set "pose_convention": "{name}" in manifest.json'
     return f"{text}, unless the images are mirrored or upside down" if name == "image-plan" else text
 
 

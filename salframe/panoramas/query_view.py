@@ -113,11 +113,17 @@ def as_query(panorama: Panorama, config: ComponentConfig) -> Panorama:
         return panorama
     if config.query_image != QueryImage():
         if panorama.rgb is None:
-            raise InputMissing(f"the query {panorama.id} has no colour image, which the setting query_image needs")
+            raise InputMissing(
+                f"the query {panorama.id} has no colour image, which the setting query_image needs: leave out "
+                "query_image, or use data with colour images"
+            )
         panorama = replace(panorama, rgb=change_image(panorama.rgb, config.query_image))
     if config.query_noise != AnnotationNoise():
         if panorama.annotations is None:
-            raise InputMissing(f"the query {panorama.id} has no annotations, which the setting query_noise needs")
+            raise InputMissing(
+                f"the query {panorama.id} has no annotations, which the setting query_noise needs: leave out "
+                "query_noise, or use data with annotations"
+            )
         panorama = spoil_annotations(panorama, config.query_noise, getattr(config, "seed", 0))
     if config.query_fov_deg < 360 or config.query_focal is not None:
         panorama = _crop(panorama, config.query_fov_deg, config.query_focal)

@@ -48,8 +48,8 @@ class RangeEncoding:
     def __post_init__(self) -> None:
         if not (isinstance(self.unit_m, int | float) and 0 < self.unit_m < np.inf):
             raise DataError(
-                f"the setting range_unit_m is {self.unit_m!r}, expected a positive number of metres per step of the "
-                "image values"
+                f"the setting range_unit_m is {self.unit_m!r}, expected the metres per unit of the range image, a "
+                "number above 0, such as 0.001 for millimetres"
             )
         for value in self.missing:
             if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= MAX_STEP:

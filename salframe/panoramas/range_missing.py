@@ -145,7 +145,7 @@ def missing_line(shares: Mapping[int, float], source: str, encoding: RangeEncodi
         return f"{likely}: set the range of these pixels to NaN"
     missing = sorted({*encoding.missing, *values})
     options = " ".join(f"--range-missing {value}" for value in missing)
-    return f'{likely}: set "range_missing": {missing} in manifest.json (loose images: {options})'
+    return f'{likely}: set "range_missing": {missing} in manifest.json (for single images: {options})'
 
 
 def _listed(concerned: Mapping[str, object], panoramas: Sequence[Panorama]) -> str:

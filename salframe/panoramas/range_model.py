@@ -66,7 +66,8 @@ def estimate_range(
         absent = sorted(model.needs - panorama.provides)
         if absent:
             raise InputMissing(
-                f"the range model {model.name!r} needs {name_parts(absent)}, which {panorama.id} does not have"
+                f"the range model {model.name!r} needs {name_parts(absent)}, which {panorama.id} does not have: choose "
+                "another range model (setting range.kind)"
             )
         start = time.perf_counter()
         range_m = model.estimate(panorama)

@@ -98,8 +98,8 @@ def check_regions(frames: Sequence[ReferenceFrame], floors: Sequence[FloorMasks]
     listed = ", ".join(map(str, misplaced_frames[:NUM_LISTED]))
     more = ", ..." if len(misplaced_frames) > NUM_LISTED else ""
     line = (
-        f"{len(misplaced_frames)} of {comparison.num_compared} reference frames stand outside the region of their "
-        f"place in the floor masks: {listed}{more}"
+        f"{len(misplaced_frames)} of {comparison.num_compared} reference frames (panoramas of the map) stand outside "
+        f"the region of their place in the floor masks: {listed}{more}"
     )
     if not comparison.is_contradiction:
         return line
@@ -143,7 +143,7 @@ def _changes(
     heights_m = _heights(frames, floors)
     listed = ", ".join(f"{floor.z_m:g}" for floor in floors)
     yield (
-        f"z_m may be wrong ({listed}), expected the height of each floor below its cameras",
+        f"z_m of the floors may be wrong ({listed}), expected the height of each floor in the world, below its cameras",
         [replace(floor, z_m=z_m) for floor, z_m in zip(floors, heights_m, strict=True)],
     )
     names = _renaming(misplaced_frames)

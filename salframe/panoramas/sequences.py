@@ -43,7 +43,7 @@ class Odometry:
         """
         values = read_csv_numbers(path, COLUMNS)
         if not len(values):
-            raise DataError(f"{path} has no row, expected the pose of the camera over time")
+            raise DataError(f"{path} has no row, expected rows with {', '.join(COLUMNS)}: the camera pose over time")
         return cls.of_rows(values, str(path))
 
     @classmethod

@@ -157,14 +157,16 @@ def open_photograph(
         encoding: Encoding of the depth image; None: z-depth in millimetres.
     """
     if camera is not None and fov_deg is not None:
-        raise DataError("received both camera and fov_deg for a photograph, expected only one of them")
+        raise DataError(
+            f"received both camera and fov_deg = {fov_deg:g} for the photograph {rgb}, expected only one of them"
+        )
     _check_files(rgb=rgb, depth_image=depth_image, instances=instances, labels=labels)
     image = Path(rgb)
     file = images.read_color_file(image)
     if declares_panorama(file, image):
         raise DataError(
-            f"{image} is an equirectangular panorama according to its XMP, expected a photograph: leave out --fov "
-            f"and --camera"
+            f"{image} is an equirectangular panorama according to its XMP metadata, expected a photograph: leave out "
+            "--fov and --camera"
         )
     if (named := find_frame_image(image)) is not None:
         raise DataError(
@@ -174,13 +176,14 @@ def open_photograph(
     height, width = file.pixels.shape[:2]
     if camera is None:
         if fov_deg is None:
-            raise DataError("received neither camera nor fov_deg for a photograph, expected one of them")
+            raise DataError(f"received neither camera nor fov_deg for the photograph {image}, expected one of them")
         camera = Camera.of_field_of_view(width, height, fov_deg, elevation_deg)
     else:
         if (file.width_px, file.height_px) != (camera.width, camera.height):
             raise DataError(
-                f"{image} is {file.width_px} x {file.height_px}, expected {camera.width} x {camera.height}, the size "
-                "of its calibration: use images of this size, or calibrate the camera for the other size"
+                f"{image} is {file.width_px} x {file.height_px}, expected {camera.width} x {camera.height}, the image "
+                f"size of the camera: use images of this size, or calibrate the camera for {file.width_px} x "
+                f"{file.height_px}"
             )
         camera = camera if width == camera.width else camera.scaled(width, height)  # large images are reduced
     steps, instance_id = (

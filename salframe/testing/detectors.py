@@ -196,7 +196,7 @@ def _check_turn(detector: Detector, panorama: Panorama, detections: Detections, 
             and distance_m[i, j] <= tolerance_m,
             checked,
             f"{subject} moved {distance_m[i, j]:.2g} m",
-            f"at most turn_tolerance_m = {tolerance_m:g} m beside the rotation",
+            f"at most turn_tolerance_m = {tolerance_m:g} m in addition to the rotation",
         )
         change_m = np.nan_to_num(np.abs(detections.size_m[i] - after.size_m[j])).max()
         expect(

@@ -48,7 +48,12 @@ class SceneIndexRules(Rules[SceneIndex]):
         for scene, room in enumerate(ROOMS):
             checked = f"candidates of the {room.name} among {len(self._graphs)} graphs"
             scenes = self._query(checked, self._graphs[scene], len(self._graphs)).scene.tolist()
-            expect(scenes[:1] == [scene], checked, f"scenes {scenes}", f"scene {scene}, the same graph, first")
+            expect(
+                scenes[:1] == [scene],
+                checked,
+                f"scenes {scenes}",
+                f"scene {scene} first, because its graph is the query",
+            )
 
     def equal_scores_are_in_the_order_of_the_map(self) -> None:
         first, second = 0, len(self._graphs) - 1

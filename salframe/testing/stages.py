@@ -83,7 +83,10 @@ class MatcherRules(Rules[GraphMatcher]):
         for scene, room in enumerate(ROOMS):
             checked = f"match of the {room.name} among {len(graphs)} graphs"
             matches = self._match(checked, graphs[scene])
-            received, expected = [match.scene for match in matches], f"scene {scene}, the same graph, first"
+            received, expected = (
+                [match.scene for match in matches],
+                f"scene {scene} first, because its graph is the query",
+            )
             expect(matches and matches[0].scene == scene, checked, received, expected)
 
     def rank_and_match_agree(self) -> None:

@@ -71,8 +71,8 @@ def build_topology(
     duplicates = [name for name, count in Counter(node.id for node in nodes).items() if count > 1]
     if duplicates:
         raise DataError(
-            f"two nodes would have the name {duplicates[0]!r}, expected different names: rename the places that have "
-            "the same name on two floors"
+            f"two nodes of the topology (graph for routes) would have the name {duplicates[0]!r}, expected different "
+            "names: rename the places that have the same name on two floors"
         )
     if note := disconnected_note(floors, edges):
         notes.append(note)
@@ -115,7 +115,7 @@ class _FloorMap:
         if not self._names:
             raise DataError(
                 f"the storey at z = {floor.z_m:g} m has no free floor in any region, expected free floor in at least "
-                "one"
+                "one: check the masks free and region"
             )
         self.nodes: list[MapNode] = []
         self._positions: list[np.ndarray] = []
@@ -180,7 +180,11 @@ class _FloorMap:
         for label, name in self._names.items():
             clearance_m = np.where(self._grid.label == label, clear, -1.0)
             if clearance_m.max() < 0:
-                self._notes.append(f"the region {name} has no node: no part of the region is wide enough for the robot")
+                radius_m = self._settings.robot_radius_m
+                self._notes.append(
+                    f"the region {name} has no node: no part of the region is wide enough for a robot of radius "
+                    f"{radius_m:g} m"
+                )
                 continue
             pixel = np.array(np.unravel_index(clearance_m.argmax(), clearance_m.shape)) + 0.5
             self._add(name, NodeKind.SCENE, pixel, (name,), tuple(frame.id for frame in frames if frame.place == name))

@@ -129,7 +129,7 @@ def build_map(
         except (DataError, RequirementMissing) as error:
             if central_nodes or space is not None or not frames:
                 raise
-            tell(f"warning: the map has no topology: {error}")
+            tell(f"warning: the map has no topology (graph for routes): {error}")
     localization = None
     if frames or topological_map is None:
         localization = build_localization(
@@ -236,7 +236,7 @@ def ask_map(
         reason = f"the query {frame.id} was not localized ({answer.summary})"
         return map_answer if goal is None else replace(map_answer, no_route=f"no route to {goal}: {reason}")
     if topology is None:
-        reason = "the map has no topology: build it from data with floor masks or range"
+        reason = "the map has no topology, which routes need: build the map from data with floor masks or range"
         return map_answer if goal is None else replace(map_answer, no_route=f"no route to {goal}: {reason}")
     start = next((node.id for node in topology.nodes if answer.places[0].frame in node.frames), None)
     map_answer = replace(map_answer, node=start)
@@ -250,7 +250,7 @@ def ask_map(
         if start is None:
             raise NoRoute(
                 f"no route to {goal}: the query was localized at the reference frame {answer.places[0].frame}, "
-                "which has no node in the topology"
+                "which has no node in the topology (graph for routes)"
             )
         return replace(map_answer, route=find_route(topology, start, goal, planner))
     except (DataError, NoRoute, UnknownName) as error:

@@ -216,7 +216,7 @@ def _find_storeys(
     groups = storeys(np.array([frame.T_world_pano[2, 3] for frame in frames]))
     if space is not None and len(groups) > 1:
         raise DataError(
-            f"the frames are on {len(groups)} storeys, expected one, because the occupancy map shows one storey"
+            f"the frames are on {len(groups)} storeys, expected one, because the occupancy map (--floor-map) shows one"
         )
     on_stairs = sorted(set(range(len(frames))) - set(np.concatenate(groups).tolist()))
     if on_stairs:

@@ -49,7 +49,8 @@ def export_map(directory: str | Path, path: str | Path, anchor: GeoAnchor | None
         raise ConfigError(f"received the file {path.name}, expected one that ends in {', '.join(suffixes)} or {last}")
     if anchor is not None and path.suffix != ".geojson":
         raise ConfigError(
-            f"received an anchor, but {path.name} cannot store it: leave out the anchor, or write a .geojson file"
+            f"received an anchor (--anchor), but {path.name} cannot store it: leave out the anchor, or write "
+            "a .geojson file"
         )
     if path.suffix == ".geojson":
         return _write_geojson(directory, path, anchor)
@@ -72,7 +73,7 @@ def _write_json(directory: Path, path: Path) -> tuple[Path, ...]:
     localization, _ = read_map(directory, _read_both)
     if localization is None:
         raise DataError(
-            f"{directory} has no reference frames, expected a map that was built from data with reference frames"
+            f"{directory} has no reference frames, expected a map that was built from panoramas with poses and places"
         )
     return write_places(directory.name, localization, path)
 
@@ -85,7 +86,8 @@ def _write_svg(directory: Path, path: Path) -> tuple[Path, ...]:
     localization, topology = read_map(directory, _read_both)
     if topology is None:
         raise DataError(
-            f"{directory} has no topology, expected a map that was built from data with floor masks or range"
+            f"{directory} has no topology (graph for routes), expected a map that was built from data with floor "
+            "masks or range"
         )
     write_plan(directory.name, localization, topology, path)
     return (path,)

@@ -228,7 +228,10 @@ def _change(directory: Path, change: _Change) -> MapChange:
             topology = restore_connections(topology, connections)
             notes = topology.notes
         elif topology is not None:
-            topology, notes = None, ("the topology was dropped: none of the remaining places has a floor",)
+            topology, notes = (
+                None,
+                ("the topology (graph for routes) was removed: none of the remaining places has a floor",),
+            )
         BuildingMap(localization, topology).write(parts)
     frames, old_set, old_places = localization.frames, set(old), {frame.place for frame in old}
     changed = dict.fromkeys(frame.place for frame in frames if frame not in old_set)
@@ -258,7 +261,7 @@ def _check_alike(first: Localizer, folder: Path, other: Localizer, other_folder:
     if first.name != other.name:
         raise DataError(
             f"the map {other_folder} was built with the method {other.name!r}, expected {first.name!r}, the method of "
-            f"{folder}"
+            f"{folder}: build {other_folder} again with this method"
         )
     identity, other_identity = first.describe_identity(), other.describe_identity()
     if identity != other_identity:
@@ -267,7 +270,8 @@ def _check_alike(first: Localizer, folder: Path, other: Localizer, other_folder:
         names = f"values of the setting {', '.join(differing)}" if differing else "weights of networks"
         raise DataError(
             f"the maps {other_folder} and {folder} were built with different {names}, expected the same settings and "
-            f"weights of the method {first.name!r} in all maps to merge"
+            f"weights of the method {first.name!r} in all maps to merge: build {other_folder} again "
+            f"with those of {folder}"
         )
 
 
@@ -300,6 +304,6 @@ def _check_ids(sources: Iterable[_Source]) -> None:
                 other, place = origin[frame.id]
                 raise DataError(
                     f"two frames have the id {frame.id} ({place} in {other}, {frame.place} in {folder}), "
-                    "expected different ids"
+                    "expected different ids: rename one of these frames in its data, and build its map again"
                 )
             origin[frame.id] = folder, frame.place

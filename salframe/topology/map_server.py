@@ -50,7 +50,7 @@ def read_map_server(path: Path) -> FreeSpace:
     Raises:
         DataError: A file cannot be read, a value is invalid, the mode is raw, or the map is rotated.
     """
-    from PIL import Image
+    from PIL import Image, UnidentifiedImageError
 
     try:
         file = validate(_MapFile, read_yaml(path), f"{path}:")
@@ -59,10 +59,12 @@ def read_map_server(path: Path) -> FreeSpace:
     if file.origin[2] != 0:
         raise DataError(f"{path} has an origin with a yaw of {file.origin[2]:g} rad, expected 0: rotate the map")
     if file.mode == "raw":
-        raise DataError(f"{path} has the mode raw, expected trinary or scale")
+        raise DataError(f"{path} has the mode raw, expected trinary or scale: save it in one of these modes")
     image = path.parent / file.image
     try:
         grey = np.asarray(Image.open(BytesIO(read_bytes(image))).convert("L"), np.float64) / 255
+    except UnidentifiedImageError:  # its message names an object in memory
+        raise DataError(f"{image}, the image of {path}, is not an image, expected a file such as PGM or PNG") from None
     except (OSError, ValueError) as error:
         raise DataError(f"cannot read {image}, the image of {path}: {error}") from None
     occupancy = grey if file.negate else 1 - grey
@@ -90,7 +92,10 @@ def write_map_server(floors: Sequence[FloorMasks], path: Path) -> tuple[Path, ..
         DataError: There are no floors.
     """
     if not floors:
-        raise DataError("the map has no floors, expected a map that was built from data with floor masks or range")
+        raise DataError(
+            f"cannot write {path}: the map has no floors, expected a map that was built from data with floor masks or "
+            "range"
+        )
     written: list[Path] = []
     for number, floor in enumerate(sorted(floors, key=lambda floor: floor.z_m), 1):
         yaml = path if len(floors) == 1 else path.with_name(f"{path.stem}-{number}{path.suffix}")

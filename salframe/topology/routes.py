@@ -165,7 +165,7 @@ def find_route(topology: TopologicalMap, start: str, goal: str, planner: str | N
                 routes.append(prepared.route(*pair))
         if routes:
             return min(routes, key=lambda route: route.length_m)
-    raise NoRoute(f"no route from {start} to {goal}: no edges of the map connect them")
+    raise NoRoute(f"no route from {start} to {goal}: the map has no path between them")
 
 
 def with_position(topology: TopologicalMap, xyz_m: np.ndarray, node_id: str = HERE) -> TopologicalMap:
@@ -195,7 +195,9 @@ def with_position(topology: TopologicalMap, xyz_m: np.ndarray, node_id: str = HE
     pixel = nearest_pixel(grid.clear, grid.to_pixel(xyz_m[:2]))
     others = [node for node in topology.nodes if find_floor(topology.floors, node.xyz_m) == number]
     if pixel is None or not others:
-        raise DataError(f"the floor at z = {floor.z_m:g} m has no free space or no nodes, and a route needs both")
+        raise DataError(
+            f"the floor at z = {floor.z_m:g} m has no free space or no topology node, and a route needs both"
+        )
     pixels = grid.to_pixel(np.array([node.xyz_m[:2] for node in others]))
     visible = has_line_of_sight(grid.clear, np.broadcast_to(pixel, pixels.shape), pixels)
     paths = [(int(node), np.array([pixel, pixels[node]])) for node in np.flatnonzero(visible)]

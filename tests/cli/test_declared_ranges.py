@@ -69,7 +69,7 @@ def test_loose_images_have_the_encoding_of_the_options(folders):
     np.testing.assert_allclose(pose(found), expected, atol=0.02)
     undeclared = run(*loose, *OPTIONS[:2], "--range-kind", "cube", "--json").err
     assert "65535 fills" in undeclared
-    assert "(loose images: --range-missing 65535)" in undeclared
+    assert "(for single images: --range-missing 65535)" in undeclared
     error = run("localize", "map", "bedroom-query", "--data", "plain", "--range-missing", "65535").err
     assert error.startswith("error: received --range-missing without --range: add --range FILE, the range")
     assert error.count("\n") == 1

@@ -115,7 +115,7 @@ def test_loose_images_are_localized(loose):
 def test_images_without_what_the_map_needs_are_one_line(loose):
     assert run("localize", "map", *loose[:4]).err.endswith(
         "error: the method 'saliency-places' needs annotations, which panorama a.jpg does not have: "
-        "build the map with detector.kind=panoseg, or pass annotations too\n"
+        "build the map with --set detector.kind=panoseg, or pass annotations too\n"
     )
     assert "received neither FRAME" in run("localize", "map").err
     assert "received both FRAME and image files" in run("localize", "map", "query", *loose).err

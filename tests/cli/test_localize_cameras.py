@@ -132,7 +132,7 @@ def test_an_unusual_camera_is_reported_once(photographs):
         ),
         (
             ("small.jpg", "--camera", "camera.json"),
-            "small.jpg is 200 x 200, expected 400 x 400, the size of its calibration: use",
+            "small.jpg is 200 x 200, expected 400 x 400, the image size of the camera: use",
         ),
         (("0.jpg", "--camera", "labels.json"), "labels.json: the required key width is missing"),
         (

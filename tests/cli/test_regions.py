@@ -13,7 +13,7 @@ from salframe.panoramas.floors import FloorMasks
 from salframe.panoramas.folder_format import write_floor, write_manifest
 from salframe.panoramas.folder_reader import Folder
 
-BEGIN = "3 of 3 reference frames stand outside the region of their place in the floor masks: "
+BEGIN = "3 of 3 reference frames (panoramas of the map) stand outside the region of their place in the floor masks: "
 CAUSE = "names in `regions` may be swapped"
 
 

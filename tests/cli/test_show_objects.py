@@ -205,4 +205,4 @@ def test_a_photograph_of_a_calibrated_camera(pictures):
     (pictures / "camera.json").write_text(json.dumps({**content, "width": 642}))
     larger = run("show-objects", "desk.png", "--camera", "camera.json", *DETECTOR)
     assert larger.code == 1
-    assert "desk.png is 640 x 480, expected 642 x 480, the size of its calibration" in larger.err
+    assert "desk.png is 640 x 480, expected 642 x 480, the image size of the camera" in larger.err

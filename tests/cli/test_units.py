@@ -12,7 +12,10 @@ from salframe.panoramas.images import read_range, write_range
 
 SAID = "the floor lies 6 m below the camera ({}), expected 0.45 to 2.8 m: "
 MAPPED = "median of 3 panoramas, the first: bedroom-map"
-LIKELY = "ranges may be about 4 times too large, likely quarter millimetres read as millimetres\n"
+LIKELY = (
+    "ranges may be about 4 times too large, likely quarter millimetres read as millimetres. "
+    "Check the unit of the ranges: range_unit_m in manifest.json, or --range-unit for single images\n"
+)
 
 
 @pytest.fixture

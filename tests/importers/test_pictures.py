@@ -96,7 +96,7 @@ def test_places_from_folders_and_from_none(tmp_path, written):
         "hall/p1": "hall/p1",
         "kitchen/p0": "kitchen/p0",
     }
-    with pytest.raises(salframe.DataError, match=r"--place-from column has no place for .*choose folder or none"):
+    with pytest.raises(salframe.DataError, match=r"--place-from column gives no place for .*choose folder or none"):
         salframe.import_data("pictures", tmp_path / "home", tmp_path / "c", place_from="column")
 
 
@@ -105,7 +105,7 @@ def test_an_unreadable_picture_costs_its_own_line(written, tmp_path):
     (root / "p1.jpg").write_bytes((root / "p1.jpg").read_bytes()[:2000])
     result = run("data", "import", "pictures", root, "-o", tmp_path / "out")
     assert result.code == 1
-    assert result.out.startswith(f"{tmp_path / 'out'}: 2 reference frames in 1 places (from: column), 1 queries")
+    assert result.out.startswith(f"{tmp_path / 'out'}: 2 reference frames in 1 places (--place-from column), 1 queries")
     assert result.err.count("\n") == 1
     assert "error: p1: " in result.err
     assert "is not a readable image" in result.err

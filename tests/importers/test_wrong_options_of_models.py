@@ -59,7 +59,11 @@ def test_the_poses_are_those_of_the_home(import_from, home, format, settings):
         ),
         ("colmap", ["scale=2.5"], "the cameras are 3.75 m above the floor in the points of the model, expected"),
         ("rosbag", ["depth_unit_m=0.0002"], "5 times too small, likely millimetres read as fifths of a millimetre"),
-        ("rosbag", ["depth_kind=cube"], "poses and ranges of 4 reference frames contradict each other"),
+        (
+            "rosbag",
+            ["depth_kind=cube"],
+            "poses and ranges of 4 reference frames (panoramas of the map) contradict each other",
+        ),
     ],
 )
 def test_a_wrong_unit_or_kind_is_named(import_from, home, format, settings, message):

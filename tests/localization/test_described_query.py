@@ -84,7 +84,7 @@ def test_a_query_that_is_not_turned_is_told(localizer):
     assert calls == []
     assert warnings == [
         "q0 seems to be upside down: the image shows the floor 1.10 m below the camera and the ceiling 1.50 m above "
-        "it, but the cameras of the map are at z = 1.50 m"
+        "it, but the cameras of the map are at z = 1.50 m: turn the images by 180 deg"
     ]
 
 

@@ -61,7 +61,7 @@ def test_the_nearest_word_is_reported():
     query = read_text("curtaining", LABELS)
     (mention,) = query.mentions
     assert (mention.label, mention.is_nearest) == ("curtain", True)
-    assert query.notes == ("'curtaining' is not in the vocabulary; its nearest word is 'curtain'",)
+    assert query.notes == ("'curtaining' is not in the vocabulary of object names; its nearest word is 'curtain'",)
     (unknown,) = read_text("xyzzy", LABELS).mentions
     assert unknown.label is None
 
@@ -72,7 +72,8 @@ def test_without_the_package_a_word_is_reported_with_the_command(monkeypatch):
     assert [mention.label for mention in query.mentions] == [None, "sofa"]
     (note,) = query.notes
     assert note == (
-        "'espresso maker' is ignored: the word is not in the vocabulary; to search for similar words, install the "
+        "'espresso maker' is ignored: the word is not in the vocabulary of object names; to "
+        "search for similar words, install the "
         "package no_such_package: pip install 'salframe[words]'"
     )
 

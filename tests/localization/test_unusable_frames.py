@@ -23,7 +23,7 @@ def test_a_fifth_of_the_frames_may_be_left_out():
     check_unusable(missing(20), 100)
     with pytest.raises(InputMissing, match=r"21 of 100 .* at most 20%: .*; the first error: frame-0 has no range"):
         check_unusable(missing(21), 100)
-    with pytest.raises(InputMissing, match="15 of 19 reference frames cannot be used"):
+    with pytest.raises(InputMissing, match=r"15 of 19 reference frames .* cannot be used"):
         check_unusable(missing(15), 19)
 
 
@@ -36,7 +36,10 @@ def test_frames_that_cannot_be_read_are_an_error_of_the_data():
 
 def test_the_note_names_the_first():
     assert unusable_note({}) is None
-    assert unusable_note(missing(2)) == "2 reference frame(s) left out; the first error: frame-0 has no range"
+    assert (
+        unusable_note(missing(2))
+        == "2 of the reference frames (panoramas of the map) left out; the first error: frame-0 has no range"
+    )
 
 
 def test_a_map_is_built_without_a_frame_and_refused_without_two():
@@ -47,8 +50,10 @@ def test_a_map_is_built_without_a_frame_and_refused_without_two():
 
     built, notes = build("map-0")
     assert [frame.id for frame in built.frames] == ["map-1", "map-2", "map-3", "map-4"]
-    assert notes == ["1 reference frame(s) left out; the first error: map-0.png is no image"]
-    with pytest.raises(DataError, match="2 of 5 reference frames cannot be used"):
+    assert notes == [
+        "1 of the reference frames (panoramas of the map) left out; the first error: map-0.png is no image"
+    ]
+    with pytest.raises(DataError, match=r"2 of 5 reference frames .* cannot be used"):
         build("map-0", "map-1")
 
 

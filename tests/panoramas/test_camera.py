@@ -143,7 +143,10 @@ def test_a_fold_of_the_distortion_is_not_seen_twice():
             r"4 coefficients, expected 5 \(k1, k2, p1, p2, k3",
         ),
         ({"distortion_model": "fisheye", "distortion": [0.1] * 5}, "5 coefficients, expected 4"),
-        ({"distortion": [0.1]}, "model none has 1 coefficients, expected none"),
+        (
+            {"distortion": [0.1]},
+            "distortion of the camera has 1 coefficients, expected none for the distortion_model none",
+        ),
         ({"distortion_model": "plumb_bob", "distortion": [0.1, np.inf, 0, 0, 0]}, "expected finite"),
         (
             {"distortion_model": "plumb_bob", "distortion": [-0.3, 0.1, -0.2, 0, 0]},
@@ -167,7 +170,7 @@ def test_implausible_calibrations_are_refused(change, message):
 def test_fields_of_view_that_no_pinhole_has(fov_deg):
     with pytest.raises(DataError, match="expected 5 to 170"):
         Camera.of_field_of_view(640, 480, fov_deg)
-    with pytest.raises(DataError, match="an elevation of 100 deg, expected -90 to 90"):
+    with pytest.raises(DataError, match="looks up by 100 deg, expected -90 to 90"):
         Camera.of_field_of_view(640, 480, 60, elevation_deg=100)
     assert (options.MIN_FOV_DEG, options.MAX_FOV_DEG) == (cameras.MIN_FOV_DEG, cameras.MAX_FOV_DEG)
 

@@ -45,12 +45,16 @@ def test_a_folder_of_neither_kind_is_refused(tmp_path):
 
 
 def test_a_format_without_odometry_is_refused(tmp_path):
-    with pytest.raises(DataError, match="in the format tum have no odometry, expected a format with odometry such as"):
+    with pytest.raises(
+        DataError, match=r"in the format tum have no odometry .*, expected a format with odometry such as"
+    ):
         read_sequence(tmp_path, format="tum")
 
 
 def test_arguments_that_do_not_apply_are_refused(tmp_path):
-    with pytest.raises(ConfigError, match="received importer settings for the folder of panoramas"):
+    with pytest.raises(
+        ConfigError, match=r"received the importer setting .*, expected none, because a folder with a manifest.json"
+    ):
         read_sequence(write_tracked_folder(tmp_path), settings=["height=256"])
     with pytest.raises(
         ConfigError, match=r"received the sequence 'walk' for .*, expected a sequence name only for a folder"

@@ -146,8 +146,11 @@ def test_masks_that_were_read_from_images_are_accepted():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"resolution_m": np.inf}, "have resolution_m = inf, expected a finite number above 0"),
-        ({"resolution_m": np.nan}, "have resolution_m = nan"),
+        (
+            {"resolution_m": np.inf},
+            "z_m = 0.* has resolution_m = inf, expected the metres per pixel of its masks, a finite number above 0",
+        ),
+        ({"resolution_m": np.nan}, "has resolution_m = nan"),
         ({"origin_m": (0.0, np.nan)}, r"has origin_m = \(0.0, nan\)"),
         ({"origin_m": (0.0, 1.0, 2.0)}, "expected finite numbers"),
         ({"z_m": np.inf}, "z_m = inf"),

@@ -223,7 +223,9 @@ def test_a_range_image_of_the_full_sphere_contradicts_a_crop(tmp_path):
 def test_a_panorama_is_no_photograph(tmp_path):
     xmp = packet(ProjectionType="equirectangular", **CROP)
     write(tmp_path / "a.jpg", np.full((100, 256, 3), 90, np.uint8), xmp)
-    with pytest.raises(DataError, match="is an equirectangular panorama according to its XMP, expected a photograph"):
+    with pytest.raises(
+        DataError, match="is an equirectangular panorama according to its XMP metadata, expected a photograph"
+    ):
         open_photograph(tmp_path / "a.jpg", fov_deg=60)
 
 

@@ -141,7 +141,9 @@ def test_poses_with_y_up_are_refused_with_the_convention():
 def test_cameras_that_hang_upside_down_are_levelled_by_their_poses():
     frames = reference_frames(height_m=1.7, tilt=np.diag([1.0, -1.0, -1.0]))
     (note,) = pose_notes(frames)
-    assert note.startswith(f"{len(frames)} of {len(frames)} reference frames hang upside down according to their poses")
+    assert note.startswith(
+        f"{len(frames)} of {len(frames)} reference frames (panoramas of the map) hang upside down acc"
+    )
 
 
 def test_poses_in_a_world_with_z_down_are_refused():
@@ -156,7 +158,7 @@ def test_a_few_tilted_frames_are_counted():
     one = frames[1].T_world_pano.copy()
     one[:3, :3] = one[:3, :3] @ tilt
     notes = pose_notes([frames[0], replace(frames[1], T_world_pano=one), *frames[2:]])
-    assert notes[0].startswith(f"1 of {len(frames)} reference frames are tilted")
+    assert notes[0].startswith(f"1 of {len(frames)} reference frames (panoramas of the map) are tilted")
     assert "20 deg" in notes[0]
 
 

@@ -42,7 +42,7 @@ def test_depth_of_a_photograph_keeps_its_kind(kind):
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"unit_m": 0.0}, "range_unit_m is 0.0, expected a positive number"),
+        ({"unit_m": 0.0}, "range_unit_m is 0.0, expected the metres per unit of the range image"),
         ({"missing": (65536,)}, "range_missing has the value 65536, expected integers from 0 to 65535"),
         ({"missing": (1.5,)}, "range_missing has the value 1.5"),
         ({"kind": "depth"}, "range_kind is 'depth', expected one of ray, z, cube"),

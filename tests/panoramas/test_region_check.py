@@ -73,8 +73,11 @@ def test_right_masks_are_silent():
     ("floors", "cause"),
     [
         ([swapped(masks())], r"names in `regions` may be swapped \(kitchen should be hall, hall should be kitchen\)"),
-        ([masks(z_m=3.0)], r"z_m may be wrong \(3\), expected the height of each floor below its cameras"),
-        ([masks(z_m=-2.0)], r"z_m may be wrong \(-2\)"),
+        (
+            [masks(z_m=3.0)],
+            r"z_m of the floors may be wrong \(3\), expected the height of each floor in the world, below",
+        ),
+        ([masks(z_m=-2.0)], r"z_m of the floors may be wrong \(-2\)"),
         ([mirrored(masks(), 0)], "masks may be mirrored: row 0 must be at the largest y"),
         ([mirrored(masks(), 1)], "masks may be mirrored: column 0 must be at the smallest x"),
         ([moved(masks(), 0, -6)], "origin_m may be the lower left corner, expected the upper left corner"),
@@ -91,19 +94,23 @@ def test_wrong_masks_are_refused_with_their_likely_cause(floors, cause):
     with pytest.raises(DataError, match=cause) as error:
         check_regions(frames(), floors)
     assert "\n" not in str(error.value)
-    assert " reference frames stand outside the region of their place in the floor masks: " in str(error.value)
+    assert (
+        " reference frames (panoramas of the map) stand outside the region of their place in the floor masks: "
+        in str(error.value)
+    )
 
 
 @pytest.mark.parametrize("heights_m", [(3.0, 0.0), (0.0, 1.0), (0.0, 30.0)])
 def test_wrong_heights_of_two_storeys_are_refused(heights_m):
     lower_m, upper_m = heights_m
-    with pytest.raises(DataError, match="z_m may be wrong"):
+    with pytest.raises(DataError, match="z_m of the floors may be wrong"):
         check_regions([*frames(), *frames("upper-", 4.5)], [masks(z_m=lower_m), masks("upper-", upper_m)])
 
 
 def test_two_floors_of_one_height_are_refused():
     with pytest.raises(
-        DataError, match="two floors whose masks overlap or touch have z_m = 0, expected a different z_m for each floor"
+        DataError,
+        match=r"two floors whose masks overlap or touch have z_m = 0 .*, expected a different z_m for each floor",
     ):
         check_regions(frames(), [masks(), masks("upper-")])
 
@@ -115,7 +122,9 @@ def test_few_frames_outside_their_region_are_reported():
     door = ReferenceFrame("door", "door", pose_2d(5, 4.6, 0, 1.5), FrameKind.TRANSITION)
     edge = ReferenceFrame("edge", "kitchen", pose_2d(4.3, 1.4, 0, 1.5))  # at the wall between kitchen and study
     assert check_regions([*many, edge], [masks()]) is None
-    begin = " of 37 reference frames stand outside the region of their place in the floor masks: "
+    begin = (
+        " of 37 reference frames (panoramas of the map) stand outside the region of their place in the floor masks: "
+    )
     assert check_regions([*many, stray], [masks()]) == f"1{begin}stray (place kitchen, region study)"
     assert check_regions([*many, lost], [masks()]) == f"1{begin}lost (place kitchen, no region)"
     assert check_regions([*many, door], [masks()]) == f"1{begin}door (doorway, region hall)"

@@ -51,7 +51,7 @@ def test_motions_map_to_the_last_view(tmp_path):
 
 @pytest.mark.parametrize(
     ("rows", "message"),
-    [("", "has no row, expected the pose"), ("1,0,0,0,0\n1,0,0,0,5\n", "has two different poses at t_s = 1")],
+    [("", "has no row, expected rows with t_s, x_m"), ("1,0,0,0,0\n1,0,0,0,5\n", "has two different poses at t_s = 1")],
 )
 def test_wrong_odometry_is_refused(tmp_path, rows, message):
     with pytest.raises(DataError, match=message):

@@ -129,5 +129,5 @@ def test_arrays_and_units_that_are_no_files_are_told():
         DataError, match=r"rgb has the type ndarray, expected the path of a file: for arrays, use salframe.Panor"
     ):
         read_panorama(np.zeros((16, 32, 3), np.uint8))
-    with pytest.raises(DataError, match="range_unit_m is 0, expected a positive number of metres"):
+    with pytest.raises(DataError, match="range_unit_m is 0, expected the metres per unit of the range image"):
         read_panorama("a.jpg", "a.png", range_unit_m=0)

@@ -35,7 +35,7 @@ def test_the_command_reads_bags(rooms_map, tmp_path, monkeypatch):
     np.testing.assert_allclose(rows[:, 0], 1_700_000_000 + np.arange(6))
     error = run("track", rooms_map, bag, "--sequence", "walk")
     assert error.code == 2
-    assert "expected a sequence name only for a folder of panoramas" in error.err
+    assert "expected a sequence name only for a folder with a manifest.json" in error.err
 
 
 def test_a_bag_with_the_frame_map_has_the_truth_beside_the_odometry(rooms_map, tmp_path):

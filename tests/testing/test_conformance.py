@@ -322,7 +322,9 @@ class Shaken(Coarse):
 
 
 def test_every_rule_is_checked_and_a_broken_one_names_the_setting_that_mends_it():
-    conformance = breaks(r"moved 0\.\d+ m, expected at most turn_tolerance_m = 0\.0001 m beside the rotation", Shaken)
+    conformance = breaks(
+        r"moved 0\.\d+ m, expected at most turn_tolerance_m = 0\.0001 m in addition to the rotation", Shaken
+    )
     assert conformance.component == "detector shaken"
     assert [result.rule for result in conformance.failed] == ["detections rotate with the panorama"]
     assert {result.rule: result.message for result in conformance.skipped} == {

@@ -156,10 +156,14 @@ def test_masks_of_different_sizes_are_refused():
     free = np.ones((4, 6), bool)
     with pytest.raises(
         DataError,
-        match="the region mask of a floor is 7 x 4 pixels, expected 6 x 4, the size of the free mask of this floor",
+        match=r"the region mask of the floor with z_m = 0.0 is 7 x 4 pixels, expected 6 x 4, the size of the free",
     ):
         FloorMasks(free, np.zeros((4, 7), np.int32), free, 0.05, (0, 0), {})
-    with pytest.raises(DataError, match="the obstacle mask of a floor is 6 x 5 pixels, expected 6 x 4"):
+    with pytest.raises(
+        DataError, match=r"the obstacle mask of the floor with z_m = 0.0 is 6 x 5 pixels, expected 6 x 4"
+    ):
         FloorMasks(free, np.zeros((4, 6), np.int32), np.zeros((5, 6), bool), 0.05, (0, 0), {})
-    with pytest.raises(DataError, match="resolution_m = 0, expected a finite number above 0"):
+    with pytest.raises(
+        DataError, match="resolution_m = 0, expected the metres per pixel of its masks, a finite number above 0"
+    ):
         FloorMasks(free, np.zeros((4, 6), np.int32), free, 0, (0, 0), {})

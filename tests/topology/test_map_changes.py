@@ -196,7 +196,7 @@ def test_a_map_whose_last_floor_is_removed_has_no_topology_any_more(rooms):
     assert [node.id for node in open_topology(map).nodes] == ["map-0"]
     change = remove_from_map(map, ["room-0"])
     assert change.places == 4
-    assert change.notes == ("the topology was dropped: none of the remaining places has a floor",)
+    assert change.notes == ("the topology (graph for routes) was removed: none of the remaining places has a floor",)
     assert content(map).keys() == content(build("plain", "maskless")).keys()
 
 

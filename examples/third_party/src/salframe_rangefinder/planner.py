@@ -28,7 +28,7 @@ class NetworkxPlanner(salframe.Planner):
         try:
             nodes = networkx.shortest_path(self._graph, start, goal, weight="length_m")
         except networkx.NetworkXNoPath:
-            raise salframe.NoRoute(f"no route from {start} to {goal}: no edges of the map connect them") from None
+            raise salframe.NoRoute(f"no route from {start} to {goal}: the map has no path between them") from None
         edges = [self._graph.edges[pair]["edge"] for pair in pairwise(nodes)]
         legs = tuple(edge if edge.start == node else edge.reversed() for node, edge in zip(nodes, edges, strict=False))
         return salframe.Route(tuple(nodes), legs, sum(edge.length_m for edge in edges))

@@ -125,7 +125,9 @@ def test_a_corrupt_query_is_an_error_of_its_own(fakes):
 def test_a_corrupt_mapping_frame_is_left_out_and_said_so(fakes):
     rows, _, _ = run(["reader"], "data.broken=[map-0]")
     assert rows["reader"].accuracy.value == 0.8
-    assert rows["reader"].reason == "1 reference frame(s) left out; the first error: map-0.png is no image"
+    assert rows["reader"].reason == (
+        "1 of the reference frames (panoramas of the map) left out; the first error: map-0.png is no image"
+    )
 
 
 def test_a_map_without_a_frame_crashes(fakes):
