@@ -46,7 +46,7 @@ class Classes:
 
     Attributes:
         names: Class names; the first name, "", stands for no object.
-        index: Index (C,) int in `names` of each of the network's classes.
+        index: (C,) int, the index in `names` for each class of the network.
         is_object: (names,) bool, whether each name is an object.
         is_fixed: (names,) bool, whether each name is an object that is part of the building.
     """

@@ -37,7 +37,7 @@ def fold_notes(folds: Sequence[Fold], floors: Sequence[FloorMasks] = ()) -> list
     fold are compared with its range images. Queries whose views have an unknown motion are reported.
 
     Raises:
-        DataError: Many panoramas are not upright by their poses, many frames stand outside the region of their place,
+        DataError: According to their poses, many panoramas are tilted; many frames stand outside the region of their place,
             or the floor masks are malformed.
     """
     frames = distinct_references(folds)

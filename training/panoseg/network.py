@@ -68,8 +68,8 @@ class SeamConv(nn.Conv2d):
         return self._conv_forward(image, self.weight, self.bias)
 
 
-def normalised(conv: nn.Conv2d) -> nn.BatchNorm2d:
-    """Return the batch normalisation after a convolution, with the constants of EfficientNet."""
+def batch_norm_after(conv: nn.Conv2d) -> nn.BatchNorm2d:
+    """Return a new batch normalisation layer for the output of a convolution, with the constants of EfficientNet."""
     return nn.BatchNorm2d(conv.out_channels, eps=1e-3, momentum=0.01)
 
 
@@ -81,11 +81,11 @@ class MobileBlock(nn.Module):
         inner = inputs * expansion
         if expansion > 1:
             self._expand_conv = SeamConv(inputs, inner, 1, bias=False)
-            self._bn0 = normalised(self._expand_conv)
+            self._bn0 = batch_norm_after(self._expand_conv)
         self._depthwise_conv = SeamConv(inner, inner, kernel, stride, groups=inner, bias=False)
-        self._bn1 = normalised(self._depthwise_conv)
+        self._bn1 = batch_norm_after(self._depthwise_conv)
         self._project_conv = SeamConv(inner, outputs, 1, bias=False)
-        self._bn2 = normalised(self._project_conv)
+        self._bn2 = batch_norm_after(self._project_conv)
         self._residual = stride == 1 and inputs == outputs
 
     def forward(self, image: Tensor) -> Tensor:
@@ -103,7 +103,7 @@ class Separable(nn.Sequential):
     def __init__(self, channels: int) -> None:
         depthwise = SeamConv(channels, channels, 3, groups=channels, bias=False)
         pointwise = SeamConv(channels, channels, 1, bias=False)
-        super().__init__(depthwise, normalised(depthwise), pointwise, normalised(pointwise), nn.ReLU6())
+        super().__init__(depthwise, batch_norm_after(depthwise), pointwise, batch_norm_after(pointwise), nn.ReLU6())
 
 
 class PanoSeg(nn.Module):
@@ -117,7 +117,7 @@ class PanoSeg(nn.Module):
     def __init__(self, classes: int) -> None:
         super().__init__()
         self._conv_stem = SeamConv(CHANNELS, 32, 3, 2, bias=False)
-        self._bn0 = normalised(self._conv_stem)
+        self._bn0 = batch_norm_after(self._conv_stem)
         blocks = []
         for repeats, kernel, stride, expansion, inputs, outputs in LITE0:
             blocks.append(MobileBlock(kernel, stride, expansion, inputs, outputs))
