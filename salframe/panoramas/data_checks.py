@@ -37,8 +37,8 @@ def fold_notes(folds: Sequence[Fold], floors: Sequence[FloorMasks] = ()) -> list
     fold are compared with its range images. Queries whose views have an unknown motion are reported.
 
     Raises:
-        DataError: According to their poses, many panoramas are tilted; many frames stand outside the region of their place,
-            or the floor masks are malformed.
+        DataError: In any of these cases: according to their poses, many panoramas are tilted; many frames stand outside
+            the region of their place; the floor masks are malformed.
     """
     frames = distinct_references(folds)
     units = units_note(frames)

@@ -31,9 +31,10 @@ MAX_DRAWS = 20
 def random_config(config: ComponentConfig, seed: int) -> ComponentConfig:
     """Return a configuration with random valid settings, with which the component can be created.
 
-    The draw changes booleans, choices, optional values, numbers (to values near the original), and the components in
-    slots (to components without weights that belong to salframe or to the package of the component). Files and texts do
-    not change. The draw of a setting depends on the seed, its key and its value only.
+    The draw changes booleans, choices, optional values, and numbers (to values near the original). A setting whose
+    value is another component gets a component that needs no weights. This component is part of salframe, or of the
+    package of the configured component. Files and texts do not change. The draw of a setting depends on the seed, its
+    key and its value only.
 
     Args:
         config: The configuration to start from. It is returned if no draw is usable.
