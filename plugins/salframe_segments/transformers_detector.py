@@ -65,8 +65,8 @@ class TransformersDetector(Detector):
             None,
             union_mode="left_to_right",
             description="labels that a zero-shot network searches for. Such a network receives the labels as text, so "
-            "it can search for any object. a list: your labels; a path: the folder of a saved map, whose object labels are used; null: the names "
-            "in salframe's vocabulary. A network with fixed labels requires null",
+            "it can search for any object. a list: your labels; a path: the folder of a saved map, whose object labels "
+            "are used; null: the names in salframe's vocabulary. A network with fixed labels requires null",
         )
         fov_deg: float = Field(
             90.0,
