@@ -221,7 +221,13 @@ class _Moments:
         return {**moments, "mean_effect": self.mean_effect, "deviation_effect": self.deviation_effect}
 
     def standardize(self, value: np.ndarray, nu: np.ndarray, map_number: np.ndarray) -> np.ndarray:
-        """Return the values (N,), standardized with the moments of their maps."""
+        """Return the values (N,) minus the mean of their map, divided by its standard deviation.
+
+        Args:
+            value: (N,) values.
+            nu: (N,) logarithms of relative numbers of objects, see `Head`.
+            map_number: (N,) number of the map of each value.
+        """
         z = np.empty(len(value))
         for number in np.unique(map_number):
             rows = map_number == number
