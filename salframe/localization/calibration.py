@@ -357,16 +357,17 @@ def place_scales(localized: Sequence[LocalizedFrame]) -> dict[str, PlaceScale]:
     """Return the normalization of score differences for each place.
 
     Some places have high scores for the frames of many other places, for example places with many common objects. The
-    full normalization gives the score differences of all places the same mean and standard deviation for frames of
-    other places ("zero normalization" of scores; Auckenthaler, Carey, Lloyd-Thomas: Score normalization for
-    text-independent speaker verification systems, Digital Signal Processing 10, 2000). The result is an average with
-    the original score difference: PLACE_SHARE is the weight of the full normalization.
+    full normalization gives the score differences of each place the mean and the standard deviation of a typical place,
+    for frames of other places ("zero normalization" of scores; Auckenthaler, Carey, Lloyd-Thomas: Score normalization
+    for text-independent speaker verification systems, Digital Signal Processing 10, 2000). The result is an average
+    with the original score difference: PLACE_SHARE is the weight of the full normalization.
 
     Args:
         localized: The localized frames. Only those whose places were hidden are used.
     """
     _, names, differences = _differences(localized)
-    scales = {str(name): _scale(differences[names == name], differences) for name in np.unique(names)}
+    typical = _typical_moments(names, differences)
+    scales = {str(name): _scale(differences[names == name], *typical) for name in np.unique(names)}
     return {
         name: (round(offset, SCALE_DIGITS), round(factor, SCALE_DIGITS)) for name, (offset, factor) in scales.items()
     }
@@ -381,10 +382,19 @@ def _differences(localized: Sequence[LocalizedFrame]) -> tuple[np.ndarray, np.nd
     return rows, names, np.concatenate([np.empty(0), *(score_differences(one.scores) for one in used)])
 
 
-def _scale(own: np.ndarray, differences: np.ndarray) -> PlaceScale:
-    """Return the normalization for a place with the score differences `own` (K,) for frames of other places. The score
-    differences of all places are `differences` (S,)."""
-    mean, variance = float(differences.mean()), float(differences.var())
+def _typical_moments(names: np.ndarray, differences: np.ndarray) -> tuple[float, float]:
+    """Return the mean of the score differences (S,) of all places, and their mean variance within a place. `names` (S,)
+    are the places."""
+    if not len(differences):
+        return 0.0, 0.0
+    _, place, count = np.unique(names, return_inverse=True, return_counts=True)
+    of_place = np.bincount(place, differences) / count
+    return float(differences.mean()), float(np.mean((differences - of_place[place]) ** 2))
+
+
+def _scale(own: np.ndarray, mean: float, variance: float) -> PlaceScale:
+    """Return the normalization for a place with the score differences `own` (K,) for frames of other places. `mean` and
+    `variance` are those of `_typical_moments`."""
     if variance == 0:
         return SAME_SCALE
     weight = len(own) + PLACE_PRIOR
@@ -398,13 +408,12 @@ def _scale(own: np.ndarray, differences: np.ndarray) -> PlaceScale:
 def frame_answers(posterior: Posterior, localized: Sequence[LocalizedFrame]) -> FrameAnswers:
     """Return the answers of localized frames with their contrasts."""
     rows, names, differences = _differences(localized)
+    typical = _typical_moments(names, differences)
     number = {place: i for i, place in enumerate(dict.fromkeys(one.place for one in localized))}
     contrast = np.empty(len(localized))
     for i, one in enumerate(localized):
         is_own = (names == one.names[0]) & (rows != one.row)
-        contrast[i] = posterior.contrast(
-            one.scores, _scale(differences[is_own], differences) if is_own.any() else SAME_SCALE
-        )
+        contrast[i] = posterior.contrast(one.scores, _scale(differences[is_own], *typical))
     return FrameAnswers(
         contrast,
         np.array([one.objects for one in localized], np.int64),

@@ -406,13 +406,18 @@ def normalized(scores):
             others = sorted((scores[i, k] for k in shown if k != j), reverse=True)[:5]
             differences[i, j] = scores[i, j] - np.mean(others)
     total = np.array([*differences.values()])
+    within = [
+        value - np.mean([v for (_, p), v in differences.items() if p == place])
+        for (_, place), value in differences.items()
+    ]
+    typical = np.mean(np.square(within))
     result = []
     for i in range(count):
         best = max((j for j in range(count) if j != i), key=lambda j: scores[i, j])
         own = np.array([value for (frame, place), value in differences.items() if place == best and frame != i])
         mean = (own.sum() + PLACE_PRIOR * total.mean()) / (len(own) + PLACE_PRIOR)
-        variance = (((own - mean) ** 2).sum() + PLACE_PRIOR * total.var()) / (len(own) + PLACE_PRIOR)
-        full = total.mean() + (differences[i, best] - mean) * total.std() / np.sqrt(variance)
+        variance = (((own - mean) ** 2).sum() + PLACE_PRIOR * typical) / (len(own) + PLACE_PRIOR)
+        full = total.mean() + (differences[i, best] - mean) * np.sqrt(typical / variance)
         result.append((PLACE_SHARE * full + (1 - PLACE_SHARE) * differences[i, best], best))
     return result
 
@@ -455,7 +460,7 @@ def popular_scores(seed=0, count=40):
 
 
 def test_a_place_with_high_scores_for_all_frames_has_a_lower_contrast():
-    """The full normalization of place j has the mean and the deviation of all differences."""
+    """The full normalization of place j has the mean of all differences, and their deviation within a place."""
     scores = popular_scores()
     scales = table_map(scores)[0].calibration.place_scales
     count = len(scores)
@@ -466,12 +471,13 @@ def test_a_place_with_high_scores_for_all_frames_has_a_lower_contrast():
             for j in shown:
                 difference[i, j] = scores[i, j] - np.sort(scores[i, shown[shown != j]])[-5:].mean()
     values = difference[np.isfinite(difference)]
+    typical = np.nanmean((difference - np.nanmean(difference, axis=0)) ** 2)
     for j in (0, 1, 2):
         own = difference[np.isfinite(difference[:, j]), j]
         weight = len(own) + PLACE_PRIOR
         mean = (own.sum() + PLACE_PRIOR * values.mean()) / weight
-        variance = (((own - mean) ** 2).sum() + PLACE_PRIOR * values.var()) / weight
-        full = values.mean() + (2.0 - mean) * np.sqrt(values.var() / variance)
+        variance = (((own - mean) ** 2).sum() + PLACE_PRIOR * typical) / weight
+        full = values.mean() + (2.0 - mean) * np.sqrt(typical / variance)
         offset, factor = scales[f"p{j:02}"]
         assert offset + factor * 2.0 == pytest.approx(PLACE_SHARE * full + (1 - PLACE_SHARE) * 2.0, abs=0.002)
     assert scales["p01"][1] < scales["p02"][1]  # the differences of place 1 vary most
