@@ -86,7 +86,7 @@ class Classes:
     def join_views(self, views: Iterable[np.ndarray]) -> np.ndarray:
         """Apply `join` to the probabilities (h, w, C) of each view: (V, h, w, names) float32.
 
-        Rows and columns are subsampled to at most MAX_SCORES.
+        The result has at most MAX_SCORES rows and MAX_SCORES columns.
         """
         return np.stack([self.join(_subsample(probabilities)) for probabilities in views])
 

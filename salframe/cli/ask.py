@@ -14,8 +14,7 @@ from salframe.cli.output import print_json
 def ask(
     map: Annotated[Path, typer.Argument(metavar="MAP", help="Map folder that `salframe build` wrote")],
     text: Annotated[
-        str,
-        typer.Argument(metavar="TEXT", help='Description of a room, such as "red sofa, two plants left of the bed"'),
+        str, typer.Argument(metavar="TEXT", help='Description of a room, such as "sofa, two plants left of the bed"')
     ],
     as_json: Json = False,
 ) -> None:

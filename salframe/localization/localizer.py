@@ -167,7 +167,7 @@ class Localizer(Role):
     def open_index(self, folder: Path, packed: Columns, frames: SavedFrames) -> None:
         """Restore the result of `index` from the files of `write_index`.
 
-        The files may be removed while they are in use.
+        Another process may remove the files while the index is in use. The index must then still work.
 
         Args:
             folder: The folder that `write_index` wrote.

@@ -28,7 +28,7 @@ class LabelTable:
     """Translation of labels.
 
     Attributes:
-        names: Label, in the form that `spelling` returns -> name that replaces it.
+        names: Maps each label, in the form that `spelling` returns, to the name that replaces it.
     """
 
     names: Mapping[str, str]

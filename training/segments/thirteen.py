@@ -45,5 +45,5 @@ _CLASS_OF = {name: label for label, names in _NAMES.items() for name in names}
 
 
 def class_of(name: str) -> str:
-    """Return the class of a detector's object label, or of a network's structure label."""
+    """Return the class of the label of an object, or of a part of the building such as a wall."""
     return _CLASS_OF.get(common_label(name), "objects")

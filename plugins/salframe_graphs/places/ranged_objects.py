@@ -32,8 +32,9 @@ class RangedObjects(ObservedObjects):
         position: (n,) complex128, positions x + iy in the query frame, metres.
         ray: (n,) complex128, unit vectors to the objects.
         range_m: (n,) horizontal distances.
-        along_m2: (n, M) variance of the position of each pair of objects along the ray.
-        across_m2: (M,) variance of the position across the ray.
+        along_m2: (n, M) variance, along the ray, of the difference between the positions of a query object and a map
+            object.
+        across_m2: (M,) variance of this difference across the ray.
     """
 
     def __init__(

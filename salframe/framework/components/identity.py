@@ -181,7 +181,7 @@ def _list_files(folder: Path) -> list[Path]:
         if len(files) > MAX_FOLDER_FILES or size > MAX_FOLDER_BYTES:
             raise ConfigError(
                 f"the folder {folder} contains more than {MAX_FOLDER_FILES} files or {MAX_FOLDER_BYTES >> 30} GiB, "
-                "the maximum: change the setting that has this path to a file, or to a folder with only the "
+                "the maximum: in the setting with this path, use the path of a file, or of a folder with only the "
                 "required files"
             )
     return files
