@@ -130,7 +130,7 @@ def books(rng: np.random.Generator) -> Material:
 
 
 def picture(rng: np.random.Generator) -> Material:
-    """Return a painting or print."""
+    """Return the material of a random picture on a wall (a painting or an art print)."""
     return _draw(rng, "picture", ((0.40, 0.38, 0.35), (0.34, 0.36, 0.40), (0.46, 0.42, 0.36)), UNIQUE_VARIANTS)
 
 

@@ -148,7 +148,8 @@ Workers = Annotated[
         "--workers",
         parser=number_parser("--workers", int, 1, MAX_WORKERS),
         metavar="N",
-        help="Number of worker processes (default: one per core to render images; otherwise one, which uses all cores)",
+        help="Number of worker processes (default: one per core if images are rendered; if not: one, which uses all "
+        "cores)",
     ),
 ]
 parse_seed = number_parser("--seed", int, 0, MAX_SEED)

@@ -66,8 +66,8 @@ class EpisodeRequest(Settings):
 
 
 class Site(NamedTuple):
-    """A world (building), and the guide, which plans shortest paths on its chart (the knowledge that agents have about
-    the world)."""
+    """A world (a building) and its guide. The guide plans shortest paths on a chart of the whole world. A chart is the
+    knowledge that an agent has about a world."""
 
     world: World
     guide: Guide
