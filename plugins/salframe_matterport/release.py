@@ -110,8 +110,9 @@ class Viewpoint:
         first = next((shot.camera for shot in self.shots if _SKYBOX_STOP in shot.picture), None)
         if first is None:
             raise DataError(
-                f"the camera file of building {self.folder.name} has no entry for the picture {_SKYBOX_STOP} of viewpoint "
-                f"{self.name}. The entry defines the direction of the skybox: add it, or set data.color=pictures"
+                f"the camera file of building {self.folder.name} has no entry for the picture {_SKYBOX_STOP} of "
+                f"viewpoint {self.name}. The entry defines the direction of the skybox: add it, or set "
+                "data.color=pictures"
             )
         right, down, ahead = first.T_world_camera[:3, :3].T
         around = [(right, down, ahead), (-ahead, down, right), (-right, down, -ahead), (ahead, down, -right)]
