@@ -116,7 +116,7 @@ def near_names(label: str) -> tuple[str, ...]:
 
 
 def unknown_labels(description: Mapping[str, np.ndarray], known: Collection[str]) -> tuple[str, ...]:
-    """Return the `written_labels` of a description whose `object_label` is not in `known`."""
+    """Return the labels of a description, as written in the data, whose `object_label` is not in `known`."""
     return tuple(str(label) for label in description.get(WRITTEN_LABELS, ()) if object_label(str(label)) not in known)
 
 

@@ -60,13 +60,13 @@ def test_the_weights_are_those_of_the_columns_listed():
     [
         (
             {"evidence": ["outline"], "weights": {"panorama": 1.0}},
-            "received a weight for the unknown column 'panorama', expected weights for these columns of the setting "
-            "`evidence`: outline",
+            "received a weight for the unknown evidence 'panorama', expected weights for the numbers that the components "
+            "in the setting `evidence` compute: outline",
         ),
         (
             {"evidence": ["paint"]},
-            "received no weight for the column zero, expected one for each column of the setting `evidence`: "
-            "set weights.zero, or fit all weights with `salframe fit`",
+            "received no weight for the evidence zero, expected one for each number that the components in the setting "
+            "`evidence` compute: set weights.zero, or fit all weights with `salframe fit`",
         ),
         (
             {"evidence": ["repainted", "paint"]},
@@ -88,10 +88,10 @@ def test_a_file_has_the_weights_of_all_columns(tmp_path):
     path = tmp_path / "fitted.yaml"
     path.write_text(yaml.safe_dump({"weights": {"outline": 0.5, "paint": 2.0}}))
     assert config(evidence=["repainted", "outline"], weights=str(path)).weights == {"paint": 2.0, "outline": 0.5}
-    with pytest.raises(ConfigError, match="received a weight for the unknown column 'paint'"):
+    with pytest.raises(ConfigError, match="received a weight for the unknown evidence 'paint'"):
         config(evidence=["outline"], weights=str(path))
     with pytest.raises(
-        ConfigError, match="received no weight for the column detected_labels, labels_shared, bearing_detected_labels"
+        ConfigError, match="received no weight for the evidence detected_labels, labels_shared, bearing_detected_labels"
     ):
         config(evidence=["repainted", "outline", "labels"], weights=str(path))
 

@@ -73,8 +73,8 @@ def weights_of(evidence: Sequence[ComponentConfig], value: Any) -> Any:
         return fitted
     if unknown := [name for name in fitted if name not in columns]:
         raise ValueError(
-            f"received a weight for the unknown column {unknown[0]!r}, expected weights for these columns of the "
-            f"setting `evidence`: {', '.join(columns)}"
+            f"received a weight for the unknown evidence {unknown[0]!r}, expected weights for the numbers that the "
+            f"components in the setting `evidence` compute: {', '.join(columns)}"
         )
     weights = dict(fitted)
     if not isinstance(value, str | Path) and "kind" not in value:
@@ -82,8 +82,9 @@ def weights_of(evidence: Sequence[ComponentConfig], value: Any) -> Any:
         weights = {name: weight for name, weight in defaults.items() if weight is not None} | weights
     if missing := [name for name in columns if name not in weights]:
         raise ValueError(
-            f"received no weight for the column {', '.join(missing)}, expected one for each column of the setting "
-            f"`evidence`: set weights.{missing[0]}, or fit all weights with `salframe fit`"
+            f"received no weight for the evidence {', '.join(missing)}, expected one for each number that "
+            f"the components in the setting `evidence` compute: set weights.{missing[0]}, or fit all weights with "
+            "`salframe fit`"
         )
     return {name: weights[name] for name in columns}
 

@@ -104,7 +104,7 @@ class AskingTask(Task[DescribedRoom, Survey[DescribedRoom], DescriptionRow, Aski
     def survey(self, dataset: Dataset) -> Survey[DescribedRoom]:
         if "annotations" not in dataset.provides:
             raise InputMissing(
-                f"the task asking needs annotations, which the dataset {dataset.name} does not have: choose another "
+                f"the task 'asking' needs annotations, which the dataset {dataset.name} does not have: choose another "
                 "dataset"
             )
         queries = [query for fold in dataset.folds() for query in fold.queries]

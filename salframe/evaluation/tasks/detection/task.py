@@ -65,7 +65,7 @@ class DetectionTask(Task[QueryFrame, Survey[QueryFrame], PanoramaRow, DetectionR
     def survey(self, dataset: Dataset) -> Survey[QueryFrame]:
         if "annotations" not in dataset.provides:
             raise InputMissing(
-                f"the task detection needs annotations, which the dataset {dataset.name} does not have: choose "
+                f"the task 'detection' needs annotations, which the dataset {dataset.name} does not have: choose "
                 "another dataset"
             )
         frames = {frame.id: frame for fold in dataset.folds() for frame in fold.queries}
