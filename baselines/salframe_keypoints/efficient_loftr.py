@@ -67,9 +67,9 @@ def align_match_columns(find_cells: Callable[[Any], tuple[Any, Any]]) -> Callabl
     """Wrap a function of transformers so that each column of its result holds one match.
 
     The result of the wrapped function contains the mutual nearest cells (B, 2, N) of two images, -1 for no match.
-    transformers 5 returns the cells of the first image in the order of the second image, and vice versa. A column then
-    contains the ends of two different matches, which breaks the refinement of the matches. The second row contains the
-    match of every cell of the first image, so the aligned result is computed from this row.
+    In transformers 5, entry j of the first row is the match of cell j of the second image, and entry i of the second
+    row is the match of cell i of the first image. A column then contains the ends of two different matches, which
+    breaks the refinement of the matches. The aligned result is computed from the second row.
     """
 
     def find_matches(scores: Any) -> tuple[Any, Any]:

@@ -24,10 +24,10 @@ accuracy of boxes."""
 class Rig:
     """Pinhole views of width_px x height_px. fov_rad is the field of view across the shorter side.
 
-    Pixel centres are at +0.5, as in salframe.panoramas.geometry. The principal point is the centre of the image. Each
-    view of a ring is sampled from the panorama after it was rolled by whole columns, at the same positions for all
-    views of the ring. If the panorama itself is rolled by the number of columns between two views, the views are
-    therefore permuted, with bit-identical pixels.
+    Pixel centres are at +0.5, as in salframe.panoramas.geometry. The principal point is the centre of the image. The
+    views with one elevation form a ring. To sample a view, the panorama is rolled by whole columns, until the view is
+    at the same position as the other views of its ring. If the input panorama is rolled by the number of columns
+    between two views, the result therefore has the same views in another order, with bit-identical pixels.
     """
 
     width_px: int

@@ -60,8 +60,8 @@ def test_the_weights_are_those_of_the_columns_listed():
     [
         (
             {"evidence": ["outline"], "weights": {"panorama": 1.0}},
-            "received a weight for the unknown evidence 'panorama', expected weights for the numbers that the components "
-            "in the setting `evidence` compute: outline",
+            "received a weight for the unknown evidence 'panorama', expected weights for the numbers that the "
+            "components in the setting `evidence` compute: outline",
         ),
         (
             {"evidence": ["paint"]},

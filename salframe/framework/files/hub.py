@@ -79,8 +79,8 @@ class HubReference:
 
     @property
     def commit(self) -> str | None:
-        """The commit of the revision. If the revision is a branch or a tag, it is the commit that was downloaded, or None if
-        nothing was downloaded."""
+        """The commit of the revision. If the revision is a branch or a tag, it is the commit that was downloaded, or
+        None if nothing was downloaded."""
         if re.fullmatch(_COMMIT, self.revision):
             return self.revision
         return _read_revisions(self.folder).get(self.revision)
