@@ -106,7 +106,7 @@ BROKEN = [
     (Partial, "the evidence component 'partial' returned the columns paint, expected paint, zero"),
     (Infinite, r"the column 'paint' as float64 of shape \(3,\), expected finite float64 of shape \(3,\)"),
     (Forgetful, r"unpack the bedroom-query: received the arrays \[\], expected those of describe: \['paint'\]"),
-    (Turning, "with this evidence alone, poses rotate with the panorama"),
+    (Turning, "a localizer with only this evidence fails the check poses rotate with the panorama"),
     (Loud, "column 'Paint': received Paint, expected a name of lower-case letters"),
 ]
 """Components that break a rule, and the message."""

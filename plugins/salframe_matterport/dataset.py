@@ -101,10 +101,10 @@ class MatterportAnnotations(NavigableDataset):
         )
         one_map: bool = match_only(
             False,
-            description="true: each map contains all buildings, 1 km apart along x. There are several such maps. A map "
-            "is used for at most one query of each building, and does not contain the viewpoints of these queries (see "
-            "`leave_out`). With `map_share`, there is a single map; false: each map contains one building. If the "
-            "dataset has a single building, true and false give the same maps",
+            description="true: each map contains all buildings, 1 km apart along x, except the viewpoints of its "
+            "queries (see `leave_out`). A map has at most one query of each building, so there are several maps. With "
+            "`map_share`, there is a single map; false: each map contains one building. If the dataset has a single "
+            "building, true and false give the same maps",
         )
         map_share: float | None = added(
             None,
@@ -261,8 +261,8 @@ class MatterportAnnotations(NavigableDataset):
         if not any(queries.values()):
             more = "1 other viewpoint" if self.config.leave_out == 1 else f"{self.config.leave_out} other viewpoints"
             raise DataError(
-                f"{self._root} has no queries, expected a viewpoint with at least {self.config.min_visible} visible "
-                f"objects, and at least {more} in the same region"
+                f"{self._root} has no queries. A query is a viewpoint with at least {self.config.min_visible} visible "
+                f"objects. Its region must contain at least {more}"
             )
         if self.config.map_share is not None:
             return self._folds_of_shared_maps(queries)

@@ -406,7 +406,7 @@ def _scale(own: np.ndarray, mean: float, variance: float) -> PlaceScale:
 
 
 def frame_answers(posterior: Posterior, localized: Sequence[LocalizedFrame]) -> FrameAnswers:
-    """Return the answers of localized frames with their contrasts."""
+    """Return the answers of localized frames, each with its contrast (see `Posterior.contrast`)."""
     rows, names, differences = _differences(localized)
     typical = _typical_moments(names, differences)
     number = {place: i for i, place in enumerate(dict.fromkeys(one.place for one in localized))}

@@ -263,9 +263,9 @@ def _lay_over(below: FloorMasks, above: FloorMasks) -> FloorMasks:
     rows, columns = (np.maximum(below.region.shape, shift + above.region.shape) - corner).tolist()
     if rows * columns > MAX_PIXELS:
         raise DataError(
-            f"the rectangle around the old and the new masks of the floor at z = {above.z_m:g} m has {columns} x "
-            f"{rows} pixels, expected at most {MAX_PIXELS} in total, so the masks are far apart: use new masks in the "
-            "world frame of the map"
+            f"the old and the new masks of the floor at z = {above.z_m:g} m are too far apart: the rectangle around "
+            f"them has {columns} x {rows} pixels, expected at most {MAX_PIXELS} in total. Are the new masks in the "
+            "world frame of the map? If not, convert them"
         )
     above = _spread(_relabel(above, below), shift - corner, (rows, columns))
     below = _spread(below, -corner, (rows, columns))

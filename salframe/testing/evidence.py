@@ -84,7 +84,9 @@ class EvidenceRules(Rules[EvidenceModel]):
         config = self._localizer.config
         for result in check_all(LocalizerRules(lambda: config.component(config)).list()):
             if result.status is RuleStatus.FAILED:
-                raise ConformanceError(f"with this evidence alone, {result.rule}: {result.message}")
+                raise ConformanceError(
+                    f"a localizer with only this evidence fails the check {result.rule}: {result.message}"
+                )
 
     def _panoramas(self) -> Sequence[tuple[str, Panorama]]:
         """Return named panoramas: a query of the suite, a blank panorama, and the query without each part that the

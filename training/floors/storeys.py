@@ -39,8 +39,8 @@ class StoreyResults:
     """Results on two storeys.
 
     Attributes:
-        routes: Number of routes across the storeys that exist and take the stairs.
-        errors: Errors of their lengths, relative to the floor masks.
+        routes: Number of routes from one storey to the other that were found and use the stairs.
+        errors: Relative errors of the lengths of these routes, compared with routes planned on the floor masks.
         localized: For each storey, whether the storey and the place of each answer are right.
         walked: Success of each episode from one storey to the other, with the floor masks ("given") and with the
             derived floors ("derived").
@@ -55,8 +55,8 @@ class StoreyResults:
 def measure_routes(
     topology: TopologicalMap, reference: TopologicalMap, count: int, seed: int
 ) -> tuple[int, list[float]]:
-    """Return the number of random routes across the storeys that exist and take the stairs, and the relative errors of
-    their lengths."""
+    """Return the number of random routes from one storey to the other that were found and use the stairs, and the
+    relative errors of their lengths."""
     scenes = [node for node in reference.nodes if node.kind is NodeKind.SCENE]
     lower, upper = (
         [node.id for node in scenes if find_floor(reference.floors, np.array(node.xyz_m)) == floor] for floor in (0, 1)

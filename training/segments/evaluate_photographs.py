@@ -165,7 +165,8 @@ def class_pixels(detector: SegmentsDetector, panorama: Panorama, turn_deg: float
 
 
 def class_image(detections: Detections) -> np.ndarray:
-    """Return the (ROWS, 2 ROWS) int class of the object with the highest score at each pixel, or wall without one."""
+    """Return the class at each pixel, (ROWS, 2 ROWS) int: that of the object with the highest score there, or wall if
+    there is no object."""
     answer = np.full((ROWS, 2 * ROWS), CLASSES.index("wall"))
     for i in np.argsort(detections.scores, kind="stable"):
         column, row = rays_to_pixels((detections.points_m or ())[i], ROWS)

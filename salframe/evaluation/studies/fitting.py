@@ -75,7 +75,7 @@ class TuningData:
     def iterate_queries(
         self, changes: Mapping[str, Any], absent: bool = True
     ) -> Iterator[tuple[LocalizationMap, Description, str, bool]]:
-        """Yield each query, with the map of the query. The localizer of the map has the matching settings `changes`.
+        """Yield each query, with the map of the query. In its localizer, the settings `changes` are replaced.
 
         Args:
             changes: Settings that replace those of the localizer.

@@ -70,7 +70,7 @@ class Results(Settings):
 
 
 def store_table(result: StudyResult, cache_key: str) -> StoredTable:
-    """Return the result of a study for storage: numbers and settings, without anything that names the data."""
+    """Return the result of a study in the stored form: numbers and settings, without names of queries or places."""
     rows = []
     for row in result.rows:
         content = {key: _short(value) for key, value in row.to_json().items() if key not in EXCLUDED_FIELDS}

@@ -228,7 +228,7 @@ class _Window:
     scene: np.ndarray
 
     def candidates(self, query: SaliencyGraph, count: int) -> SceneCandidates:
-        """Return all scenes of the window."""
+        """Return the scenes `scene`, whatever the query is."""
         return SceneCandidates(self.scene, np.zeros(len(self.scene)))
 
 
