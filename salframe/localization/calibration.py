@@ -398,10 +398,10 @@ def _scale(own: np.ndarray, mean: float, variance: float) -> PlaceScale:
     if variance == 0:
         return SAME_SCALE
     weight = len(own) + PLACE_PRIOR
-    own_mean = (float(own.sum()) + PLACE_PRIOR * mean) / weight
-    own_variance = (float(((own - own_mean) ** 2).sum()) + PLACE_PRIOR * variance) / weight
-    factor = float(np.sqrt(variance / own_variance))
-    offset = PLACE_SHARE * (mean - factor * own_mean)
+    place_mean = (float(own.sum()) + PLACE_PRIOR * mean) / weight
+    place_variance = (float(((own - place_mean) ** 2).sum()) + PLACE_PRIOR * variance) / weight
+    factor = float(np.sqrt(variance / place_variance))
+    offset = PLACE_SHARE * (mean - factor * place_mean)
     return offset, 1 - PLACE_SHARE + PLACE_SHARE * factor
 
 
