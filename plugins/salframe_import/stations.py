@@ -182,7 +182,8 @@ def group_by_time(images: Sequence[PosedImage], max_gap_s: float) -> dict[str, l
     """Split images into groups at gaps of more than `max_gap_s` seconds. Raises DataError if an image has no time."""
     if without := [image.name for image in images if image.t_s is None]:
         raise DataError(
-            f"the image {without[0]} has no key `time`, expected the key for every image: add it, or set group_by=motion"
+            f"the image {without[0]} has no key `time`, expected the key for every image: add it, or set "
+            "group_by=motion"
         )
     groups: list[list[PosedImage]] = []
     for image in sorted(images, key=lambda image: image.t_s or 0.0):
