@@ -103,8 +103,8 @@ class Loud(Paint):
 BROKEN = [
     (Undeclared, "array 'varnish', expected only the arrays in its attribute `arrays`: paint"),
     (Taking, "array 'labels', but another component already returned an array of this name: choose another name"),
-    (Partial, "the evidence component 'partial' returned the columns paint, expected paint, zero"),
-    (Infinite, r"the column 'paint' as float64 of shape \(3,\), expected finite float64 of shape \(3,\)"),
+    (Partial, "'partial' returned the columns paint, expected those in its attribute `columns`: paint, zero"),
+    (Infinite, r"the column 'paint' as float64 of shape \(3,\), expected finite numbers as float64 of shape \(3,\)"),
     (Forgetful, r"unpack the bedroom-query: received the arrays \[\], expected those of describe: \['paint'\]"),
     (Turning, "a localizer with only this evidence fails the check poses rotate with the panorama"),
     (Loud, "column 'Paint': received Paint, expected a name of lower-case letters"),

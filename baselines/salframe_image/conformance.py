@@ -34,8 +34,8 @@ def check_image_network(make: Callable[[], ImageNetwork]) -> None:
     expect(
         off <= BATCH_SLACK,
         "embed of a single view",
-        f"features off by {off:.1g}",
-        "the features of the view in a batch",
+        f"features that differ by {off:.1g} of the maximum feature",
+        f"the features of this view in a batch of {VIEWS} views, within {BATCH_SLACK:g} of the maximum feature",
     )
     expect(same(features, make().embed(views)), "embed by another instance", "other features", "the same features")
     for level in (0, 255):

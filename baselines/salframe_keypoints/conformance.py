@@ -36,12 +36,12 @@ def check_feature_matcher(make: Callable[[], FeatureMatcher]) -> None:
         ]
     )
     checked = "match of views with themselves"
-    expect(len(offset_px), checked, "no match", "matches: the rooms are textured")
+    expect(len(offset_px), checked, "no match", "matches, because the views show textured rooms")
     share = float((offset_px <= SELF_PX).mean())
     expect(
         share >= SELF_SHARE,
         checked,
-        f"{share:.0%} within {SELF_PX:g} px of the point itself",
+        f"{share:.0%} of the matches within {SELF_PX:g} px of the matched point",
         f"at least {SELF_SHARE:.0%}",
     )
 

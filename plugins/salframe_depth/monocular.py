@@ -84,8 +84,8 @@ class MonocularDepth(RangeModel):
         """
         if not (self.metric or self.config.camera_height_m):
             raise ConfigError(
-                f"the range model {self.name!r} cannot output metres: {metric_network}, or set camera_height_m "
-                "to the height of the camera above the floor in metres"
+                f"the scale of the range model {self.name!r} is unknown, expected ranges in metres: "
+                f"{metric_network}, or set camera_height_m to the height of the camera above the floor in metres"
             )
 
     @from_bright_side

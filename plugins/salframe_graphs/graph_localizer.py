@@ -122,4 +122,6 @@ class GraphLocalizer(DetectingLocalizer):
 
     def note(self, description: Description) -> str | None:
         count = graph_from_arrays(description).out_of_reach
-        return f"{count} object(s) are left out: more than {REACH_M} m from the camera" if count else None
+        return (
+            f"{count} object(s) are left out, because they are more than {REACH_M} m from the camera" if count else None
+        )

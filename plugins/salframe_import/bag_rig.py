@@ -104,16 +104,15 @@ class BagRig:
             depths = tuple(messages[camera.depth.topic] if camera.depth else None for camera in self.cameras)
             shots.append(BagShot(number, colors, depths))
         notes = [
-            f"{count} of {len(stamps)} pictures of {topics[0]} are left out: no message of {topic} is within "
-            f"{self.tolerance_s:g} s"
+            f"{count} of {len(stamps)} pictures of {topics[0]} are left out, because no message of {topic} is within "
+            f"{self.tolerance_s:g} s of them"
             for topic, count in missing.items()
             if count
         ]
         if not shots:
             raise DataError(
-                f"{self.bag.path}: {notes[0]}, expected at least one match: check the header stamps, or increase the "
-                "setting "
-                "tolerance_s"
+                f"{self.bag.path}: {notes[0]}; expected at least one picture with a message of each topic: check the "
+                "header stamps, or increase the setting tolerance_s"
             )
         return shots, notes
 
@@ -231,8 +230,7 @@ class BagRig:
                     T_world_camera[:3, 3] = 0
                     notes += [
                         f"the topic {images.topic}: {note}: check the transforms of the frame {images.frame} in "
-                        "/tf_static, and "
-                        "whether they are inverted"
+                        "/tf_static, and whether they are inverted"
                         for note in replace(images.camera, T_base_camera=T_world_camera).notes
                     ]
         return notes

@@ -87,7 +87,8 @@ def floor_height(points_z: np.ndarray, cameras_z: np.ndarray) -> float:
     spread = float(np.subtract(*np.percentile(cameras_z, [90, 10])))
     if spread > MAX_SPREAD * height:
         raise DataError(
-            f"the heights of the cameras of the COLMAP model above the floor differ by {spread / height:.0%}, "
-            f"expected at most {MAX_SPREAD:.0%}: pass --set scale=METRES_PER_UNIT instead of camera_height"
+            f"the heights of the cameras of the COLMAP model above the floor differ by {spread / height:.0%} of "
+            f"their median, expected at most {MAX_SPREAD:.0%}: pass --set scale=METRES_PER_UNIT instead of "
+            "camera_height"
         )
     return camera_z - height

@@ -213,8 +213,7 @@ class RosBagImporter(Importer):
         if config.num_views and config.group_by == "motion":
             raise ConfigError(
                 f"the setting num_views is {config.num_views} with group_by=motion, expected 0: set num_views=0, or "
-                "set "
-                "group_by=time to make sequences of views"
+                "set group_by=time to make sequences of views"
             )
         if config.num_views >= config.sequence_period:
             raise ConfigError(

@@ -170,7 +170,10 @@ def group_by_station(images: Sequence[PosedImage]) -> dict[str, list[PosedImage]
     groups: dict[str, list[PosedImage]] = {}
     for image in images:
         if image.station is None:
-            raise DataError(f"the image {image.name} has no key `station`, expected the key for every image")
+            raise DataError(
+                f"the image {image.name} has no key `station`, expected the key for every image: add it, or set "
+                "group_by=motion"
+            )
         groups.setdefault(image.station, []).append(image)
     return groups
 
@@ -178,7 +181,10 @@ def group_by_station(images: Sequence[PosedImage]) -> dict[str, list[PosedImage]
 def group_by_time(images: Sequence[PosedImage], max_gap_s: float) -> dict[str, list[PosedImage]]:
     """Split images into groups at gaps of more than `max_gap_s` seconds. Raises DataError if an image has no time."""
     if without := [image.name for image in images if image.t_s is None]:
-        raise DataError(f"the image {without[0]} has no time stamp, expected one for every image")
+        raise DataError(
+            f"the image {without[0]} has no key `time`, expected the key for every image: add it, or set "
+            "group_by=motion"
+        )
     groups: list[list[PosedImage]] = []
     for image in sorted(images, key=lambda image: image.t_s or 0.0):
         if not groups or (image.t_s or 0.0) - (groups[-1][-1].t_s or 0.0) > max_gap_s:

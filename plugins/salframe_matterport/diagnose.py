@@ -43,8 +43,7 @@ def diagnose(run: Run, method: str) -> dict[str, list[str]]:
             if (fold.id, query.id) not in answers:
                 raise DataError(
                     f"{run.directory} has no answer of the method {method!r} to the query {query.id}, expected a "
-                    "complete run: "
-                    "resume the run"
+                    "complete run: resume the run"
                 )
             places = answers[fold.id, query.id]
             truth = dataset.truth(query.id)

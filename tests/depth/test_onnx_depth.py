@@ -167,7 +167,7 @@ def test_another_content_of_the_file_is_another_model(network):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({}, "the range model 'onnx-depth' cannot output metres: set metric=true .* or set camera_height_m"),
+        ({}, "'onnx-depth' is unknown, expected ranges in metres: set metric=true .* or set camera_height_m"),
         (
             {"metric": True, "size_px": (64, 64)},
             r"has the inputs image float32 \(1, 3, 128, 128\), .*\(\*, 3, 64, 64\)",

@@ -142,7 +142,9 @@ def test_views_of_a_relative_network_are_merged_as_inverse_depth_of_unknown_scal
 
 
 def test_a_relative_network_needs_the_height_of_the_camera(models):
-    with pytest.raises(ConfigError, match="cannot output metres: choose a network that outputs metres, or set cam"):
+    with pytest.raises(
+        ConfigError, match="expected ranges in metres: choose a network that outputs metres, or set cam"
+    ):
         build(models(tiny.dpt))
 
 

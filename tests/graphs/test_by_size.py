@@ -48,7 +48,8 @@ def test_large_maps_take_compiled_lists_and_say_so():
     kind, note = choose_scene_index(MAX_PLAIN + 1)
     assert kind is CompiledLists
     assert (
-        note == "the map has over 10,000 panoramas: the scene index compiled-lists selects the candidates of each query"
+        note == "the map has over 10,000 panoramas: the scene index compiled-lists selects the part of the map that is "
+        "compared with each query"
     )
 
 

@@ -227,7 +227,7 @@ def test_networks_of_ones_own_keep_the_promises_of_their_role(configure, write_n
     assert conforms(OwnNetwork, configure({"model": pooled}).network)
     # of the whole batch instead of each image
     mixed = write_network("mixed.onnx", [helper.make_node("Softmax", ["x"], ["y"], axis=0)])
-    breaks("embed of a single view: received features off by", OwnNetwork, configure({"model": mixed}).network)
+    breaks("embed of a single view: received features that differ by", OwnNetwork, configure({"model": mixed}).network)
 
 
 def test_colours_are_shifted_and_scaled_as_declared(configure, same_network):

@@ -213,7 +213,7 @@ def test_depth_without_a_picture_in_time_is_left_out(tmp_path):
     write_pinhole(tmp_path / "a")
     assert len(read(tmp_path / "a").records) == 3
     with pytest.raises(
-        DataError, match="3 of 3 pictures of /camera/image_raw are left out: no message of /camera/depth"
+        DataError, match="3 of 3 pictures of /camera/image_raw are left out, because no message of /camera/depth"
     ):
         read(tmp_path / "a", "tolerance_s=0.001")
     assert len(read(tmp_path / "a", "tolerance_s=0.001", "depth=none").records) == 3

@@ -285,7 +285,10 @@ class Unprepared(Sift):
     ("component", "message"),
     [
         (Doubling, r"match of a view with itself: received IndexError: "),
-        (Shifting, r"match of views with themselves: received 0% within 1 px of the .*, expected at least 90%"),
+        (
+            Shifting,
+            r"match of views with themselves: received 0% of the matches within 1 px of the .*, expected at least 90%",
+        ),
         (Beyond, r"extract of a bedroom: received a point outside its image, expected points within 256 x 192 pixels"),
         (Raw, r"describe: received rows of length \[.*expected rows of unit length or zeros"),
         (Unprepared, r"views of 333 x 111 pixels, which prepare did not reject: received ValueError: no such views"),

@@ -160,9 +160,10 @@ def main(
         agreements.append(region_agreement(masks, split.floors[0]))
         print(
             f"{data} seed {seed}: {compared.given} doorways in the floor masks, {compared.derived} in the derived "
-            f"floors, {compared.common} in both; median error of the route length "
+            f"floors, {compared.common} in both; median error of the route lengths "
             f"{np.median(compared.route_errors):.2%} ({len(compared.route_errors)} routes), {compared.lost_routes} "
-            f"routes lost, {compared.false_routes} false; {len(masks.regions)} rooms, "
+            f"lost routes (only in the floor masks), {compared.false_routes} false routes (only in the derived "
+            f"floors); {len(masks.regions)} rooms, "
             f"{len(split.floors[0].regions)} derived regions, adjusted Rand index {agreements[-1]:.3f}",
             flush=True,
         )
@@ -186,13 +187,13 @@ def main(
             print("  navigation success so far", means, flush=True)
     num_given, num_derived, common = doors.tolist()
     print(
-        f"{data}: {common} of {num_given} doorways found, {num_derived - common} of {num_derived} derived "
-        "doorways false"
+        f"{data}: {common} of {num_given} doorways of the floor masks found, {num_derived - common} of "
+        f"{num_derived} derived doorways false"
     )
     every = np.concatenate(errors)
     print(
-        f"{data}: median error of the route length {np.median(every):.2%} ({len(every)} routes), {lost} routes lost or "
-        "false"
+        f"{data}: median error of the route lengths {np.median(every):.2%} ({len(every)} routes), {lost} lost or "
+        "false routes"
     )
     print(f"{data}: adjusted Rand index {np.mean(agreements):.3f} (mean of {len(agreements)} buildings)")
     for kind, by_name in scores.items():

@@ -113,7 +113,7 @@ def main(
     """Derive and measure the map of two storeys."""
     results = measure(data, seed, routes, episodes)
     print(
-        f"routes across the storeys: {results.routes} of {routes} take the stairs, median error of the length "
+        f"routes across the storeys: {results.routes} of {routes} take the stairs, median error of the route lengths "
         f"{np.median(results.errors):.2%}"
     )
     for storey, right in sorted(results.localized.items()):

@@ -79,7 +79,10 @@ def main(
         print(f"{name} calibration: calibration error {gap:.3f}, Brier score {brier(scores, right):.3f}")
         for row in curve(scores, right):
             interval = f"{row['low']:.2f} to {row['high']:.2f}"
-            print(f"  mean score {row['score']:.2f}: {row['named']:.2f} ({interval}) of {row['objects']} correct")
+            print(
+                f"  mean score {row['score']:.2f}: share correct {row['named']:.2f} ({interval}), "
+                f"{row['objects']} objects"
+            )
 
 
 if __name__ == "__main__":

@@ -225,7 +225,8 @@ def _show_curve(name: str, rows: list[dict[str, float]]) -> None:
     print(
         f"  {name}:",
         "; ".join(
-            f"{row['score']:.2f} -> {row['named']:.2f} ({row['low']:.2f} to {row['high']:.2f}, {row['objects']})"
+            f"mean score {row['score']:.2f}: share correct {row['named']:.2f} "
+            f"({row['low']:.2f} to {row['high']:.2f}), {row['objects']} objects"
             for row in rows
         ),
     )

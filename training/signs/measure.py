@@ -108,7 +108,7 @@ def main(
             groups = [clusters[row] for row in rows]
             share = estimate_proportion(right[name][rows], groups)
             tests = [
-                f"p against {other}: {paired_test(right[name][rows], right[other][rows], groups):.2g}"
+                f"p-value against {other}: {paired_test(right[name][rows], right[other][rows], groups):.2g}"
                 for other in REFERENCES
                 if other in right and other != name
             ]

@@ -216,8 +216,8 @@ class RobotTracker:
         known = [pose for pose in poses if pose is not None]
         if not known:
             raise DataError(
-                f"no image of the topic {topics.image} has a message of the topic {topics.odometry} within "
-                f"{settings.tolerance_s:g} s: check that the stamps of both topics are from the same clock"
+                f"no message of the topic {topics.odometry} is within {settings.tolerance_s:g} s of an image of the "
+                f"topic {topics.image}: check that the stamps of both topics are from the same clock"
             )
         self._rig = rig.with_upright_axes(known[:1], settings.camera_axes)
         return self._rig

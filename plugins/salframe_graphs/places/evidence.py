@@ -197,8 +197,7 @@ class PlaceEvidence:
             if undeclared := arrays.keys() - set(model.arrays):
                 raise InvalidAnswer(
                     f"the evidence component {model.name!r} returned the array {min(undeclared)!r}, expected only the "
-                    "arrays in "
-                    f"its attribute `arrays`: {', '.join(model.arrays) or 'none'}"
+                    f"arrays in its attribute `arrays`: {', '.join(model.arrays) or 'none'}"
                 )
             description = _merged(description, arrays, model.name)
         return description
@@ -209,8 +208,7 @@ def _merged(description: Description, arrays: Description, name: str) -> Descrip
     if taken := arrays.keys() & description.keys():
         raise InvalidAnswer(
             f"the evidence component {name!r} returned the array {min(taken)!r}, but another component already "
-            "returned an "
-            "array of this name: choose another name"
+            "returned an array of this name: choose another name"
         )
     return {**description, **arrays}
 
@@ -221,12 +219,12 @@ def _checked(model: EvidenceModel, columns: Mapping[str, np.ndarray], count: int
     if columns.keys() != set(names):
         raise InvalidAnswer(
             f"the evidence component {model.name!r} returned the columns {', '.join(columns) or 'none'}, "
-            f"expected {', '.join(names)}"
+            f"expected those in its attribute `columns`: {', '.join(names)}"
         )
     for name, values in columns.items():
         if values.shape != (count,) or values.dtype != np.float64 or not np.isfinite(values).all():
             raise InvalidAnswer(
                 f"the evidence component {model.name!r} returned the column {name!r} as {values.dtype} of shape "
-                f"{values.shape}, expected finite float64 of shape ({count},)"
+                f"{values.shape}, expected finite numbers as float64 of shape ({count},), one for each candidate place"
             )
     return columns

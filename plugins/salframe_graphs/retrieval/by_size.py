@@ -34,7 +34,10 @@ def choose_scene_index(num_scenes: int) -> tuple[type[SceneIndex], str | None]:
     size = f"the map has over {MAX_PLAIN:,} panoramas"
     if importlib.util.find_spec("numba") is None:
         return InvertedLists, f"{size}: for faster queries, pip install 'salframe[fast]' and build the map again"
-    return CompiledLists, f"{size}: the scene index {CompiledLists.name} selects the candidates of each query"
+    return (
+        CompiledLists,
+        f"{size}: the scene index {CompiledLists.name} selects the part of the map that is compared with each query",
+    )
 
 
 class _Choice(Settings):
