@@ -26,7 +26,7 @@ def fit(
         typer.Option(
             "--try",
             metavar="KEY=VALUE,VALUE",
-            help="Matching setting and values to try, such as matcher.hops=1,2; the best is selected; repeatable",
+            help="Setting of the matching with values to try, such as matcher.hops=1,2; selects the best; repeatable",
         ),
     ] = None,
     posterior_only: Annotated[
