@@ -66,9 +66,11 @@ def write_cli() -> str:
         "Generated from `salframe --help` by docs/generate_reference.py.",
         "Exit statuses:",
         "- 0: success\n"
-        "- 1: the result is incomplete, for example because a method crashed. Some commands state other reasons\n"
+        "- 1: the result is incomplete, for example because a method crashed. Some commands have other "
+        "reasons, stated below\n"
         "- 2: an error in the input, which is printed in one line on stderr\n"
-        "- 130: interrupted",
+        "- 130: interrupted (Ctrl-C)\n"
+        "- 143: ended by the signal SIGTERM (`salframe serve`: 0)",
         "These words have the same meaning in all commands:",
         _table(
             ("word", "meaning"),
@@ -78,7 +80,7 @@ def write_cli() -> str:
                 ("dataset", "reference frames, queries, and the true places and poses of the queries"),
                 ("method", "a localizer with its settings, such as `proposed`, the method of this package"),
                 ("run", "one measurement. Its results are stored in a folder, the run folder"),
-                ("description", "what a method computes from a panorama, such as a graph of objects or keypoints"),
+                ("description", "what a method computes from a panorama, such as keypoints or a graph of objects"),
                 ("topology", "a graph of positions in rooms and doorways, for routes"),
                 ("floor masks", "images of the free floor and the rooms, from above"),
                 ("[accepted](../how-to/running-program.md)", "an answer is accepted if its place is certain enough"),

@@ -14,6 +14,7 @@ from salframe.cli.options import (
     Json,
     Methods,
     Printing,
+    StudySeed,
     Style,
     split_names,
     timeout_option,
@@ -33,8 +34,8 @@ def compare(
 ) -> None:
     """Compare localization methods on the same queries.
 
-    A query is a panorama, or another view, to localize. Prints the accuracy, the times and the map size of each method.
-    Run the same command again to resume an interrupted run.
+    A query is a panorama, photograph or sequence of views to localize. Prints the accuracy, the times and the map size
+    of each method. Run the same command again to resume an interrupted run.
     """
     from salframe.evaluation.tasks.localization.task import LocalizationTask
     from salframe.evaluation.tasks.localization.task import compare as run
@@ -48,6 +49,7 @@ def compare(
         Annotated[str | None, typer.Option(metavar="DATASET", help="Dataset to use instead of the one in FILE")],
         None,
     ),
+    seed=(StudySeed, 0),
     timeout=(timeout_option("query or navigation episode"), None),
 )
 def ablate(

@@ -141,8 +141,8 @@ def render(
 ) -> None:
     """Render or index the images of a dataset before other commands need them.
 
-    Otherwise, the first command that uses the dataset does this. Run the same command again to resume an interrupted
-    run.
+    Without this command, the images are rendered or indexed by the first command that uses the dataset. Run the same
+    command again to resume an interrupted run.
     """
     from salframe.cli.output import Bars
     from salframe.panoramas.opening import find_dataset
@@ -164,8 +164,8 @@ def import_(
         Literal["column", "region", "folder", "none"] | None,
         typer.Option(
             help="Source of place names: the recording (column), rooms of a building model or floor masks (region), "
-            "folders of pictures (folder), or none: each reference frame is a place. Default: the first source with "
-            "a name for each reference frame"
+            "folders of pictures (folder), or no source (none), so that each reference frame is a place. Default: "
+            "the first source with a name for each reference frame"
         ),
     ] = None,
     queries: Annotated[
@@ -179,7 +179,7 @@ def import_(
         str | None,
         typer.Option(
             metavar="Nm|Ns",
-            help="Leave out panoramas nearer to the previous one than this distance or time, such as 0.5m or 2s",
+            help="Minimum distance or time between panoramas with poses, such as 0.5m or 2s; closer ones are left out",
         ),
     ] = None,
     floors: Annotated[

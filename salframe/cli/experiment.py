@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from salframe.cli.options import CommonOptions, with_common_options
+from salframe.cli.options import CommonOptions, StudySeed, with_common_options
 from salframe.cli.output import TABLE, Bars, print_json
 
 if TYPE_CHECKING:
@@ -17,14 +17,15 @@ if TYPE_CHECKING:
 ALL = "all"
 
 
-@with_common_options(without=["data", "overrides", "name", "timeout", "memory"])
+@with_common_options(without=["data", "overrides", "name", "timeout", "memory"], seed=(StudySeed, 0))
 def experiment(
     name: Annotated[
         str | None,
         typer.Argument(metavar="NAME", help="Name or YAML file of the experiment, or `all` (default: list the names)"),
     ] = None,
     quick: Annotated[
-        bool, typer.Option("--quick", help="Measure faster, with fewer seeds, queries and methods")
+        bool,
+        typer.Option("--quick", help="Measure faster: fewer seeds, queries and methods, and only some of the tables"),
     ] = False,
     force: Annotated[
         bool, typer.Option("--force", help="Repeat measurements even if their results are stored")
@@ -37,9 +38,9 @@ def experiment(
 ) -> None:
     """Measure the tables of an experiment and store them.
 
-    An experiment is a set of tables, such as those in `salframe docs results`. A table that is already stored for the
-    same settings and versions is printed and not measured again. Tables of real buildings need --data-dir. Run the same
-    command again to resume an interrupted run.
+    An experiment is a set of tables, such as those in `salframe docs results`. A stored table is printed and not
+    measured again, if the settings and the versions of the components have not changed. Tables of real buildings need
+    --data-dir. Run the same command again to resume an interrupted run.
     """
     from salframe.cli.tables import format_experiment, print_experiment, print_table
     from salframe.evaluation.studies.experiment import experiment_names, read_experiment, run_experiment

@@ -26,7 +26,7 @@ def fit(
         typer.Option(
             "--try",
             metavar="KEY=VALUE,VALUE",
-            help="Values to try for a setting of the matching, such as matcher.hops=1,2; uses the best; repeatable",
+            help="Setting of the matching with values to try, such as matcher.hops=1,2; selects the best; repeatable",
         ),
     ] = None,
     posterior_only: Annotated[
@@ -42,7 +42,7 @@ def fit(
     """Fit the parameters of a method to tuning data.
 
     There are three steps. First, the best value of each setting in --try is selected. Then the weights of the terms of
-    the score are fitted, if the method has weights. Then the posterior is fitted, which converts scores to the
+    the score are fitted, if the method has weights. Then the posterior is fitted. The posterior converts scores to the
     probability of each place and the out-of-map probability. Use the file with `--set posterior=FILE.yaml` and `--set
     weights=FILE.yaml`.
     """

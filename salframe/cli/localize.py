@@ -90,8 +90,8 @@ def localize(
         typer.Option(
             parser=number_parser("--max-false-accept", float, 0.001, 0.999),
             metavar="SHARE",
-            help="Maximum share (0 to 1) of queries from outside the map whose answers are accepted, such as 0.05; "
-            "needs a calibrated map",
+            help="Maximum false accept rate (share of the queries from outside the map that are accepted), such as "
+            "0.05; needs a calibrated map",
         ),
     ] = None,
     trajectory: Annotated[
@@ -106,8 +106,8 @@ def localize(
 ) -> None:
     """Localize a panorama in a saved map.
 
-    Prints the places, best first, and the pose. If the place is too uncertain (the answer is not accepted), also
-    suggests how to turn the camera to directions that the query does not show.
+    Prints the places, best first, and the pose. If the place is too uncertain, the answer is not accepted. The
+    command then suggests a turn of the camera to a direction that the query does not show, if there is one.
 
     By default, images are read as panoramas. With --fov or --camera, images are read as photographs. The file of
     --camera can contain T_base_camera, the pose of the camera on a robot. The answer then has the pose of the robot's

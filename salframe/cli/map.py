@@ -60,7 +60,8 @@ def add(
 ) -> None:
     """Add the places of a dataset to a map.
 
-    Uses the method and the settings of the map. A place of the dataset replaces a place of the map with the same name.
+    Uses the method and the settings of the map. The dataset must have the same world frame as the map. A place of the
+    dataset replaces a place of the map with the same name.
     """
     from salframe.cli.output import Bars, tell
     from salframe.topology.map_changes import add_to_map
@@ -86,7 +87,10 @@ def remove(
     ],
     as_json: Json = False,
 ) -> None:
-    """Remove places (rooms or doorways) from a map, also from its images of the floor (floor masks)."""
+    """Remove places (rooms or doorways) from a map.
+
+    The places are also removed from the floor masks of the map (images of the floor).
+    """
     from salframe.topology.map_changes import remove_from_map
 
     _print_change(map, remove_from_map(map, places), as_json)

@@ -53,7 +53,7 @@ def navigate(
         str,
         typer.Option(
             metavar="N|FILE|BENCHMARK:SPLIT",
-            help="Number of random episodes, a JSON file of episodes, or a benchmark and its split, such as "
+            help="Number of random episodes, a JSON file of episodes, or a split of a benchmark, such as "
             "reverie:val_seen",
         ),
     ] = "100",
@@ -69,10 +69,9 @@ def navigate(
 ) -> None:
     """Measure how well an agent navigates with each method.
 
-    In each episode, an agent walks from a start to a goal, and localizes itself with the method. With --positioning on,
-    the agent uses the poses of the answers. With off, the agent uses only the places of the answers and odometry. With
-    both, an agent of each kind is measured for each method. With all, an agent that knows its true place is measured
-    too. Run the same command again to resume an interrupted run.
+    In each episode, an agent walks from a start to a goal, and localizes itself with the method. --positioning selects
+    the agents: an agent can use the estimated poses, or only the estimated places and odometry. For comparison, an
+    agent that knows its true place can be measured too. Run the same command again to resume an interrupted run.
     """
     from salframe.evaluation.tasks.navigation.options import Positioning
     from salframe.evaluation.tasks.navigation.task import NavigationTask

@@ -138,8 +138,8 @@ EngineName = Annotated[
     typer.Option(
         "--engine",
         metavar="NAME",
-        help="Where to compute: worker processes on this machine (processes), a Ray cluster (ray), or the process of "
-        "the command (inline, for debugging)",
+        help="Where to compute: in worker processes on this machine (processes), on a Ray cluster (ray), or in the "
+        "main process (inline, for debugging)",
     ),
 ]
 Workers = Annotated[
@@ -148,13 +148,21 @@ Workers = Annotated[
         "--workers",
         parser=number_parser("--workers", int, 1, MAX_WORKERS),
         metavar="N",
-        help="Number of worker processes (default: one per core if images are rendered; if not: one, which uses all "
+        help="Number of worker processes (default: one per core for rendering; for other work, one that uses all "
         "cores)",
     ),
 ]
 parse_seed = number_parser("--seed", int, 0, MAX_SEED)
 Seed = Annotated[
     int, typer.Option(parser=parse_seed, metavar="N", help="Random seed for the bootstrap of the confidence intervals")
+]
+StudySeed = Annotated[
+    int,
+    typer.Option(
+        parser=parse_seed,
+        metavar="N",
+        help="Random seed of the confidence intervals, and of simulated navigation and tracking",
+    ),
 ]
 Style = Annotated[
     Literal["table", "md", "latex", "csv"],
@@ -201,7 +209,7 @@ RangeMissing = Annotated[
         metavar="VALUE",
         min=0,
         max=65535,
-        help="Pixel value of a range image that means unknown range, such as 65535, in addition to 0; repeatable",
+        help="Pixel value for unknown range in range images, such as 65535; 0 always means unknown; repeatable",
     ),
 ]
 
@@ -218,7 +226,7 @@ CameraFile = Annotated[
     typer.Option(
         "--camera",
         metavar="FILE",
-        help="Read images as photographs by the camera in this JSON file (intrinsics, distortion)",
+        help="JSON file with the intrinsics and distortion of the camera; images are read as photographs",
     ),
 ]
 

@@ -35,7 +35,7 @@ def sensor(
         str,
         typer.Option(
             metavar="N,N",
-            help="Random seeds of a generated dataset, one building each, such as 100,101 (default: data.seed)",
+            help="Random seeds of a generated dataset, such as 100,101; each seed is a building (default: data.seed)",
         ),
     ] = "",
     output: Annotated[

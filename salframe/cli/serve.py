@@ -18,7 +18,7 @@ def serve(
     host: Annotated[
         str,
         typer.Option(
-            metavar="ADDRESS", help="Network address to listen on; all except 127.0.0.1 (this machine) need a token"
+            metavar="ADDRESS", help="Network address to listen on; a token is needed if other machines can reach it"
         ),
     ] = "127.0.0.1",
     port: Annotated[
@@ -52,8 +52,9 @@ def serve(
     """Serve a map over HTTP.
 
     Opens the map, then the port, and prints the address. Open this address in a browser, or send HTTP requests from a
-    program. The page `/api` describes the requests. If --host is not 127.0.0.1 (loopback), requests must send a token.
-    Without --token-file, the server creates a token and prints it. After SIGTERM, the server finishes the requests in
+    program. The page `/api` describes the requests. Requests must send a token if --token-file is set, or if --host is
+    not a loopback address such as 127.0.0.1. If a token is needed and --token-file is not set, the server creates a
+    token and prints it. After SIGTERM, the server finishes the requests in
     progress and exits.
     """
     import secrets

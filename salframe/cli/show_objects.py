@@ -54,7 +54,7 @@ def show_objects(
         typer.Option(
             parser=number_parser("--elevation", float, -90.0, 90.0),
             metavar="DEG",
-            help="Angle in degrees by which the camera of photographs looks up; only with --fov (default: 0)",
+            help="Upward tilt of the camera of photographs, in degrees; only with --fov (default: 0)",
         ),
     ] = None,
     output: Annotated[

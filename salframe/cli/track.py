@@ -67,8 +67,8 @@ def track(
     Prints the status, the place and the pose for each image. With --output, writes trajectory.tum (the poses with the
     status `tracking`), track.json (the results for all images) and trail.png (the positions on the floor plan).
 
-    A dataset folder needs a manifest.json. Each of its frames that belong to the sequence has the keys `sequence` and
-    `t_s`. The key `odometry` of the manifest names the file with the odometry.
+    A dataset folder needs a manifest.json. In this file, each frame of the sequence has the keys `sequence` and `t_s`.
+    The key `odometry` of the manifest names the file with the odometry.
     """
     from salframe.cli.output import Bars, warn
     from salframe.drawing.rerun_recording import check_rerun_output, write_rerun

@@ -56,9 +56,10 @@ def fetch(name: Name) -> None:
     """Download weights to the cache of salframe and verify them.
 
     Weights that are in the cache are not downloaded again. Also prints the licence, and the terms of the training data
-    if they differ. The name of a model of the Hugging Face hub is hf:ORG/MODEL@REVISION. The default of REVISION is
-    main. Only safetensors files of the model are downloaded. The first download pins the revision to a commit, which is
-    printed.
+    if they differ from the licence.
+
+    The name of a model of the Hugging Face hub is hf:ORG/MODEL@REVISION. The default of REVISION is main. Only
+    safetensors files of the model are downloaded. The first download pins the revision to a commit, which is printed.
     """
     from salframe.cli.output import Bars
     from salframe.framework.components.installation import fetch_weights, find_weights
