@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TypeVar
 
 import numpy as np
@@ -14,15 +14,12 @@ from salframe.framework.validation import Settings
 from salframe.localization.answers import MAX_OUT_OF_MAP_PROBABILITY, Localization
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.posterior import (
-    SAME_SCALE,
     EvidenceTerm,
     Head,
-    PlaceScale,
     Posterior,
     absent_moments,
     evidence_columns,
     log_loss,
-    score_differences,
     shift_probability,
 )
 from salframe.panoramas.floors import FloorMasks
@@ -59,14 +56,6 @@ bias, with x = ln(d / query_distance_m) / DISTANCE_SPREAD. Answers at other dist
 weight, because the contrast depends on the distance."""
 MAX_BIAS_CHANGE = 4.0
 """Maximum magnitude of the change of the bias."""
-PLACE_PRIOR = 3.0
-"""Weight of the mean and the deviation of all score differences in those of a place, as an equivalent number of score
-differences."""
-PLACE_SHARE = 0.7
-"""Weight of the full normalization for a place. The weight of the original contrast is 1 - PLACE_SHARE. Chosen from 0,
-0.3, 0.5, 0.7 and 1 by the log loss on tuning data: ten buildings at half of their viewpoints, and `house-42`."""
-SCALE_DIGITS = 3
-"""Number of decimals of the stored normalizations."""
 PROBABILITY_DIGITS = 4
 """Number of decimals of the stored probabilities. Few decimals keep maps small."""
 MIN_DISTANCE_M = 0.1
@@ -82,8 +71,7 @@ class FrameAnswers:
     Before a frame is localized, it is hidden (removed from the map), either alone or with all frames of its place.
 
     Attributes:
-        contrast: (N,) float64 contrast of each answer, normalized for its first place, see `Posterior.contrast`. The
-            answers to the frame itself take no part in the normalization.
+        contrast: (N,) float64 contrast of each answer, see `Posterior.contrast`.
         is_right: (N,) bool, whether the first place of the answer is the place of the frame; False if the place was
             hidden.
         is_absent: (N,) bool, whether all frames of the place were hidden.
@@ -93,8 +81,6 @@ class FrameAnswers:
         place: (N,) int64 index of the place of each frame.
         evidence: Mapping from the name of a column of evidence to its values for the first places, (N,) float64; NaN if
             an answer lacks the column.
-        raw_contrast: (N,) float64 contrast of each answer before the normalization for its first place; None:
-            `contrast`.
     """
 
     contrast: np.ndarray
@@ -104,14 +90,12 @@ class FrameAnswers:
     distance_m: np.ndarray
     place: np.ndarray
     evidence: Mapping[str, np.ndarray] = field(default_factory=dict, kw_only=True)
-    raw_contrast: np.ndarray | None = field(default=None, kw_only=True)
 
     def take(self, rows: np.ndarray) -> FrameAnswers:
         """Return the answers with these indices."""
         columns = (self.contrast, self.objects, self.is_right, self.is_absent, self.distance_m, self.place)
         evidence = {name: value[rows] for name, value in self.evidence.items()}
-        raw_contrast = None if self.raw_contrast is None else self.raw_contrast[rows]
-        return FrameAnswers(*(column[rows] for column in columns), evidence=evidence, raw_contrast=raw_contrast)
+        return FrameAnswers(*(column[rows] for column in columns), evidence=evidence)
 
     def log_ratio(self, head: Head) -> np.ndarray:
         """Return the logarithms (N,) of the likelihood ratios that a head computes for the answers."""
@@ -148,7 +132,6 @@ class MapCalibration(Settings):
         before: Quality of the probabilities without calibration; None if there are no present or no absent frames.
         after: Quality with calibration, cross-validated: for the frames of a place, the calibration does not use these
             frames.
-        place_scales: Normalization of the contrast for each place, see `place_scales`.
     """
 
     head: Head
@@ -156,7 +139,6 @@ class MapCalibration(Settings):
     absent_in_map: tuple[float, ...]
     before: ProbabilityScores | None = None
     after: ProbabilityScores | None = None
-    place_scales: Mapping[str, PlaceScale] = {}
 
     def max_out_of_map_probability(self, max_false_accept: float) -> float:
         """Return the maximum out-of-map probability at which an answer passes the conformal test, at most
@@ -199,11 +181,9 @@ def add_probabilities(
         DataError: As in `acceptance_limit`.
     """
     limit = acceptance_limit(posterior, calibration)
-    if calibration is None or not answer.places:
-        return posterior.apply(answer, objects, limit)
-    posterior = posterior.model_copy(update={"head": calibration.head})
-    scale = calibration.place_scales.get(answer.places[0].place, SAME_SCALE)
-    return posterior.apply(answer, objects, limit, scale)
+    if calibration is not None:
+        posterior = posterior.model_copy(update={"head": calibration.head})
+    return posterior.apply(answer, objects, limit)
 
 
 def acceptance_limit(posterior: Posterior, calibration: MapCalibration | None) -> float:
@@ -265,8 +245,7 @@ def calibrate_posterior(
             f"the answers of the method {localizer.name!r} have no probabilities to calibrate: use another method, "
             "such as proposed, or set `posterior` to a file that `salframe fit` wrote"
         )
-    localized = list(localize_frames(localizer, descriptions, frames, floors))
-    answers = frame_answers(posterior, localized)
+    answers = localize_frames(localizer, posterior, descriptions, frames, floors)
     head = calibrate_head(posterior, answers)
     absent = np.sort(answers.take(answers.is_absent).in_map(head))
     before, after = _cross_validate(posterior, answers)
@@ -276,55 +255,29 @@ def calibrate_posterior(
         absent_in_map=tuple(absent.round(PROBABILITY_DIGITS).tolist()),
         before=before,
         after=after,
-        place_scales=place_scales(localized),
     )
-
-
-@dataclass(frozen=True, eq=False)
-class LocalizedFrame:
-    """The answer to a scene frame of a map that was hidden and used as a query.
-
-    Attributes:
-        row: Index of the frame.
-        place: Place of the frame.
-        is_absent: Whether all frames of the place were hidden.
-        distance_m: As in `FrameAnswers`.
-        objects: Number of objects of the frame; 0: unknown.
-        names: Places of the answer, best first, at least one.
-        scores: (P,) float64 scores of these places.
-        evidence: As in `Localization`.
-    """
-
-    row: int
-    place: str
-    is_absent: bool
-    distance_m: float
-    objects: int
-    names: tuple[str, ...]
-    scores: np.ndarray
-    evidence: Mapping[str, float]
 
 
 def localize_frames(
     localizer: Localizer,
+    posterior: Posterior,
     descriptions: Sequence[Description],
     frames: Sequence[ReferenceFrame],
     floors: Sequence[FloorMasks],
-    *,
-    absent_only: bool = False,
-) -> Iterator[LocalizedFrame]:
+) -> FrameAnswers:
     """Localize scene frames of a map after they, or all frames of their places, were removed from the map.
 
     Answers without a place are left out. Frames that cause an exception in the localizer are left out too. Arguments
-    are those of `calibrate_posterior`. With `absent_only`, only whole places are removed.
+    are those of `calibrate_posterior`.
     """
+    number = {place: i for i, place in enumerate(dict.fromkeys(frame.place for frame in frames))}
     scenes: dict[str, list[int]] = {}
     for row, frame in enumerate(frames):
         if frame.kind is FrameKind.SCENE:
             scenes.setdefault(frame.place, []).append(row)
+    rows: list[tuple[float, int, bool, bool, float, int]] = []
+    evidence: list[Mapping[str, float]] = []
     for shown, queries, is_absent in _hide(frames, scenes, floors):
-        if absent_only and not is_absent:
-            continue
         localizer.index([descriptions[row] for row in shown], [frames[row] for row in shown])
         positions_m: dict[str, list[np.ndarray]] = {}
         for row in shown:
@@ -335,94 +288,23 @@ def localize_frames(
                 answer = localizer.match(descriptions[row])
             except Exception:  # if the localizer fails on a frame, only the answer to this frame is lost
                 continue
-            if not answer.places:
+            places = answer.places
+            if not places:
                 continue
             place, distance_m = frames[row].place, np.nan
             if not is_absent:
                 shift_m = np.array(positions_m[place]) - frames[row].T_world_pano[:3, 3]
                 distance_m = float(np.linalg.norm(shift_m, axis=1).min())
-            yield LocalizedFrame(
-                row,
-                place,
-                is_absent,
-                distance_m,
-                localizer.count_objects(descriptions[row]),
-                tuple(ranked.place for ranked in answer.places),
-                np.array([ranked.score for ranked in answer.places], np.float64),
-                answer.evidence,
-            )
-
-
-def place_scales(localized: Sequence[LocalizedFrame]) -> dict[str, PlaceScale]:
-    """Return the normalization of score differences for each place.
-
-    Some places have high scores for the frames of many other places, for example places with many common objects. The
-    full normalization gives the score differences of each place the mean and the standard deviation of a typical place,
-    for frames of other places ("zero normalization" of scores; Auckenthaler, Carey, Lloyd-Thomas: Score normalization
-    for text-independent speaker verification systems, Digital Signal Processing 10, 2000). The result is an average
-    with the original score difference: PLACE_SHARE is the weight of the full normalization.
-
-    Args:
-        localized: The localized frames. Only those whose places were hidden are used.
-    """
-    _, names, differences = _differences(localized)
-    typical = _typical_moments(names, differences)
-    scales = {str(name): _scale(differences[names == name], *typical) for name in np.unique(names)}
-    return {
-        name: (round(offset, SCALE_DIGITS), round(factor, SCALE_DIGITS)) for name, (offset, factor) in scales.items()
-    }
-
-
-def _differences(localized: Sequence[LocalizedFrame]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the score differences of places for frames of other places: index of the frame (S,), place (S,), and score
-    difference (S,)."""
-    used = [one for one in localized if one.is_absent and len(one.names) > 1]
-    rows = np.repeat([one.row for one in used], [len(one.names) for one in used]).astype(int)
-    names = np.array([name for one in used for name in one.names], str)
-    return rows, names, np.concatenate([np.empty(0), *(score_differences(one.scores) for one in used)])
-
-
-def _typical_moments(names: np.ndarray, differences: np.ndarray) -> tuple[float, float]:
-    """Return the mean of the score differences (S,) of all places, and their mean variance within a place. `names` (S,)
-    are the places."""
-    if not len(differences):
-        return 0.0, 0.0
-    _, place, count = np.unique(names, return_inverse=True, return_counts=True)
-    of_place = np.bincount(place, differences) / count
-    return float(differences.mean()), float(np.mean((differences - of_place[place]) ** 2))
-
-
-def _scale(own: np.ndarray, mean: float, variance: float) -> PlaceScale:
-    """Return the normalization for a place with the score differences `own` (K,) for frames of other places. `mean` and
-    `variance` are those of `_typical_moments`."""
-    if variance == 0:
-        return SAME_SCALE
-    weight = len(own) + PLACE_PRIOR
-    place_mean = (float(own.sum()) + PLACE_PRIOR * mean) / weight
-    place_variance = (float(((own - place_mean) ** 2).sum()) + PLACE_PRIOR * variance) / weight
-    factor = float(np.sqrt(variance / place_variance))
-    offset = PLACE_SHARE * (mean - factor * place_mean)
-    return offset, 1 - PLACE_SHARE + PLACE_SHARE * factor
-
-
-def frame_answers(posterior: Posterior, localized: Sequence[LocalizedFrame]) -> FrameAnswers:
-    """Return the answers of localized frames, each with its contrast (see `Posterior.contrast`)."""
-    rows, names, differences = _differences(localized)
-    typical = _typical_moments(names, differences)
-    number = {place: i for i, place in enumerate(dict.fromkeys(one.place for one in localized))}
-    contrast = np.empty(len(localized))
-    for i, one in enumerate(localized):
-        is_own = (names == one.names[0]) & (rows != one.row)
-        contrast[i] = posterior.contrast(one.scores, _scale(differences[is_own], *typical))
+            contrast = posterior.contrast(np.array([ranked.score for ranked in places], np.float64))
+            is_right = not is_absent and places[0].place == place
+            objects = localizer.count_objects(descriptions[row])
+            rows.append((contrast, objects, is_right, is_absent, distance_m, number[place]))
+            evidence.append(answer.evidence)
+    columns = zip(*rows, strict=True) if rows else [()] * 6
+    kinds = (np.float64, np.int64, np.bool_, np.bool_, np.float64, np.int64)
     return FrameAnswers(
-        contrast,
-        np.array([one.objects for one in localized], np.int64),
-        np.array([not one.is_absent and one.names[0] == one.place for one in localized], np.bool_),
-        np.array([one.is_absent for one in localized], np.bool_),
-        np.array([one.distance_m for one in localized], np.float64),
-        np.array([number[one.place] for one in localized], np.int64),
-        evidence=evidence_columns([one.evidence for one in localized]),
-        raw_contrast=np.array([posterior.contrast(one.scores) for one in localized], np.float64),
+        *(np.array(column, kind) for column, kind in zip(columns, kinds, strict=True)),
+        evidence=evidence_columns(evidence),
     )
 
 
@@ -556,8 +438,7 @@ def _cross_validate(
         is_own = answers.place == place
         head = calibrate_head(posterior, answers.take(~is_own))
         after[is_own] = answers.take(is_own).in_map(head)
-    raw = answers if answers.raw_contrast is None else replace(answers, contrast=answers.raw_contrast)
-    return _scores(raw.in_map(posterior.head), answers), _scores(after, answers)
+    return _scores(answers.in_map(posterior.head), answers), _scores(after, answers)
 
 
 def _scores(in_map: np.ndarray, answers: FrameAnswers) -> ProbabilityScores:

@@ -30,8 +30,6 @@ from salframe.localization.calibration import (
     add_probabilities,
     calibrate_posterior,
     is_calibrated,
-    localize_frames,
-    place_scales,
 )
 from salframe.localization.canonical_order import in_canonical_order
 from salframe.localization.described_query import DescribedQuery, DescribedView, describe_query, describe_view
@@ -42,7 +40,7 @@ from salframe.localization.level_frames import better_answer, level_motions, spl
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map_files import MapParts, find_not_finite, read_map, write_map
 from salframe.localization.next_view import next_view_of
-from salframe.localization.posterior import PlaceScale, Posterior
+from salframe.localization.posterior import Posterior
 from salframe.localization.preparing import Tell, python_warning, silent
 from salframe.localization.query_input import query_frame
 from salframe.localization.references import complete_references, describe_references
@@ -246,16 +244,6 @@ class LocalizationMap:
         self.calibration = calibrate_posterior(self.localizer, descriptions, frames, self.floors)
         self.localizer.index(descriptions, frames)
         return self.calibration
-
-    def place_scales(self) -> dict[str, PlaceScale]:
-        """Return the normalization of score differences for each place (see the function `place_scales`), and index the
-        map."""
-        descriptions, frames = self.descriptions(), list(self.frames)
-        scales = place_scales(
-            list(localize_frames(self.localizer, descriptions, frames, self.floors, absent_only=True))
-        )
-        self.localizer.index(descriptions, frames)
-        return scales
 
     def require_false_accept(self, max_false_accept: float) -> None:
         """Accept only answers that pass the conformal test with this maximum false accept rate.

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from pydantic import Field
@@ -20,12 +20,6 @@ NUM_OTHERS = 5
 score of these places."""
 MAX_LOG_RATIO = 30.0
 """Maximum logarithm of the likelihood ratio of an answer. It keeps exponentials finite."""
-
-
-PlaceScale: TypeAlias = tuple[float, float]
-"""Normalization for a place: the offset and the factor that turn a score difference d into offset + factor d."""
-SAME_SCALE: PlaceScale = (0.0, 1.0)
-"""Normalization that changes nothing."""
 
 
 class EvidenceTerm(Settings):
@@ -202,25 +196,18 @@ class Posterior(Settings):
         "without the place of this frame; null: no test",
     )
 
-    def contrast(self, scores: np.ndarray, scale: PlaceScale = SAME_SCALE) -> float:
-        """Return the contrast of an answer: the first score minus the mean of the next NUM_OTHERS scores, normalized
-        for the first place, and divided by the temperature.
+    def contrast(self, scores: np.ndarray) -> float:
+        """Return the contrast of an answer: the first score minus the mean of the next NUM_OTHERS scores, divided by
+        the temperature.
 
         Args:
             scores: (P,) scores of the places, best first, at least one.
-            scale: Normalization for the first place.
         """
-        only = float(scores[0]) - self.head.other_score * self.temperature
-        offset, factor = scale
-        difference = float(score_differences(scores)[0]) if len(scores) > 1 else only
-        return (offset + factor * difference) / self.temperature
+        others = float(np.mean(scores[1 : 1 + NUM_OTHERS])) / self.temperature if len(scores) > 1 else None
+        return float(scores[0]) / self.temperature - (self.head.other_score if others is None else others)
 
     def apply(
-        self,
-        localization: Localization,
-        objects: int = 0,
-        limit: float = MAX_OUT_OF_MAP_PROBABILITY,
-        scale: PlaceScale = SAME_SCALE,
+        self, localization: Localization, objects: int = 0, limit: float = MAX_OUT_OF_MAP_PROBABILITY
     ) -> Localization:
         """Return an answer with probabilities.
 
@@ -231,14 +218,13 @@ class Posterior(Settings):
             localization: The answer.
             objects: Number of objects of the query; 0: unknown.
             limit: Maximum out-of-map probability of an accepted answer.
-            scale: Normalization of the contrast for the first place.
         """
         if not localization.places:
             return localization
         frames, names, place_scores, _ = zip(*localization.places, strict=True)
         scores = np.array(place_scores, np.float64)
         evidence = {name: np.array(value) for name, value in localization.evidence.items()}
-        in_map = float(self.head.in_map(np.array(self.contrast(scores, scale)), np.array(objects), evidence))
+        in_map = float(self.head.in_map(np.array(self.contrast(scores)), np.array(objects), evidence))
         places = ranked_places(frames, names, place_scores, (in_map * shares(scores, self.temperature)).tolist())
         answer = replace(localization, places=places, out_of_map_probability=1 - in_map, max_accepted_probability=limit)
         if localization.status.names_a_place and 1 - in_map > self.max_out_of_map_probability:
@@ -281,18 +267,6 @@ def shares(scores: np.ndarray, temperature: float) -> np.ndarray:
     """Return softmax(scores / temperature) of the scores (P,) of places, (P,) float64."""
     power = np.exp((scores - scores.max()) / temperature)
     return np.asarray(power / power.sum())
-
-
-def score_differences(scores: np.ndarray) -> np.ndarray:
-    """Return, for each place, its score minus the mean of the NUM_OTHERS best scores of other places, (P,) float64.
-
-    Args:
-        scores: (P,) scores of the places, best first, at least two.
-    """
-    best = scores[: 1 + NUM_OTHERS]
-    others = np.full(len(scores), best[:NUM_OTHERS].mean())
-    others[: len(best)] = (best.sum() - best) / (len(best) - 1)
-    return np.asarray(scores - others, np.float64)
 
 
 def log_loss(probability: np.ndarray, outcome: np.ndarray) -> float:

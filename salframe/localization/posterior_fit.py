@@ -10,10 +10,8 @@ import numpy as np
 from salframe.framework.errors import DataError
 from salframe.localization.posterior import (
     NUM_OTHERS,
-    SAME_SCALE,
     EvidenceTerm,
     Head,
-    PlaceScale,
     Posterior,
     absent_moments,
     evidence_columns,
@@ -43,7 +41,6 @@ class ScoredAnswer:
         objects: Number of objects of the query; 0: unknown.
         map_objects: Mean number of objects of the scene frames of the map; 0: unknown.
         evidence: As in `Localization`.
-        scale: Normalization of the contrast for the first place, as in `MapCalibration.place_scales`.
     """
 
     scores: np.ndarray
@@ -53,7 +50,6 @@ class ScoredAnswer:
     objects: int = 0
     map_objects: float = 0.0
     evidence: Mapping[str, float] = field(default_factory=dict)
-    scale: PlaceScale = SAME_SCALE
 
 
 @dataclass(frozen=True)
@@ -109,7 +105,7 @@ def fit_posterior(answers: Sequence[ScoredAnswer]) -> Fit:
     temperature = _fit_temperature(ranked, spread)
     posterior = Posterior(temperature=temperature, head=_fit_head(answers, temperature))
     in_map = np.array([answer.here for answer in answers], float)
-    contrasts = np.array([posterior.contrast(answer.scores, answer.scale) for answer in answers])
+    contrasts = np.array([posterior.contrast(answer.scores) for answer in answers])
     objects = np.array([answer.objects for answer in answers])
     evidence = evidence_columns([answer.evidence for answer in answers])
     base = in_map.mean()
@@ -136,7 +132,7 @@ def _fit_head(answers: Sequence[ScoredAnswer], temperature: float) -> Head:
         other_score=float(np.mean(others)) if others else 0.0,
     )
     neutral = Posterior(temperature=temperature, head=head)
-    contrast = np.array([neutral.contrast(answer.scores, answer.scale) for answer in answers])
+    contrast = np.array([neutral.contrast(answer.scores) for answer in answers])
     here = np.array([answer.here for answer in answers])
     right = here & np.array([answer.true_place == 0 for answer in answers])
     map_objects = np.array([answer.map_objects for answer in answers])

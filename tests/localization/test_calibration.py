@@ -24,8 +24,6 @@ from salframe.localization.calibration import (
     DISTANCE_EXPONENT,
     DISTANCE_SPREAD,
     OTHER_CALIBRATION,
-    PLACE_PRIOR,
-    PLACE_SHARE,
     FrameAnswers,
     MapCalibration,
     calibrate_head,
@@ -376,8 +374,8 @@ def test_build_calibrates_and_the_map_shows_it(fakes):
     assert "not calibrated" in run("map", "show", "plain").out
     made = run("map", "calibrate", "plain", "--json").json
     # rooms in a row, the query 1 away from the nearest rooms: e.g. -1, -2, -3, -4, -5 from the end of the row
-    scores = -np.abs(np.subtract.outer(np.arange(6.0), np.arange(6.0)))  # of place j for the frame i
-    contrasts = np.sort([row[0] for row in normalized(scores)])
+    numbers = [-1 - np.mean(sorted([-abs(j - i) for j in range(6) if j != i])[:-1]) for i in range(6)]
+    contrasts = np.sort(numbers)
     mean = (contrasts.sum() + ABSENT_PRIOR * 0.5) / (6 + ABSENT_PRIOR)
     deviation = np.sqrt((6 * contrasts.var() + ABSENT_PRIOR) / (6 + ABSENT_PRIOR))
     right = 0.8 * np.exp(-1 + (contrasts - mean) / deviation)
@@ -393,108 +391,6 @@ def test_build_calibrates_and_the_map_shows_it(fakes):
     assert (
         "the answers of the method 'reader' have no probabilities to calibrate" in run("map", "calibrate", "bare").err
     )
-
-
-def normalized(scores):
-    """Contrasts of the best place for each frame i, from the scores (N, N) of place j for frame i. Place i is hidden.
-    Each contrast is normalized by the definition, with the frames other than i. Also returns the best place."""
-    count = len(scores)
-    differences = {}
-    for i in range(count):
-        shown = [j for j in range(count) if j != i]
-        for j in shown:
-            others = sorted((scores[i, k] for k in shown if k != j), reverse=True)[:5]
-            differences[i, j] = scores[i, j] - np.mean(others)
-    total = np.array([*differences.values()])
-    within = [
-        value - np.mean([v for (_, p), v in differences.items() if p == place])
-        for (_, place), value in differences.items()
-    ]
-    typical = np.mean(np.square(within))
-    result = []
-    for i in range(count):
-        best = max((j for j in range(count) if j != i), key=lambda j: scores[i, j])
-        own = np.array([value for (frame, place), value in differences.items() if place == best and frame != i])
-        mean = (own.sum() + PLACE_PRIOR * total.mean()) / (len(own) + PLACE_PRIOR)
-        variance = (((own - mean) ** 2).sum() + PLACE_PRIOR * typical) / (len(own) + PLACE_PRIOR)
-        full = total.mean() + (differences[i, best] - mean) * np.sqrt(typical / variance)
-        result.append((PLACE_SHARE * full + (1 - PLACE_SHARE) * differences[i, best], best))
-    return result
-
-
-class Table(Localizer):
-    """Scores each place by the entry of its row in the scores of the query."""
-
-    name = "table"
-    version = "1"
-    needs = frozenset()
-
-    class Config(ComponentConfig):
-        posterior: posterior_slot()  # type: ignore[valid-type]
-
-    def describe(self, panorama):
-        raise NotImplementedError
-
-    def index(self, descriptions, frames):
-        self.frames = frames
-        self.columns = np.array([int(d["row"][0]) for d in descriptions])
-
-    def match(self, description):
-        return Localization(rank_places(self.frames, description["scores"][self.columns]), None, "no-pose")
-
-
-def table_map(scores):
-    """A map with a place for each row, and its localizer."""
-    frames = [ReferenceFrame(f"f{i:02}", f"p{i:02}", pose_2d(i, 0, 0)) for i in range(len(scores))]
-    descriptions = [{"row": np.array([i]), "scores": row} for i, row in enumerate(scores)]
-    localizer = Table(Table.Config(posterior=POSTERIOR.model_dump()))
-    return LocalizationMap.from_descriptions(localizer, descriptions, frames, calibrate=True), descriptions
-
-
-def popular_scores(seed=0, count=40):
-    """Normal scores of 40 places. The scores of place 0 are 4 higher, and those of place 1 vary three times as much."""
-    scores = np.random.default_rng(seed).normal(0, 1, (count, count))
-    scores[:, 0] += 4
-    scores[:, 1] *= 3
-    return scores
-
-
-def test_a_place_with_high_scores_for_all_frames_has_a_lower_contrast():
-    """The full normalization of place j has the mean of all differences, and their deviation within a place."""
-    scores = popular_scores()
-    scales = table_map(scores)[0].calibration.place_scales
-    count = len(scores)
-    difference = np.full((count, count), np.nan)
-    for group in range(10):  # the places group, group + 10, ... are hidden together
-        shown = np.setdiff1d(np.arange(count), np.arange(group, count, 10))
-        for i in range(group, count, 10):
-            for j in shown:
-                difference[i, j] = scores[i, j] - np.sort(scores[i, shown[shown != j]])[-5:].mean()
-    values = difference[np.isfinite(difference)]
-    typical = np.nanmean((difference - np.nanmean(difference, axis=0)) ** 2)
-    for j in (0, 1, 2):
-        own = difference[np.isfinite(difference[:, j]), j]
-        weight = len(own) + PLACE_PRIOR
-        mean = (own.sum() + PLACE_PRIOR * values.mean()) / weight
-        variance = (((own - mean) ** 2).sum() + PLACE_PRIOR * typical) / weight
-        full = values.mean() + (2.0 - mean) * np.sqrt(typical / variance)
-        offset, factor = scales[f"p{j:02}"]
-        assert offset + factor * 2.0 == pytest.approx(PLACE_SHARE * full + (1 - PLACE_SHARE) * 2.0, abs=0.002)
-    assert scales["p01"][1] < scales["p02"][1]  # the differences of place 1 vary most
-    assert np.dot(scales["p00"], (1, 2.0)) < np.dot(scales["p02"], (1, 2.0)) - 2
-
-
-def test_an_answer_is_normalized_for_its_first_place():
-    """With the head of the calibration, the probability is that of offset + factor times the score difference."""
-    found, _ = table_map(popular_scores())
-    head = found.calibration.head
-    scores = np.r_[3.0, 6.0, np.linspace(-1, 0, 38)]
-    answer = found.answer({"row": np.array([99]), "scores": scores})
-    assert answer.places[0].place == "p01"
-    offset, factor = found.calibration.place_scales["p01"]
-    difference = 6.0 - np.mean([3.0, *np.linspace(-1, 0, 38)[-4:]])
-    expected = head.in_map(np.array([offset + factor * difference]), np.zeros(1))
-    assert answer.out_of_map_probability == pytest.approx(1 - expected[0])
 
 
 def test_a_frame_that_the_localizer_fails_on_is_left_out(fakes):

@@ -11,7 +11,7 @@ from scipy.stats import norm
 from salframe.framework.errors import ConfigError, DataError
 from salframe.framework.validation import validate
 from salframe.localization.answers import Localization, RankedPlace
-from salframe.localization.posterior import EvidenceTerm, Head, Posterior, read_fitted, score_differences, shares
+from salframe.localization.posterior import EvidenceTerm, Head, Posterior, read_fitted, shares
 from salframe.localization.posterior_fit import ScoredAnswer, fit_posterior
 
 NEUTRAL = {"absent_mean": 0.0, "absent_deviation": 1.0, "bias": 0.0, "slope": 0.0, "accuracy": 1.0, "other_score": 0.0}
@@ -45,18 +45,6 @@ def test_the_contrast_compares_the_first_place_with_the_next_five():
     assert known.contrast(scores) == pytest.approx((9 - 3) / 2)
     assert known.contrast(scores[:3]) == pytest.approx((9 - 4.5) / 2)
     assert known.contrast(scores[:1]) == pytest.approx(9 / 2 - 1.5)  # one place
-
-
-def test_the_contrast_is_normalized_for_the_first_place():
-    scores = np.array([9.0, 5.0, 4.0, 3.0, 2.0, 1.0, -90.0])
-    assert posterior(temperature=2.0).contrast(scores, (-1.0, 0.5)) == pytest.approx((-1 + 0.5 * (9 - 3)) / 2)
-
-
-@pytest.mark.parametrize("count", [2, 4, 6, 7, 20])
-def test_score_differences_compare_each_place_with_the_best_five_others(count):
-    scores = np.sort(np.random.default_rng(count).normal(0, 3, count))[::-1]
-    expected = [scores[i] - np.mean(np.delete(scores, i)[:5]) for i in range(count)]
-    np.testing.assert_allclose(score_differences(scores), expected)
 
 
 def test_the_head_is_a_mixture_of_right_and_wrong_answers():

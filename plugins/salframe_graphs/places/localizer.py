@@ -94,7 +94,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
     """
 
     name = "saliency-places"
-    version = "15"
+    version = "14"
     uses_floors = True
 
     class Config(PlacesConfig):

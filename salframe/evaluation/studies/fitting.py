@@ -27,7 +27,6 @@ from salframe.localization.describing import describe_frame
 from salframe.localization.evidence import Evidence, fit_weights
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.map import LocalizationMap
-from salframe.localization.posterior import SAME_SCALE, PlaceScale
 from salframe.localization.posterior_fit import Fit, ScoredAnswer, fit_posterior
 from salframe.localization.preparing import Tell, prepare, silent
 from salframe.panoramas.dataset import Dataset
@@ -74,15 +73,16 @@ class TuningData:
 
     def iterate_queries(
         self, changes: Mapping[str, Any], absent: bool = True
-    ) -> Iterator[tuple[LocalizationMap, Description, str, bool]]:
-        """Yield each query, with the map of the query. In its localizer, the settings `changes` are replaced.
+    ) -> Iterator[tuple[Localizer, Description, str, bool]]:
+        """Yield each query, with a localizer that has the settings `changes` and the map of the query.
 
         Args:
             changes: Settings that replace those of the localizer.
             absent: Whether to include folds (maps with their queries) in which no query has its place in the map.
 
         Yields:
-            The map of the fold, the description of the query, its true place, and whether the map contains that place.
+            The localizer with the map of the fold, the description of the query, its true place, and whether the map
+            contains that place.
         """
         config = merge(self.localizer.config.model_dump(mode="json"), changes)
         localizer: Localizer = type(self.localizer)(validate(type(self.localizer).Config, config, ""))
@@ -113,7 +113,7 @@ class TuningData:
             for query, place, is_here in zip(fold.queries, places, here, strict=True):
                 description_of_query = self.descriptions[query.id]
                 if description_of_query is not None:
-                    yield fold_map, description_of_query, place, is_here
+                    yield fold_map.localizer, description_of_query, place, is_here
 
 
 def fit_method(
@@ -181,8 +181,7 @@ def fit_method(
         raise ConfigError(
             f"the method {method} has no setting `weights`, which --try needs: use another method, or leave out --try"
         )
-    scales: dict[tuple[str, ...], Mapping[str, PlaceScale]] = {}
-    answers = [answer for tuning in tunings for answer in _scored(tuning, content, scales)]
+    answers = [answer for tuning in tunings for answer in _scored(tuning, content)]
     try:
         fit = fit_posterior(answers)
     except DataError as error:
@@ -267,35 +266,24 @@ def _fit(tunings: Sequence[TuningData], changes: Mapping[str, Any]) -> tuple[dic
     """Fit the weights of a method with changed settings to the queries whose place is in the map. See `fit_weights`."""
     samples: list[tuple[Evidence, str]] = []
     for tuning in tunings:
-        for fold_map, description, place, here in tuning.iterate_queries(changes, absent=False):
-            if here and (evidence := fold_map.localizer.evidence(description)) is not None:
+        for localizer, description, place, here in tuning.iterate_queries(changes, absent=False):
+            if here and (evidence := localizer.evidence(description)) is not None:
                 samples.append((evidence, place))
     return fit_weights(samples)
 
 
-def _scored(
-    tuning: TuningData, changes: Mapping[str, Any], scales: dict[tuple[str, ...], Mapping[str, PlaceScale]]
-) -> Iterator[ScoredAnswer]:
-    """Yield the scores and the true place of each answer that ranks places.
-
-    `scales` contains the place scales of maps that were already computed, by `TuningData.map_key` and the ids of the
-    frames of the map. It is extended.
-    """
+def _scored(tuning: TuningData, changes: Mapping[str, Any]) -> Iterator[ScoredAnswer]:
+    """Yield the scores and the true place of each answer that ranks places."""
     counts = [count for count in tuning.num_objects.values() if count]
     map_objects = float(np.mean(counts)) if counts else 0.0
-    for fold_map, description, place, here in tuning.iterate_queries(changes):
-        key = (tuning.map_key, *(frame.id for frame in fold_map.frames))
-        if key not in scales:
-            scales[key] = fold_map.place_scales()
-        localizer = fold_map.localizer
+    for localizer, description, place, here in tuning.iterate_queries(changes):
         answer = localizer.match(description)
         if answer.places:
             names = [ranked.place for ranked in answer.places]
             scores = np.array([ranked.score for ranked in answer.places], np.float64)
             position = names.index(place) if place in names else None
             objects = localizer.count_objects(description)
-            scale = scales[key].get(names[0], SAME_SCALE)
-            yield ScoredAnswer(scores, position, here, tuning.map_key, objects, map_objects, answer.evidence, scale)
+            yield ScoredAnswer(scores, position, here, tuning.map_key, objects, map_objects, answer.evidence)
 
 
 def _summary(fit: Fit) -> list[str]:
