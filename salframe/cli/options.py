@@ -148,8 +148,8 @@ Workers = Annotated[
         "--workers",
         parser=number_parser("--workers", int, 1, MAX_WORKERS),
         metavar="N",
-        help="Number of worker processes (default: one per core for rendering; for other work, one that uses all "
-        "cores)",
+        help="Number of worker processes (default: one per core for rendering; a single process with all cores for "
+        "other work)",
     ),
 ]
 parse_seed = number_parser("--seed", int, 0, MAX_SEED)

@@ -111,7 +111,7 @@ def texts_of(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def unpack_nodes(nodes: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the arrays of `graph_to_arrays` that describe nodes, from packed nodes (N,)."""
+    """Unpack nodes (N,), and return the same arrays for nodes as `graph_to_arrays`."""
     return {
         "scores": nodes["score"] / 255,
         "saliency": nodes["saliency"] / 65535,

@@ -143,8 +143,9 @@ def find_nodes(topology: TopologicalMap, name: str, doors: bool = False) -> list
 def find_route(topology: TopologicalMap, start: str, goal: str, planner: str | None = None) -> Route:
     """Return the shortest route between two nodes, places or signs.
 
-    A route from or to a place uses the scene node (position in the room) of the place that makes the route shortest. If
-    no route connects scene nodes, for example because of furniture, transition nodes of the places are used.
+    If the start or the goal is a place, the route uses the scene node (position in the room) of this place with the
+    shortest route. If no route connects scene nodes, for example because of furniture, transition nodes (positions in
+    doorways) of the places are used.
 
     Args:
         topology: The map.

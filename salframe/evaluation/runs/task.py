@@ -155,7 +155,8 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
         return {}
 
     def identity(self) -> dict[str, Any]:
-        """Return the parameters that answers depend on, with the identities of components. By default `parameters`."""
+        """Return the parameters that answers depend on. Components are represented by their identities. The default is the
+        value of `parameters`."""
         return self.parameters()
 
     @classmethod

@@ -100,7 +100,8 @@ def matching_settings(model: BaseModel) -> dict[str, Any]:
 
 
 def has_added_default(field: FieldInfo, value: Any) -> bool:
-    """Return whether a setting is declared `added` and has its default value."""
+    """Return whether a setting was added after the first release of its component (see `added`), and has its default
+    value."""
     extra = field.json_schema_extra
     return isinstance(extra, Mapping) and bool(extra.get("added")) and value == field.default
 
