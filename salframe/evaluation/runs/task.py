@@ -155,8 +155,8 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
         return {}
 
     def identity(self) -> dict[str, Any]:
-        """Return the parameters that answers depend on. Components are represented by their identities. The default is the
-        value of `parameters`."""
+        """Return the parameters that answers depend on. Components are represented by their identities. The default
+        implementation returns `parameters()`."""
         return self.parameters()
 
     @classmethod
