@@ -49,9 +49,9 @@ class PanoramaScoresConfig(ComponentConfig):
         True,
         description="what happens if the best match is a reference frame in a doorway. true: the frame is replaced by "
         "the reference frame in a room that is nearest to the estimated pose; false: the frame is not replaced. For "
-        "`saliency-graph`, this decides whether the answer is the room or the doorway. For `saliency-places`, it only "
-        "decides which place gets the score of the evidence `panorama`: this method never answers with a doorway if "
-        "the map has a reference frame in a room",
+        "`saliency-graph`, this decides whether the answer is the room or the doorway. `saliency-places` never "
+        "answers with a doorway if the map has a reference frame in a room. There, the setting only decides which of "
+        "the two places gets the score of this match (the evidence `panorama`)",
     )
 
 

@@ -101,8 +101,8 @@ class CubemapImporter(Importer):
         names = {name.removeprefix(start).removesuffix(end) for name in relative}
         if not names:
             raise DataError(
-                f"{source} has no file {front}, expected the front face of at least one cubemap, where {{name}} is the "
-                "name of the cubemap: check the settings picture and faces"
+                f"{source} has no file {front} ({{name}} stands for the name of a cubemap), expected the front face of "
+                "at least one cubemap: check the settings `picture` and `faces`"
             )
         missing = sorted(rows.keys() - names)
         notes = []

@@ -57,7 +57,8 @@ class ViewpointChart(Chart):
         return self._camera_m[self.nearest(position_m)]
 
     def reach(self, position_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:
-        """See Chart. Distances are finite only to the nearest viewpoint itself (0) and to its neighbours."""
+        """See Chart. The position and each point are replaced by their nearest viewpoints. A straight walk is possible
+        only to the same viewpoint (length 0) and to its neighbours."""
         points = np.linalg.norm(self._node_m - points_m[:, None], axis=2).argmin(1)
         return self.step_m[self.nearest(position_m), points]
 

@@ -58,8 +58,8 @@ def differences(config: ComponentConfig, other: ComponentConfig) -> str:
 
 
 def on_rooms(config: ComponentConfig) -> ComponentConfig:
-    """Return the configuration rebuilt from its JSON. Its `auto` slots are filled for the rooms of the suite, which
-    have all parts."""
+    """Return the configuration rebuilt from its JSON. Settings with the value `auto` are replaced by the components
+    that `auto` selects for the rooms of the test suite, whose panoramas have colour, range and annotations."""
     choice = Choice("the suite's rooms", lambda: PARTS)
     rebuilt: ComponentConfig = validate(type(config), config.model_dump(mode="json"), config.kind, choice)
     return rebuilt

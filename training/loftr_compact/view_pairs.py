@@ -70,8 +70,8 @@ class PosedView:
 def warp(points_px: np.ndarray, source: PosedView, target: PosedView) -> np.ndarray:
     """Return the (K, 2) pixels in the target view of points (K, 2) of the source view.
 
-    NaN marks points outside the image, points with unknown range, and points whose range in the target's panorama
-    differs because they are occluded or changed.
+    NaN marks points outside the image, points with unknown range, and points that are occluded or changed: their
+    distance from the target differs from the range in the target's panorama.
     """
     bearings = source.bearings(points_px)
     points_m = bearings * sample_nearest(source.shot.range_m, bearings)[:, None].astype(np.float64)

@@ -93,7 +93,9 @@ def one_structure(counts: np.ndarray) -> np.ndarray:
 
 
 def lay_objects(detections: Detections, labels: np.ndarray) -> Objects:
-    """Project detections, by their points, to the labels (ROWS, 2 ROWS) of a panorama, 0 where unlabelled.
+    """Project the points of each detection to the image of the labels of the same panorama.
+
+    `labels` is this image, (ROWS, 2 ROWS); 0 means unlabelled.
 
     Detections with a structure class, or with at most half of their pixels labelled, are ignored.
     """

@@ -86,7 +86,8 @@ class ObservedObjects(ABC):
 
     @abstractmethod
     def pair_log_odds(self, i: np.ndarray, relative: RelativeObjects) -> np.ndarray:
-        """Return the log odds (T,) of T pairs, like `log_odds`: query object i[t] is map object t."""
+        """Return the log odds (T,) of T pairs, computed as in `log_odds`. Pair t consists of the query object i[t] and
+        the map object t."""
 
     @abstractmethod
     def pair_points(self, i: np.ndarray, j: np.ndarray, camera_height_offset_m: float) -> PairPoints:

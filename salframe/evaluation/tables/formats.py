@@ -67,7 +67,7 @@ def to_csv(rows: Sequence[Mapping[str, Any]], leading: Sequence[Mapping[str, Any
     """Return rows as CSV in full precision, one column per key.
 
     Args:
-        rows: The rows as JSON.
+        rows: The rows, as mappings from field names to JSON values.
         leading: For each row, the values of further columns on the left.
     """
     names = [name for name, value in (rows[0] if rows else {}).items() if not isinstance(value, dict)]

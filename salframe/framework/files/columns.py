@@ -281,10 +281,10 @@ def _read_lengths(path: Path, shape: tuple[int, int]) -> np.ndarray:
 
 
 def check_kinds(columns: Columns, row: Row) -> None:
-    """Check that each column has the `dtype.kind` of the array of its name in `row`, which the same code computed.
+    """Check that each column has the same `dtype.kind` as the array with the same name in `row`, an example.
 
     Raises:
-        DataError: A column holds, for example, booleans where the array of its name in `row` holds floats.
+        DataError: The kinds differ: for example, a column contains booleans, and the array in `row` floats.
     """
     for name, array in row.items():
         column, kind = columns.columns.get(name), np.asarray(array).dtype.kind

@@ -77,8 +77,8 @@ class MatchingTask(Task[FramePair, Survey[FramePair], PairRow, MatchingRow]):
         total = sum(len(fold.queries) for fold in dataset.folds())
         left_out = total - len(pairs)
         note = (
-            f"{left_out} of {total} queries are left out: their place has no panorama of the map with the kind scene "
-            "(in a room)"
+            f"{left_out} of {total} queries are left out: the map has no panorama of the kind `scene` (in a room) of "
+            "their place"
         )
         return Survey(dataset, pairs, (note, *places_notes(dataset)) if left_out else ())
 

@@ -244,8 +244,8 @@ def rooms_of(method: Localizer, dataset: Dataset) -> tuple[SaliencyGraph, ...]:
     rooms = tuple(graph for one in completed if len(graph := graph_from_arrays(one)) >= MIN_OBJECTS)
     if not rooms:
         raise DataError(
-            f"no panorama of the map with the kind scene (in a room) in the dataset {dataset.name} has "
-            f"{MIN_OBJECTS} or more objects, expected at least one: choose another dataset or detector"
+            f"in the dataset {dataset.name}, all panoramas of rooms have fewer than {MIN_OBJECTS} objects, expected at "
+            f"least one panorama with {MIN_OBJECTS} or more: choose another dataset or detector"
         )
     return rooms
 

@@ -194,7 +194,7 @@ def test_queries_of_places_that_are_not_mapped_are_left_out_and_counted(furnishe
     rows, result = measure(["points"], "data.unmapped=true")
     assert rows["points"].pairs == 1
     assert result.notes == (
-        "1 of 2 queries are left out: their place has no panorama of the map with the kind scene (in a room)",
+        "1 of 2 queries are left out: the map has no panorama of the kind `scene` (in a room) of their place",
         "the true place of 1 query is not in the map, so the correct answer is out-of-map: 'kitchen'",
     )
 
