@@ -50,8 +50,8 @@ class PanoramaScoresConfig(ComponentConfig):
         description="what happens if the best match is a reference frame in a doorway. true: the frame is replaced by "
         "the reference frame in a room that is nearest to the estimated pose; false: the frame is not replaced. For "
         "`saliency-graph`, this decides whether the answer is the room or the doorway. `saliency-places` never "
-        "answers with a doorway if the map has a reference frame in a room. There, the setting only decides which of "
-        "the two places gets the score of this match (the evidence `panorama`)",
+        "answers with a doorway if the map has a reference frame in a room. In `saliency-places`, the setting "
+        "only decides whether the room or the doorway gets the score of this match (the evidence `panorama`)",
     )
 
 

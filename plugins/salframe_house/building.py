@@ -115,7 +115,7 @@ class Building:
     def floor_masks(self, resolution_m: float = 0.05) -> FloorMasks:
         """Return masks of free floor, room labels (1 + index in `rooms`) and obstacles, in top view.
 
-        Thresholds are floor; the labels of two rooms meet in the middle of their threshold
+        The strip of floor in a doorway is free floor. The labels of the two rooms meet in its middle
         (docs/how-to/maps.md#what-the-map-is-made-of). Open door leaves are not free floor. Obstacles are the footprints
         of all objects that begin below 1.5 m, except rugs.
         """

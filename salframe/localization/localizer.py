@@ -59,9 +59,9 @@ class LevelledConfig(ComponentConfig):
     level: Literal["auto", "off"] = added(
         "auto",
         description="correction of camera tilt. auto: tilted panoramas are rotated upright before they are processed. "
-        "For a reference frame, the tilt is read from the pose. If roll and pitch of the pose are exactly 0, and for "
-        "a query, the tilt is measured by an IMU or, without an IMU, estimated from the images; off: panoramas are "
-        "not rotated",
+        "The tilt of a reference frame is read from its pose, unless roll and pitch of the pose are exactly 0. In this "
+        "case, and for every query, the tilt is measured by an IMU. Without an IMU, it is estimated from the images; "
+        "off: panoramas are not rotated",
     )
 
 

@@ -101,7 +101,8 @@ def configure(
 def configure_default(
     role: str, name: str, overrides: Iterable[Mapping[str, Any]] = (), choice: Choice | None = None
 ) -> ComponentConfig:
-    """Return the validated configuration of `name`, see `configure` and `settings`."""
+    """Return the validated configuration of a component, preset or YAML file: its settings, changed by `overrides`. See
+    `configure`."""
     return configure(role, name, settings(role, name), overrides, choice)
 
 
