@@ -129,7 +129,7 @@ class MapParts:
         return packed, frames
 
     def write_method(self, localizer: Localizer) -> None:
-        """Write name, version and settings of the localizer that describes the map."""
+        """Write name, version and settings of the localizer that computed the descriptions (features) in the map."""
         settings, described_by = localizer.config.model_dump(mode="json"), digest(localizer.describe_identity())
         self.write_json(METHOD, {"version": localizer.version, "localizer": settings, "described_by": described_by})
 
