@@ -48,10 +48,9 @@ class PanoramaScoresConfig(ComponentConfig):
     nearest_scene: bool = match_only(
         True,
         description="what happens if the best match is a reference frame in a doorway. true: the frame is replaced by "
-        "the reference frame in a room that is nearest to the estimated pose; false: the frame is not replaced. For "
-        "`saliency-graph`, this decides whether the answer is the room or the doorway. `saliency-places` never "
-        "answers with a doorway if the map has a reference frame in a room. In `saliency-places`, the setting "
-        "only decides whether the room or the doorway gets the score of this match (the evidence `panorama`)",
+        "the reference frame in a room that is nearest to the estimated pose; false: the frame is not replaced. In "
+        "`saliency-graph`, the answer is then the place of this frame. In `saliency-places`, this place gets the score "
+        "of the match, which is one part of the evidence",
     )
 
 

@@ -148,8 +148,7 @@ Workers = Annotated[
         "--workers",
         parser=number_parser("--workers", int, 1, MAX_WORKERS),
         metavar="N",
-        help="Number of worker processes (default: one per core for rendering; a single process with all cores for "
-        "other work)",
+        help="Number of worker processes (default: a number that uses all cores)",
     ),
 ]
 parse_seed = number_parser("--seed", int, 0, MAX_SEED)

@@ -182,9 +182,10 @@ class SensorModel(Settings):
         """Return the probability of each label of the detector for a detected object with this annotated label.
 
         The probabilities are proportional to the counts of the label. If the label was never detected, the counts of
-        its group are used: the labels with the same `common_label`. PSEUDO_COUNT virtual objects are added. A share
-        `right_share` of the virtual objects has a correct label, distributed like the labels that the detector uses for
-        the group. The rest has a wrong label, distributed like all wrong labels of the detector.
+        its group are used: the labels with the same `common_label`. The counts are smoothed:
+        PSEUDO_COUNT virtual objects are added to them. The share `right_share` of these is distributed over the labels
+        that are correct for the group, in the proportions in which the detector uses them. The rest is distributed over
+        wrong labels, in the proportions of all wrong labels of the detector.
         """
         group = common_label(label)
         group_labels = [annotated for annotated in self.confusion if common_label(annotated) == group]

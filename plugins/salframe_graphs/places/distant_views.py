@@ -57,16 +57,17 @@ class ViewGroup:
         """Distance in metres between the last view of this group and the last view of the query."""
         return float(np.linalg.norm(self.T_last_group[:3, 3]))
 
-    def poses(self, shift_m: np.ndarray, yaw_rad: float, count: int) -> Poses:
-        """Return the world pose of the last view of this group, repeated for `count` places.
+    def poses(self, position_m: np.ndarray, yaw_rad: float, count: int) -> Poses:
+        """Return the world pose of the last view of this group, computed from that of the last view of the query, and
+        repeated for `count` places.
 
         Args:
-            shift_m: (2,) world position of the last view of the query, in metres.
+            position_m: (2,) world position of the last view of the query, in metres.
             yaw_rad: World yaw of the last view of the query.
             count: Number of places.
         """
         offset = np.exp(1j * yaw_rad) * as_complex(self.T_last_group[None, :2, 3])
-        moved_m = shift_m + np.array([offset[0].real, offset[0].imag])
+        moved_m = position_m + np.array([offset[0].real, offset[0].imag])
         yaw = yaw_rad + pose_yaw(self.T_last_group)
         return Poses(np.arange(count), np.tile(moved_m, (count, 1)), np.full(count, yaw))
 
