@@ -152,7 +152,7 @@ class Lines(Localizer):
         self._starts = np.cumsum([0, *(len(reference.positions_m) for reference in self._map)])
 
     def match(self, description: Description) -> Localization:
-        """Compare distance functions at all candidate positions, and align the shortlist.
+        """Compare the distances to lines in the query with those at all candidate positions, and align the best frames.
 
         The score of a frame is the fraction of its distances that agree with the query. If the frame is aligned
         successfully, its score is 1 + the agreement of the aligned lines.

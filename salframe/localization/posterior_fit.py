@@ -212,7 +212,8 @@ class _Moments:
         return float(np.sqrt(np.mean([s**2 for _, s in self.by_map.values()]))) if self.by_map else 0.0
 
     def settings(self) -> dict[str, float]:
-        """Return the settings of `Head` and of `EvidenceTerm` for the mean, the deviation, and the effects on them."""
+        """Return the moments as settings of `Head` or `EvidenceTerm`: mean, standard deviation, and the effects of the
+        number of objects on them."""
         moments = {"absent_mean": self.mean, "absent_deviation": self.deviation}
         return {**moments, "mean_effect": self.mean_effect, "deviation_effect": self.deviation_effect}
 

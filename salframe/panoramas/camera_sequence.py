@@ -25,7 +25,7 @@ class CameraSequence:
     Attributes:
         name: Name of the sequence.
         t_s: (N,) float64 times in seconds.
-        frames: The views. Their panoramas are read when they are loaded.
+        frames: The views. The images of a view are read when the view is loaded.
         odometry: Pose (4, 4) of each view by the odometry, in any fixed frame with z up; None where it is unknown.
         truth: True pose T_world_pano (4, 4) of each view; None where it is unknown. Not used by `track`.
         notes: Warnings about the recording, one line each.

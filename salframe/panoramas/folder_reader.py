@@ -112,7 +112,7 @@ class Folder:
         return convert_pose(pose_matrix(pose), self.manifest.pose_convention, self.manifest.pose_unit_m)
 
     def query_frames(self, contents: Mapping[str, str]) -> list[QueryFrame]:
-        """Return the queries of the manifest. Their images are read when they are loaded.
+        """Return the queries of the manifest. The images of a query are read when the query is loaded.
 
         All views of a sequence form one query, in the order of time. The id of the query is the id of the last view.
 

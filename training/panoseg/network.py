@@ -57,7 +57,8 @@ def wrap_pad(image: Tensor, before: int, after: int) -> Tensor:
 
 
 class SeamConv(nn.Conv2d):
-    """A convolution with TensorFlow's SAME padding, but with columns of the other side instead of zero columns."""
+    """A convolution with TensorFlow's SAME padding, but circular in the horizontal direction: the left border is padded
+    with columns from the right border of the panorama, and vice versa."""
 
     def forward(self, image: Tensor) -> Tensor:
         kernel, stride = self.kernel_size[0], self.stride[0]

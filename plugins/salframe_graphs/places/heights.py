@@ -19,7 +19,8 @@ _MAX_M = 65.535
 
 
 def measure_height(panorama: Panorama) -> dict[str, np.ndarray]:
-    """Return the height of the camera above the floor as an array (1,) of a description; {} if it is unknown.
+    """Return a part of a description: a dict with one array (1,), the height of the camera above the floor in metres.
+    The dict is empty if the height is unknown.
 
     Estimated ranges are not used, because their scale may be wrong.
     """

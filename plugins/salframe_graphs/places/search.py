@@ -59,7 +59,7 @@ class Ranking:
         poses: Poses of the query. Their place indices refer to all places of the map.
         search: Result of the search. Its poses are those of `poses`, but its place indices refer to the searched places
             only.
-        evidence: Evidence for the first place that the posterior uses, by the name of the column.
+        evidence: The evidence for the first place, by name. Only evidence that the posterior uses.
     """
 
     names: np.ndarray

@@ -303,7 +303,7 @@ class Run:
         write_json(self.directory / NOTES, list(notes))
 
     def reuse(self, label: str, fingerprint: str) -> None:
-        """Copy the answers of a method from another run with the same method, pieces and data, if there is such a run.
+        """Copy the answers of a method from another run with the same method, data and queries, if there is one.
 
         Args:
             label: Label of the method. A method that has begun in this run keeps its answers.
