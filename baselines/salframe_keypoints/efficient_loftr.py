@@ -66,7 +66,7 @@ class EfficientLoftr(ImageMatcher):
 def align_match_columns(find_cells: Callable[[Any], tuple[Any, Any]]) -> Callable[[Any], tuple[Any, Any]]:
     """Wrap a function of transformers so that each column of its result holds one match.
 
-    The result of the wrapped function contains the mutual nearest cells (B, 2, N) of two images, -1 for no match.
+    The original function returns the mutual nearest cells (B, 2, N) of two images, -1 for no match.
     In transformers 5, entry j of the first row is the match of cell j of the second image, and entry i of the second
     row is the match of cell i of the first image. A column then contains the ends of two different matches, which
     breaks the refinement of the matches. The aligned result is computed from the second row.

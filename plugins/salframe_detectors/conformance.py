@@ -38,7 +38,9 @@ def check_detection_decoder(make: Callable[[], DetectionDecoder]) -> None:
             continue
         except Exception as error:
             line = f"{type(error).__name__}: {error}"
-            raise ConformanceError(f"decode of {layout}: received {line}, expected boxes or WeightsError") from error
+            raise ConformanceError(
+                f"decode of the layout {layout} failed with {line}, expected boxes, or a WeightsError"
+            ) from error
         for scale in (0.0, 1.0, 30.0):
             _check_layout(
                 make, f"decode of {layout}, multiplied by {scale:g}", [np.float32(scale) * array for array in outputs]

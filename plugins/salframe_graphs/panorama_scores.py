@@ -47,10 +47,10 @@ class PanoramaScoresConfig(ComponentConfig):
     )
     nearest_scene: bool = match_only(
         True,
-        description="what happens if the best match is a reference frame in a doorway. true: the frame is replaced by "
-        "the reference frame in a room that is nearest to the estimated pose; false: the frame is not replaced. In "
-        "`saliency-graph`, the answer is then the place of this frame. In `saliency-places`, this place gets the score "
-        "of the match, which is one part of the evidence",
+        description="what happens if the best match is a reference frame in a doorway. true: it is replaced by the "
+        "reference frame in a room that is nearest to the estimated pose; false: it is not replaced. `saliency-graph` "
+        "answers with the place of the resulting frame. `saliency-places` gives the score of the match to this place, "
+        "as one part of the evidence",
     )
 
 

@@ -61,7 +61,8 @@ class Classes:
         """Return the classes of a network.
 
         Args:
-            labels: For each of the network's classes its label and its name in the graph, None for structure.
+            labels: For each class of the network: its label, and its name in the graph. The name is None for structure,
+                such as walls and floors, which does not become objects.
             fixed: Names of objects that are part of the building.
         """
         name_by_class = [name or label for label, name in labels]

@@ -37,9 +37,9 @@ class ScoredAnswer:
         scores: (P,) float64 scores of the places, best first, at least one.
         true_place: Index of the true place in `scores`; None if the answer does not rank the true place.
         here: Whether the true place is in the map.
-        map: Name of the map. The contrast is standardized separately for each map.
+        map: Name of the map. The contrast (see `Posterior.contrast`) is standardized separately for each map.
         objects: Number of objects of the query; 0: unknown.
-        map_objects: Mean number of objects of the scene frames of the map; 0: unknown.
+        map_objects: Mean number of objects of the reference frames in rooms; 0: unknown.
         evidence: As in `Localization`.
     """
 

@@ -54,7 +54,7 @@ class PosedView:
         return np.where(inside[:, None], pixels, np.nan)
 
     def cut(self) -> np.ndarray:
-        """Return the (h, w) uint8 image by bilinear interpolation."""
+        """Return the grey perspective image that is cut from the panorama by bilinear interpolation, (h, w) uint8."""
         width, height = self.size_px
         y, x = np.mgrid[:height, :width] + 0.5
         columns, rows = rays_to_pixels(self.bearings(np.column_stack([x.ravel(), y.ravel()])), len(self.shot.gray))

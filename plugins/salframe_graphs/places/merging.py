@@ -60,7 +60,7 @@ def gather_places(
         graphs: The graph of each frame.
         frames: The reference frames of the map.
         rates: Error rates of the detector.
-        place_of: Returns the place at positions; None if the floor areas are unknown.
+        place_of: Function that returns the places at positions. None if the floor areas are unknown.
         merged: Whether to merge the frames of a place. Otherwise each scene frame is a separate place with only its own
             objects.
     """
