@@ -49,8 +49,8 @@ class PanoramaScoresConfig(ComponentConfig):
         True,
         description="what happens if the best match is a reference frame in a doorway. true: it is replaced by the "
         "reference frame in a room that is nearest to the estimated pose; false: it is not replaced. `saliency-graph` "
-        "answers with the place of the resulting frame. `saliency-places` gives the score of the match to this place, "
-        "as one part of the evidence",
+        "answers with the place of the resulting frame. In `saliency-places`, this place receives the score of the "
+        "match, as one part of its evidence",
     )
 
 

@@ -134,7 +134,7 @@ def rug(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
 
 @furniture("picture", (0.02, 0.40, 0.35), (0.035, 1.00, 0.80), "hung", base_m=(1.2, 1.4))
 def picture(m: MeshBuilder, size: Size, rng: np.random.Generator) -> None:
-    """A framed painting, sometimes with a mount."""
+    """A framed painting, sometimes with a border of cardboard between painting and frame."""
     x, y, h, frame, rim = size[0] / 2, size[1] / 2, size[2], looks.wood(rng), 0.03
     m.box((-x, -y, 0), (x * 0.4, y, h), frame)
     for low, high in (

@@ -300,7 +300,8 @@ def task_of(name: str) -> str:
 
 
 def by_task(split: str, root: Path) -> dict[str, ReverieEpisode]:
-    """Read one episode per task, by the result of `task_of`. Episodes of one task differ only in their instruction."""
+    """Read one episode per task. The keys are the results of `task_of`. Episodes of one task differ only in their
+    instruction."""
     return {task_of(name): episode for name, episode in read_split(split, root).items()}
 
 

@@ -85,8 +85,9 @@ class VoteTracker(Tracker):
         min_support: float = Field(
             0.1,
             ge=0,
-            description="minimum weight of the agreeing votes at which the pose counts as known. The weight is the "
-            "sum of the faded probabilities of the answers. An answer without probabilities has the probability 1",
+            description="minimum support of the agreeing votes at which the pose counts as known. The support is the "
+            "sum of the probabilities of the answers, reduced by age (see `fade`). Here, an answer without "
+            "probabilities has the probability 1",
         )
         odometry: OdometryNoise = Field(
             OdometryNoise(), description="expected errors of odometry, which enlarge the covariance of the pose"

@@ -109,7 +109,8 @@ class FrameAnswers:
 class ProbabilityScores(Settings):
     """Quality of the computed probabilities that frames are in the map.
 
-    Absent frames are frames whose place was hidden. Present and absent frames have equal total weights.
+    A present frame is localized in a map that contains its place, an absent frame in a map without its place. The two
+    groups have equal total weights.
 
     Attributes:
         log_loss: Mean negative logarithm of the probability of the truth (in the map, or not), in nats.

@@ -111,7 +111,7 @@ def ask(map: LocalizationMap, text: str) -> TextAnswer:
 
 
 class MapWords:
-    """The labels and directions of the objects of a map, which descriptions in words are compared with.
+    """The labels and directions of the objects of a map. Descriptions in words are compared with them.
 
     If the map has scene frames (frames in rooms), only these are used, and frames in doorways are ignored.
 

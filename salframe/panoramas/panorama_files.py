@@ -117,8 +117,8 @@ def _check_sizes(rgb: Path, parts: Mapping[str, np.ndarray | None], paths: Mappi
         if image is not None and picture is not None and image.shape[:2] != picture.shape[:2]:
             size, expected = (" x ".join(map(str, part.shape[1::-1])) for part in (image, picture))
             raise DataError(
-                f"{path} is {size}, expected {expected} like {rgb}, because the XMP metadata of that image applies to "
-                "both"
+                f"{path} is {size}, expected {expected}, the size of {rgb}: the XMP metadata of {rgb} applies to both "
+                "files"
             )
 
 

@@ -40,7 +40,7 @@ class QueryView(ComponentConfig):
         gt=0,
         le=360,
         description="horizontal field of view (degrees) of queries, centred on the forward direction of the camera. "
-        "The vertical field of view is always 180 deg; 360: queries are whole panoramas",
+        "360: queries are whole panoramas. The vertical field of view is 180 degrees for all values",
     )
     query_focal: float | None = added(
         None,

@@ -87,7 +87,9 @@ def localize_all(data: str, settings: Sequence[str]) -> tuple[np.ndarray, list[s
 def main(
     data: Annotated[str, typer.Argument(help="Preset of the dataset house")],
     seeds: Annotated[str, typer.Option(help="Seeds of the buildings, separated by commas")] = "200,201",
-    noise: Annotated[str, typer.Option(help="Noise of the detector annotations")] = "panoseg",
+    noise: Annotated[
+        str, typer.Option(help="Simulated errors of the detector `annotations`: panoseg, segments or none")
+    ] = "panoseg",
     fov: Annotated[float, typer.Option(help="Horizontal field of view of the queries in degrees")] = 360.0,
 ) -> None:
     """Compare localization with and without signs."""

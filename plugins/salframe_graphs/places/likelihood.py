@@ -154,7 +154,7 @@ class PlaceLikelihood:
         return -0.5 * (deviation * deviation).sum(0)
 
     def score_without_pose(self) -> np.ndarray:
-        """Return the score (K,) of each place without a pose.
+        """Return a score (K,) for every place, computed without a pose of the query.
 
         Positions are ignored, and the odds of an object are multiplied by `unplaced_share`. The logarithm of the
         probability that no object is detected is multiplied by the fraction of sectors that the query shows.

@@ -194,8 +194,8 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
         `folder`."""
 
     def failed(self, piece: Piece) -> Row:
-        """Return the fields of the row of a failed piece of work, besides its key, status and error; none by
-        default."""
+        """Return additional fields for the row of a failed piece of work. The row always has the key, the status and
+        the error. By default, there are no additional fields."""
         return {}
 
     @abstractmethod

@@ -50,8 +50,8 @@ class WorkerEngine(Engine):
             le=1024,
             description="number of worker processes, with one thread each; null: the number depends on the jobs. To "
             "render the images of a dataset, there is one worker per core, with one thread each. For all other jobs, "
-            "there is a single worker. Its threads use all cores with the engine processes, and one core with the "
-            "engine ray",
+            "there is a single worker, with several threads: with `--engine processes`, they use all cores, and with "
+            "`--engine ray`, one core",
         )
 
     @abstractmethod

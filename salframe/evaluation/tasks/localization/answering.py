@@ -91,8 +91,8 @@ class Answering(Worker[Query]):
         for ranked in answer.places:
             if self._places.get(ranked.frame) != ranked.place:
                 raise InvalidAnswer(
-                    f"the function `match` of the method returned the reference frame {ranked.frame!r} with the place "
-                    f"{ranked.place!r}, expected a reference frame (panorama of the map), and its place"
+                    f"the function `match` of the method returned the frame {ranked.frame!r} with the place "
+                    f"{ranked.place!r}, but the map has no reference frame with this id and place"
                 )
         return {**answer_row(answer, query.seconds * 1e3, query_ms), "status": answer.status, "error": None}
 

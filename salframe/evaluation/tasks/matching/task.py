@@ -70,7 +70,7 @@ class MatchingTask(Task[FramePair, Survey[FramePair], PairRow, MatchingRow]):
     def survey(self, dataset: Dataset) -> Survey[FramePair]:
         if "range" not in dataset.provides:
             raise InputMissing(
-                f"the task matching needs range images, which the dataset {dataset.name} does not have: choose "
+                f"the task 'matching' needs range images, which the dataset {dataset.name} does not have: choose "
                 "another dataset"
             )
         pairs = choose_pairs(dataset)

@@ -44,7 +44,7 @@ class SensorTask(Task[Frame, Survey[Frame], LookRow, SensorRow]):
     def survey(self, dataset: Dataset) -> Survey[Frame]:
         if absent := {"annotations", "range"} - dataset.provides:
             lacks = f"the dataset {dataset.name} does not have {name_parts(absent)}"
-            raise InputMissing(f"the task sensor needs annotations and range images, but {lacks}")
+            raise InputMissing(f"the task 'sensor' needs annotations and range images, but {lacks}")
         frames: dict[str, Frame] = {}
         for fold in dataset.folds():
             frames.update((frame.id, frame) for frame in fold.references)

@@ -66,7 +66,7 @@ class TurningTask(Task[NarrowQuery, Survey[NarrowQuery], TurnRow, TurnsRow]):
     def survey(self, dataset: Dataset) -> Survey[NarrowQuery]:
         if type(dataset).observe is Dataset.observe:
             raise InputMissing(
-                f"the task turning needs panoramas at other headings, which the dataset {dataset.name} cannot "
+                f"the task 'turning' needs panoramas at other headings, which the dataset {dataset.name} cannot "
                 "render: choose another dataset, such as house-12"
             )
         queries = []
