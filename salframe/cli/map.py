@@ -136,10 +136,10 @@ def calibrate(map: AnyMap, as_json: Json = False) -> None:
 def connect(
     map: TopologyMap,
     start: Annotated[
-        str | None, typer.Argument(metavar="FROM", help="Place, or node for routes, at one end of the connection")
+        str | None, typer.Argument(metavar="FROM", help="Place or node of the map at one end of the connection")
     ] = None,
     end: Annotated[
-        str | None, typer.Argument(metavar="TO", help="Place, or node for routes, at the other end, on another floor")
+        str | None, typer.Argument(metavar="TO", help="Place or node of the map at the other end, on another floor")
     ] = None,
     kind: Annotated[str, typer.Option(metavar="KIND", help="Kind of the connection: stairs or lift")] = "stairs",
     length: Annotated[

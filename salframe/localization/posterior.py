@@ -49,7 +49,10 @@ class EvidenceTerm(Settings):
     )
 
     def standardize(self, value: np.ndarray, nu: np.ndarray) -> np.ndarray:
-        """Return standardized values (N,) of values (N,); see `standardize`. `nu` (N,) is described in `Head`."""
+        """Return the values (N,) minus the mean of out-of-map queries, divided by their standard deviation.
+
+        Both depend on `nu` (N,), which `Head` describes.
+        """
         moments = self.absent_mean, self.absent_deviation
         return standardize(value, nu, *moments, self.mean_effect, self.deviation_effect)
 

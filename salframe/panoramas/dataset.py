@@ -61,7 +61,8 @@ class Dataset(Role):
     @final
     @property
     def question_key(self) -> str:
-        """Key of the maps and queries of a run: a digest of the fingerprint and of the changed `match_only` settings.
+        """Key that identifies the maps and queries of a run: a digest of the fingerprint of the dataset and of its
+        changed `match_only` settings.
 
         These settings select reference frames and queries, or change queries when they are loaded. They do not change
         stored panoramas. Runs that differ only in these settings share the descriptions of the same panoramas.

@@ -216,7 +216,7 @@ def test_xmp_that_cannot_be_right_is_one_line(tmp_path, xmp, said):
 def test_a_range_image_of_the_full_sphere_contradicts_a_crop(tmp_path):
     write(tmp_path / "a.jpg", np.full((100, 256, 3), 90, np.uint8), packet(**CROP))
     images.write_range(tmp_path / "range.png", np.full((256, 512), 3.0))
-    with pytest.raises(DataError, match=r"range\.png is 512 x 256, expected 256 x 100 like .*a\.jpg"):
+    with pytest.raises(DataError, match=r"range\.png is 512 x 256, expected 256 x 100, the size of .*a\.jpg"):
         read_panorama(tmp_path / "a.jpg", tmp_path / "range.png")
 
 
