@@ -101,10 +101,10 @@ class MatterportAnnotations(NavigableDataset):
         )
         one_map: bool = match_only(
             False,
-            description="true: all buildings are joined in one map, 1 km apart along x. The map is made several "
-            "times, because the viewpoints of its queries are left out (see `leave_out`), and it has at most one query "
-            "of each building at a time. With `map_share`, it is made once; false: each map contains one building. If "
-            "the dataset has a single building, true and false give the same maps",
+            description="true: all buildings are joined in one map, 1 km apart along x. A map leaves out the "
+            "viewpoints of its queries (see `leave_out`), so it has at most one query of each building. Several such "
+            "maps are made for all queries. With `map_share`, one map is made; false: each map contains one building. "
+            "If the dataset has a single building, true and false give the same maps",
         )
         map_share: float | None = added(
             None,

@@ -34,7 +34,7 @@ class TextEvidence(EvidenceModel):
     - d: edit distance of s and q (Levenshtein 1966)
     - 40: number of characters that can be confused
 
-    With the probability `unmapped`, the string is not among the strings of its place in the map. It is then a string of
+    With the probability `unmapped`, the map lacks the string for the place of the query. It is then a string of
     a random place or an unknown string, both equally likely.
     """
 

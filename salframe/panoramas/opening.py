@@ -63,7 +63,7 @@ def open_dataset(
 
 
 def provided(config: ComponentConfig) -> frozenset[str]:
-    """Return the parts that the panoramas of a dataset have, without preparing it."""
+    """Return the parts that the panoramas of a dataset have, such as rgb and range, without preparing the dataset."""
     dataset: Dataset = registry().build("dataset", config)
     return dataset.provides
 

@@ -200,7 +200,7 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
 
     @abstractmethod
     def summarize(self, parts: Sequence[Part[Surveyed, PieceRowT]], seed: int) -> Sequence[LineT]:
-        """Return the row of each method in the table, in order, over one dataset or pooled over several."""
+        """Return the rows of the results table, one for each method, for one dataset or pooled over several."""
 
     def write_page(self, result: Result[LineT], records: Sequence[Record[PieceRowT]], survey: Surveyed) -> Path | None:
         """Write the page of a run into its folder and return its path; None if the task has no page (default)."""
