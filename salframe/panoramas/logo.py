@@ -33,7 +33,8 @@ def find_logo(pictures: Iterable[np.ndarray]) -> np.ndarray | None:
         (R, 2H, 3) uint8, the R lowest rows, which are the same in all panoramas. None if there is no logo, if the sizes
         differ, or if there are fewer than MIN_PICTURES panoramas.
     """
-    # One row more than a logo may have, to recognize a camera that did not move.
+    # One row more than a logo may have, to recognize a camera that did not move. A copy, so that the rest of each
+    # picture is not held in memory.
     bottoms = [picture[-int(MAX_HEIGHT * len(picture)) - 1 :].copy() for picture in pictures]
     if len(bottoms) < MIN_PICTURES or len({bottom.shape for bottom in bottoms}) > 1:
         return None
