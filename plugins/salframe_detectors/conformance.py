@@ -39,7 +39,7 @@ def check_detection_decoder(make: Callable[[], DetectionDecoder]) -> None:
         except Exception as error:
             line = f"{type(error).__name__}: {error}"
             raise ConformanceError(
-                f"decode of the layout {layout} failed with {line}, expected boxes, or a WeightsError"
+                f"the function `decode` of the layout {layout} raised {line}, expected boxes or a WeightsError"
             ) from error
         for scale in (0.0, 1.0, 30.0):
             _check_layout(

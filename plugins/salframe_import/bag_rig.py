@@ -111,8 +111,8 @@ class BagRig:
         ]
         if not shots:
             raise DataError(
-                f"{self.bag.path}: {notes[0]}; expected at least one picture with a message of each topic: check the "
-                "header stamps, or increase the setting tolerance_s"
+                f"{self.bag.path}: {notes[0]}; expected at least one time at which every topic has a message: check "
+                "the header stamps, or increase the setting tolerance_s"
             )
         return shots, notes
 
@@ -208,9 +208,9 @@ class BagRig:
             )
         if up[best] < MIN_UP:
             raise DataError(
-                f"{where}: the z component of the up vector is {up['optical']:.2f} with optical camera axes and "
-                f"{up['body']:.2f} with body axes, expected {MIN_UP:.2f} to 1 for one of them: check whether the "
-                "transforms of this frame in /tf_static are inverted, and that quaternions are x, y, z, w"
+                f"{where}: the z component of the images' up vector is {up['optical']:.2f} with optical camera axes "
+                f"and {up['body']:.2f} with body axes, expected {MIN_UP:.2f} to 1 for one of them: check the "
+                "transforms of this frame in /tf_static (not inverted, quaternions in the order x, y, z, w)"
             )
         return replace(self, axes=best)
 

@@ -87,7 +87,9 @@ class CubemapImporter(Importer):
         @classmethod
         def _has_fields(cls, pattern: str) -> str:
             if pattern.count("{name}") != 1 or pattern.count("{face}") != 1 or pattern.count("{") != 2:
-                raise ValueError(f"received {pattern!r}, expected a file name that has {{name}} and {{face}} once each")
+                raise ValueError(
+                    f"received {pattern!r}, expected a pattern such as {{name}}_{{face}}.png, with each field once"
+                )
             return pattern
 
     def read(self, source: Path) -> Recording:

@@ -168,7 +168,7 @@ def read_boxes(path: Path, viewpoint: str) -> dict[int, Boxes]:
     """Read the objects visible from a viewpoint, by object id. Ids are unique within the building."""
     content: dict[str, dict[int, _Annotation]] = read_as(path, dict[str, dict[int, _Annotation]])
     if viewpoint not in content:
-        raise DataError(f"{path} has no key {viewpoint!r}, expected the viewpoint id in the file name as a key")
+        raise DataError(f"{path} has no key {viewpoint!r}, expected a key equal to the viewpoint id in its file name")
     return {
         number: Boxes(
             annotation.name.replace("#", " ").strip().lower(),

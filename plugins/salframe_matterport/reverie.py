@@ -57,7 +57,8 @@ class Reverie(Scorer):
         if not scored:
             available = ", ".join(f"{split} ({len(episodes)} instructions)" for split, episodes in splits.items())
             raise DataError(
-                f"{answers} has no answer to the instructions of {root}, expected answers to a split: {available}"
+                f"{answers} has no answer to an instruction of {root}, expected answers to the instructions of at "
+                f"least one split ({available})"
             )
         for split, episodes in scored.items():
             missing = [name for name in episodes if name not in answer_by_id]
@@ -370,11 +371,11 @@ def viewpoints(trajectory: Any) -> Iterator[str]:
     A step is [viewpoint, heading, elevation], a viewpoint, or a list of steps.
     """
     if not isinstance(trajectory, list):
-        raise TypeError(f"the trajectory is {type(trajectory).__name__}, expected a list")
+        raise TypeError(f"its trajectory is {type(trajectory).__name__}, expected a list of viewpoints")
     if len(trajectory) == 3 and isinstance(trajectory[0], str) and not isinstance(trajectory[1], str):
         angles = trajectory[1:]
         if any(isinstance(angle, bool) or not isinstance(angle, int | float) for angle in angles):
-            raise TypeError(f"a step has the heading and elevation {angles!r:.60}, expected two numbers")
+            raise TypeError(f"the heading and elevation of a step are {angles!r:.60}, expected two numbers")
         yield trajectory[0]
         return
     for step in trajectory:

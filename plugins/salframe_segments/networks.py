@@ -106,7 +106,7 @@ class TfliteNetwork(SegmentationNetwork):
         except _NoTensor:
             raise WeightsError(
                 f"the network {path} has no tensor {card.output.name!r}: set output.name in the model card to the "
-                "name of the tensor with the scores, or remove it"
+                "name of the tensor with the scores, or remove the key output.name"
             ) from None
         except Exception as error:  # the runtime raises ValueError, RuntimeError, and struct.error on other files
             raise WeightsError(
@@ -120,7 +120,8 @@ class TfliteNetwork(SegmentationNetwork):
         if received != [(card.input.dtype, shape)]:
             raise WeightsError(
                 f"the network {path} takes {_format_tensors(received)} as input, "
-                f"expected {_format_tensors([(card.input.dtype, shape)])}, as in the section input of the model card"
+                f"expected {_format_tensors([(card.input.dtype, shape)])} because of the model card: correct `input` "
+                "in the model card"
             )
         if self._output["dtype"] is not np.float32 and not self._output["quantization"][0]:
             raise WeightsError(

@@ -36,7 +36,7 @@ def build(
         bool,
         typer.Option(
             "--central-nodes",
-            help="Place one node for routes in the widest part of each room (default: a node at each panorama)",
+            help="Put one topology node into the widest part of each room (default: one node at each panorama)",
         ),
     ] = False,
     calibrate: Annotated[
@@ -49,7 +49,7 @@ def build(
         Path | None,
         typer.Option(
             metavar="MAP.yaml",
-            help="Occupancy map of the floor (ROS map_server), for a dataset without images of the free floor",
+            help="Occupancy map of ROS map_server, for a dataset without floor masks (images of the free floor)",
         ),
     ] = None,
     data_dir: DataDir = None,

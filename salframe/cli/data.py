@@ -163,9 +163,10 @@ def import_(
     place_from: Annotated[
         Literal["column", "region", "folder", "none"] | None,
         typer.Option(
-            help="Source of place names: the recording (column), rooms of a building model or floor masks (region), "
-            "folders of pictures (folder), or no source (none), so that each reference frame is a place. Default: "
-            "the first source with a name for each reference frame"
+            help="Source of place names. column: a column of the recording; region: the rooms (regions) of a building "
+            "model or of floor masks; folder: the folders of the pictures; none: each reference frame is its own "
+            "place. "
+            "Default: the first of these that names the place of every reference frame"
         ),
     ] = None,
     queries: Annotated[
@@ -200,7 +201,7 @@ def import_(
         ),
     ] = None,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Print a summary, and draw some panoramas and all poses; write no dataset")
+        bool, typer.Option("--dry-run", help="Print a summary and draw two pictures, but write no dataset")
     ] = False,
     as_json: Json = False,
 ) -> None:

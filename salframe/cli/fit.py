@@ -12,28 +12,34 @@ from salframe.cli.options import DataDir, SetForMethod
 
 def fit(
     method: Annotated[
-        str, typer.Argument(metavar="METHOD", help="Method to fit, such as proposed; must have the setting `posterior`")
+        str,
+        typer.Argument(
+            metavar="METHOD",
+            help="Method to fit, such as proposed: one whose settings (`salframe show METHOD`) include `posterior`",
+        ),
     ],
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="FILE.yaml", help="YAML file to write the fitted parameters to")
     ],
     data: Annotated[
         list[str],
-        typer.Option(metavar="DATASET", help="Dataset to fit to; do not report results on this dataset; repeatable"),
+        typer.Option(metavar="DATASET", help="Dataset to fit to; evaluate the method on other datasets; repeatable"),
     ],
     tries: Annotated[
         list[str] | None,
         typer.Option(
             "--try",
             metavar="KEY=VALUE,VALUE",
-            help="Setting of the matching with values to try, such as matcher.hops=1,2; selects the best; repeatable",
+            help="Values to try for a setting, such as matcher.hops=1,2; the fit selects the best value; repeatable",
         ),
     ] = None,
     posterior_only: Annotated[
         bool,
         typer.Option(
             "--posterior-only",
-            help="Fit only the conversion of scores to probabilities (posterior), not the weights; excludes --try",
+            help="Fit only the conversion of scores to probabilities (posterior), not the weights of the score; cannot "
+            "be "
+            "combined with --try",
         ),
     ] = False,
     data_dir: DataDir = None,

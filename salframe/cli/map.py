@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(help="Build, change, draw and query the map of a building.", no_args_is_help=True)
 TopologyMap = Annotated[
-    Path, typer.Argument(metavar="MAP", help="Map folder; the map must have a topology (see `salframe build --help`)")
+    Path, typer.Argument(metavar="MAP", help="Map folder; the map must have a topology (built without `--no-topology`)")
 ]
 AnyMap = Annotated[Path, typer.Argument(metavar="MAP", help="Map folder")]
 PlannerName = Annotated[
@@ -148,7 +148,9 @@ def connect(
     file: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE.csv", help="CSV file of connections, with the columns start, end, kind and length_m"
+            metavar="FILE.csv",
+            help="CSV file with one connection per row: start and end (places or nodes), kind (stairs or lift), "
+            "length_m",
         ),
     ] = None,
 ) -> None:

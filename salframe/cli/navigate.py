@@ -60,8 +60,9 @@ def navigate(
     positioning: Annotated[
         Literal["on", "off", "both", "all"],
         typer.Option(
-            help="Agents to measure: one that uses the estimated pose (on), one that uses only the estimated place "
-            "and odometry (off), both of them (both), or also one that knows its true place (all)"
+            help="Agents to evaluate. on: an agent that uses the estimated pose; off: an agent that uses only the "
+            "estimated place and odometry; both: these two agents; all: these two and an agent that knows its true "
+            "place"
         ),
     ] = "on",
     *,

@@ -29,7 +29,7 @@ def _check_quantiles(values: tuple[float, ...]) -> tuple[float, ...]:
     """Return the quantiles. Raises ValueError if their number is neither 0 nor QUANTILES, or if they are not in
     ascending order."""
     if len(values) not in (0, QUANTILES):
-        raise ValueError(f"received {len(values)} quantiles, expected 0 or {QUANTILES}")
+        raise ValueError(f"received a list of {len(values)} quantiles, expected {QUANTILES} quantiles or an empty list")
     if list(values) != sorted(values):
         raise ValueError(f"received the quantiles {list(values)}, expected values in ascending order")
     return values

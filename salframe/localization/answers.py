@@ -218,8 +218,8 @@ class Localization:
             return
         if len(probabilities) < len(entries):
             raise InvalidAnswer(
-                f"a localization has {len(probabilities)} probabilities, expected {len(entries)} (one per place, and "
-                "`out_of_map_probability`), or no probability at all"
+                f"a localization has {len(probabilities)} probabilities, expected {len(entries)} (one for each place, "
+                "and one in `out_of_map_probability`) or none"
             )
         outside = [probability for probability in probabilities if not 0 <= probability <= 1]
         if outside:

@@ -158,8 +158,8 @@ class MapCalibration(Settings):
         if count * max_false_accept < 1:
             raise DataError(
                 f"max_false_accept is {max_false_accept:g}, which needs at least "
-                f"{np.ceil(1 / max_false_accept):.0f} calibration frames (reference frames that can be localized "
-                f"without their own place), but the map has {count}: increase max_false_accept, or add places to the "
+                f"{np.ceil(1 / max_false_accept):.0f} calibration frames (reference frames whose place was left out of "
+                f"the map to calibrate it), but the map has {count}: increase max_false_accept, or add places to the "
                 "map"
             )
         num_above = int(np.floor(max_false_accept * (count + 1) + 1e-9)) - 1
@@ -244,7 +244,7 @@ def calibrate_posterior(
     if posterior is None:
         raise DataError(
             f"the answers of the method {localizer.name!r} have no probabilities to calibrate: use another method, "
-            "such as proposed, or set `posterior` to a file that `salframe fit` wrote"
+            "such as 'proposed', or set `posterior` to a file that `salframe fit` wrote"
         )
     answers = localize_frames(localizer, posterior, descriptions, frames, floors)
     head = calibrate_head(posterior, answers)

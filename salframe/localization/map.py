@@ -259,7 +259,7 @@ class LocalizationMap:
         if posterior is None:
             raise DataError(
                 f"max_false_accept is {max_false_accept:g}, but the answers of the method {self.localizer.name!r} have "
-                "no probabilities: build the map with another method, such as proposed, or omit max_false_accept"
+                "no probabilities: build the map with another method, such as 'proposed', or omit max_false_accept"
             )
         settings = {**posterior.model_dump(), "max_false_accept": max_false_accept}
         posterior = validate(Posterior, settings, "posterior")
@@ -393,7 +393,7 @@ class LocalizationMap:
         if not isinstance(self.localizer, DetectingLocalizer):
             raise InputMissing(
                 f"received detections, which the method {self.localizer.name!r} does not use: pass a panorama, or "
-                "build the map with a method that uses detections, such as proposed"
+                "build the map with a method that uses detections, such as 'proposed'"
             )
         panorama = Panorama("the detections")
         description = self.localizer.describe_detections(detections, panorama)
@@ -467,7 +467,9 @@ class LocalizationMap:
                 self._is_checked = True
             answer = self.localizer.match(description)
         if not isinstance(answer, Localization):
-            raise InvalidAnswer(f"the function `match` returned {type(answer).__name__}, expected a Localization")
+            raise InvalidAnswer(
+                f"the function `match` of the method returned {type(answer).__name__}, expected a Localization"
+            )
         if labels := self.localizer.unknown_labels(description):
             answer = replace(answer, notes=(*answer.notes, unknown_labels_note(labels)))
         shown = self.localizer.shown_directions(description)

@@ -285,7 +285,7 @@ def map_labels(directory: str | Path) -> tuple[str, ...]:
         if column is None or column.words is None:
             raise DataError(
                 f"the map {directory} has no labels of objects, expected a map of a method that has a detector, "
-                "such as proposed"
+                "such as 'proposed'"
             )
         return tuple(sorted(column.words))
 

@@ -257,7 +257,7 @@ def read_fitted(part: str, value: Any) -> Any:
     if not isinstance(value, Mapping) or "kind" not in value:
         return value
     if not isinstance(value["kind"], str) or not value["kind"]:
-        raise ValueError(f"received the file {value['kind']!r}, expected the name of a file that `salframe fit` wrote")
+        raise ValueError(f"received {value['kind']!r}, expected the path of a YAML file that `salframe fit` wrote")
     content = read_yaml(Path(value["kind"])).get(part)
     if not isinstance(content, Mapping):
         raise ValueError(f"{value['kind']} has no mapping `{part}`, expected a file that `salframe fit` wrote")

@@ -128,7 +128,7 @@ class MapWords:
         if not all(description.keys() >= GRAPH_ARRAYS for description in descriptions):
             raise InputMissing(
                 f"the map was built with the method {map.localizer.name!r}, which stores no objects, expected a method "
-                "that detects objects, such as proposed"
+                "that detects objects, such as 'proposed'"
             )
         self._graphs = [graph_from_arrays(description) for description in descriptions]
         self.labels = tuple(sorted({label for graph in self._graphs for label in graph.labels}))

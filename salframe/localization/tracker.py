@@ -55,28 +55,31 @@ class TrackedPose:
             object.__setattr__(self, "status", TrackStatus(self.status))
         except ValueError:
             statuses = ", ".join(TrackStatus)
-            raise InvalidAnswer(f"a tracked pose has the status {self.status!r}, expected one of {statuses}") from None
+            raise InvalidAnswer(f"a TrackedPose has the status {self.status!r}, expected one of {statuses}") from None
         if (self.place is None) != (self.T_world_pano is None):
-            received = "no pose" if self.T_world_pano is None else "a pose"
+            received = "no T_world_pano" if self.T_world_pano is None else "a T_world_pano"
             raise InvalidAnswer(
-                f"a tracked pose has the place {self.place!r} and {received}, expected a place and a pose, or neither"
+                f"a TrackedPose has the place {self.place!r} and {received}, expected place and T_world_pano, or None "
+                "for both"
             )
         if self.T_world_pano is None and self.status is TrackStatus.TRACKING:
-            raise InvalidAnswer(f"a tracked pose has the status {self.status} and no pose, expected a place and a pose")
+            raise InvalidAnswer(
+                f"a TrackedPose with the status {self.status} has no T_world_pano, expected place and T_world_pano"
+            )
         if self.T_world_pano is not None and not is_rigid(self.T_world_pano, RIGID_TOLERANCE):
             received = " ".join(str(np.asarray(self.T_world_pano).tolist()).split())[:200]
-            raise InvalidAnswer(f"T_world_pano of a tracked pose is {received}, expected a rigid motion (4, 4) or None")
+            raise InvalidAnswer(f"T_world_pano of a TrackedPose is {received}, expected a rigid motion (4, 4) or None")
         if self.covariance is not None:
             covariance = check_array(self, "covariance", np.float64, 3, 3, error=InvalidAnswer)
             if not (np.isfinite(covariance).all() and np.allclose(covariance, covariance.T)) or (
                 np.linalg.eigvalsh(covariance)[0] < -1e-9
             ):
                 raise InvalidAnswer(
-                    f"a tracked pose has the covariance {covariance.tolist()}, expected a finite, symmetric, "
+                    f"a TrackedPose has the covariance {covariance.tolist()}, expected a finite, symmetric, "
                     "positive semidefinite matrix"
                 )
         if not self.support >= 0:
-            raise InvalidAnswer(f"a tracked pose has the support {self.support}, expected a number of at least 0")
+            raise InvalidAnswer(f"a TrackedPose has the support {self.support}, expected a number of at least 0")
 
 
 class Tracker(Role):

@@ -149,5 +149,7 @@ def _objects(lines: list[list[str]]) -> Iterator[HouseObject]:
 def _vector(words: list[str], first: int) -> np.ndarray:
     """Return three numbers of a line as (3,), starting at word `first`. Raises ValueError if the line is too short."""
     if len(words) < first + 3:
-        raise ValueError(f"the line {' '.join(words[:2])!r} has {len(words)} words, expected at least {first + 3}")
+        raise ValueError(
+            f"the line that begins with {' '.join(words[:2])!r} has {len(words)} words, expected {first + 3} or more"
+        )
     return np.array(words[first : first + 3], float)

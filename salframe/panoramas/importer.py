@@ -106,8 +106,8 @@ class PanoramaRecord:
                 ", ".join(sorted(IMPORTED_PARTS - {"valid"})),
             )
             raise DataError(
-                f"the panorama {self.id} has {received}, expected at least one of {expected} (the mask valid is "
-                "optional)"
+                f"the panorama {self.id} has {received}, expected at least one of {expected} (the mask "
+                "`valid` is optional)"
             )
         if self.T_world_pano is not None:
             check_pose(self, f"the panorama {self.id}")

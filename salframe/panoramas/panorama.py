@@ -152,8 +152,8 @@ class Annotations:
 
     def __post_init__(self) -> None:
         if (self.instance_id is None) == (self.objects is None):
-            received = "both instance_id and" if self.instance_id is not None else "neither instance_id nor"
-            raise DataError(f"Annotations received {received} objects, expected exactly one of them")
+            received = "both `instance_id` and" if self.instance_id is not None else "neither `instance_id` nor"
+            raise DataError(f"Annotations received {received} `objects`, expected exactly one of these arguments")
         if self.instance_id is not None:
             ids = check_array(self, "instance_id", np.int32, None, None)
             if ids.min(initial=0) < 0 or ids.max(initial=0) > MAX_INSTANCE_ID:

@@ -176,7 +176,7 @@ def _geometry(values: Mapping[str, str], file: ImageFile) -> PhotoSphere:
     """Return the geometry of a picture. Raises ValueError on a contradiction."""
     projection = values.get("ProjectionType", "equirectangular")
     if projection.lower() != "equirectangular":
-        raise ValueError(f"the projection {projection[:40]!r}, expected 'equirectangular'")
+        raise ValueError(f"the ProjectionType {projection[:40]!r}, expected 'equirectangular'")
     height, width = file.pixels.shape[:2]
     pitch_deg = _number(values, "PosePitchDegrees", 0, _MAX_PITCH_DEG)
     roll_deg = _number(values, "PoseRollDegrees", 0, _MAX_ROLL_DEG)
@@ -221,5 +221,7 @@ def _number(values: Mapping[str, str], name: str, default: float | None, limit: 
     except ValueError:
         value = math.nan
     if not abs(value) <= limit:
-        raise ValueError(f"{name} {text[:40]!r}, expected a number from {-limit:g} to {limit:g}")
+        raise ValueError(
+            f"the property {name} with the value {text[:40]!r}, expected a number from {-limit:g} to {limit:g}"
+        )
     return value

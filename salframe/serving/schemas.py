@@ -51,8 +51,8 @@ class DetectedObject(RequestBody):
         if has_position == has_direction:
             received = "both" if has_position else "neither"
             raise ValueError(
-                f"received {received} position {'and' if has_position else 'nor'} direction, expected centroid_m and "
-                "size_m, or azimuth_deg and elevation_deg"
+                f"received an object with {received} a position {'and' if has_position else 'nor'} a direction, "
+                "expected either `centroid_m` and `size_m`, or `azimuth_deg` and `elevation_deg`"
             )
         return self
 
@@ -181,7 +181,7 @@ class RouteStart(RequestBody):
     def _check_one(self) -> Self:
         count = sum(value is not None for value in (self.pose, self.place, self.frame))
         if count != 1:
-            raise ValueError(f"received {count} of pose, place and frame, expected exactly one")
+            raise ValueError(f"received {count} of the keys `pose`, `place` and `frame`, expected exactly one")
         return self
 
 
@@ -195,7 +195,7 @@ class RouteGoal(RequestBody):
     def _check_one(self) -> Self:
         if (self.place is None) == (self.point is None):
             received = "neither" if self.place is None else "both"
-            raise ValueError(f"received {received} of place and point, expected exactly one")
+            raise ValueError(f"received {received} of the keys `place` and `point`, expected exactly one")
         return self
 
 

@@ -77,7 +77,7 @@ class DatasetRules(Rules[Dataset]):
     def masks_of_a_floor_have_one_shape(self) -> None:
         floors: Sequence[FloorMasks] = attempt("floors", self._dataset.floors)
         if not floors:
-            raise DoesNotApply("the dataset has no floors")
+            raise DoesNotApply("the dataset has no floor masks")
         for floor in floors:
             shapes = [mask.shape for mask in (floor.free, floor.region, floor.obstacle)]
             expect(len(set(shapes)) == 1, "floors", f"masks of shapes {shapes}", "one shape")

@@ -49,7 +49,7 @@ class EngineRules(Rules[Engine]):
 
 def _halve(number: int) -> int:
     if number % 2:
-        raise ValueError(f"{number} is odd")
+        raise ValueError(f"the number {number} is odd, expected an even number")
     return number // 2
 
 

@@ -85,7 +85,8 @@ class EvidenceRules(Rules[EvidenceModel]):
         for result in check_all(LocalizerRules(lambda: config.component(config)).list()):
             if result.status is RuleStatus.FAILED:
                 raise ConformanceError(
-                    f"a localizer with only this evidence fails the check {result.rule}: {result.message}"
+                    f"a localizer whose setting `evidence` has only this component fails the check {result.rule}: "
+                    f"{result.message}"
                 )
 
     def _panoramas(self) -> Sequence[tuple[str, Panorama]]:

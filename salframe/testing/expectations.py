@@ -39,8 +39,8 @@ def attempt(checked: str, function: Callable[..., Any], *arguments: Any) -> Any:
     except Exception as error:
         line = " ".join(f"{type(error).__name__}: {error}".split())
         raise ConformanceError(
-            f"{checked}: received {line}, expected an answer without an exception (the rules make input arrays "
-            f"read-only)"
+            f"{checked}: received {line}, expected an answer without an exception (checks make input arrays "
+            "read-only: copy an array before you change it)"
         ) from error
 
 

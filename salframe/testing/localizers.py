@@ -83,7 +83,9 @@ class LocalizerRules(Rules[Localizer]):
         cases += [(random.built, f" in {random}", random.panoramas()) for random in self._random_maps]
         cases = [case for case in cases if case[0].localizer.column_step is not None]
         if not cases:
-            raise DoesNotApply("column_step of the localizer is None, so its pose need not turn with the query")
+            raise DoesNotApply(
+                "column_step of the localizer is None, so the estimated heading may differ when the query is turned"
+            )
         for built, where, answers in cases:
             steps = 3 * turns(cast(int, built.localizer.column_step))
             for (query, answer), columns in zip(answers, steps, strict=False):

@@ -235,7 +235,9 @@ class PositionerRules(Rules[Positioner]):
 
     def the_pose_turns_with_the_query(self) -> None:
         if not self.make().is_equivariant:
-            raise DoesNotApply("is_equivariant of the positioner is False, so its pose need not turn with the query")
+            raise DoesNotApply(
+                "is_equivariant of the positioner is False, so its heading may differ when the query is turned"
+            )
         noisy_m = QUERY_M + np.random.default_rng(1).normal(0, 0.05, QUERY_M.shape)
         turn = pose_2d(0, 0, 2.0)
         before, after = (
@@ -255,7 +257,7 @@ class PositionerRules(Rules[Positioner]):
         estimate = call_twice(checked, self.make().resect, bearing, REFERENCE_M)
         _check_estimate(checked, estimate, len(REFERENCE_M))
         if estimate.status is PoseStatus.NO_RANGE:
-            raise DoesNotApply("the positioner does not support directions")
+            raise DoesNotApply("the positioner does not estimate poses from bearings alone")
         _check_exact(checked, estimate)
 
     def too_few_points_give_a_status(self) -> None:

@@ -114,8 +114,8 @@ class _FloorMap:
         self._names = self._grid.names
         if not self._names:
             raise DataError(
-                f"the storey at z = {floor.z_m:g} m has no free floor in any region, expected free floor in at least "
-                "one: check the masks free and region"
+                f"the floor at z = {floor.z_m:g} m has no free space in any region, expected free space in at least "
+                "one: check its masks `free` and `region`"
             )
         self.nodes: list[MapNode] = []
         self._positions: list[np.ndarray] = []

@@ -196,8 +196,10 @@ def with_position(topology: TopologicalMap, xyz_m: np.ndarray, node_id: str = HE
     pixel = nearest_pixel(grid.clear, grid.to_pixel(xyz_m[:2]))
     others = [node for node in topology.nodes if find_floor(topology.floors, node.xyz_m) == number]
     if pixel is None or not others:
+        missing = "no free space" if pixel is None else "no topology node"
         raise DataError(
-            f"the floor at z = {floor.z_m:g} m has no free space or no topology node, and a route needs both"
+            f"the floor at z = {floor.z_m:g} m has {missing}, expected free space and a topology node, which a route "
+            "needs"
         )
     pixels = grid.to_pixel(np.array([node.xyz_m[:2] for node in others]))
     visible = has_line_of_sight(grid.clear, np.broadcast_to(pixel, pixels.shape), pixels)

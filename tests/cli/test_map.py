@@ -292,7 +292,7 @@ def test_floors_above_each_other_are_said_to_be_apart(rooms):
         (["add", "new", "doored"], "new contains no map: build one with salframe build DATA -o new"),
         (
             ["add", "map", "doored", "--set", "offset=1"],
-            "received the setting 'offset', expected a name of the form data.KEY",
+            "received the setting 'offset', expected data.KEY or engine.KEY, where KEY",
         ),
         (["remove", "map", "rom-1"], "unknown place 'rom-1', did you mean 'room-1'?"),
         (["remove", "new", "room-1"], "new contains no map: build one with salframe build DATA -o new"),

@@ -178,7 +178,7 @@ class Surprised(Yolov5):
     [
         (Overflowing, r"received a box beyond the image, expected boxes within 96 x 64 pixels"),
         (Doubtful, r"received scores \[.*expected scores from 0\.25 to 1"),
-        (Surprised, r"failed with ValueError: cannot reshape .*, expected boxes, or a WeightsError"),
+        (Surprised, r"raised ValueError: cannot reshape .*, expected boxes or a WeightsError"),
     ],
 )
 def test_a_broken_decoder_is_told_in_one_line(component, message):

@@ -60,8 +60,8 @@ def test_the_weights_are_those_of_the_columns_listed():
     [
         (
             {"evidence": ["outline"], "weights": {"panorama": 1.0}},
-            "received a weight for the unknown evidence 'panorama', expected weights for the numbers that the "
-            "components in the setting `evidence` compute: outline",
+            "received a weight with the unknown name 'panorama', expected names of the columns that the setting "
+            "`evidence` selects: outline",
         ),
         (
             {"evidence": ["paint"]},
@@ -88,7 +88,7 @@ def test_a_file_has_the_weights_of_all_columns(tmp_path):
     path = tmp_path / "fitted.yaml"
     path.write_text(yaml.safe_dump({"weights": {"outline": 0.5, "paint": 2.0}}))
     assert config(evidence=["repainted", "outline"], weights=str(path)).weights == {"paint": 2.0, "outline": 0.5}
-    with pytest.raises(ConfigError, match="received a weight for the unknown evidence 'paint'"):
+    with pytest.raises(ConfigError, match="received a weight with the unknown name 'paint'"):
         config(evidence=["outline"], weights=str(path))
     with pytest.raises(
         ConfigError, match="received no weight for the evidence detected_labels, labels_shared, bearing_detected_labels"

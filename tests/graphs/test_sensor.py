@@ -113,7 +113,12 @@ def test_what_is_no_sensor_file_is_told_in_one_line(tmp_path, text, message):
     [
         ("false_objects", "labels", {"lamp": -3}, "greater than or equal to 0"),
         ("false_objects", "range_m", [-1.0] * 11, "greater than or equal to 0"),
-        ("false_objects", "range_m", [1.0, 2.0], "received 2 quantiles, expected 0 or 11"),
+        (
+            "false_objects",
+            "range_m",
+            [1.0, 2.0],
+            "received a list of 2 quantiles, expected 11 quantiles or an empty list",
+        ),
         ("false_objects", "elevation_rad", [*range(10), 0], "expected values in ascending order"),
         ("false_objects", "per_panorama", 1e9, "less than or equal to 10000"),
         ("confusion", "bed", {"bed": -1}, "greater than or equal to 0"),

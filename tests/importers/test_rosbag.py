@@ -355,7 +355,10 @@ def test_clocks_that_differ_by_half_a_second_are_named(tmp_path):
         (["num_views=20"], "num_views is 20, expected less than 20, the value of sequence_period"),
         (["num_views=3", "group_by=motion"], "num_views is 3 with group_by=motion, expected 0: set num_views=0"),
         (["num_views=3"], "too few views for a sequence, expected 20 views that are 0.5 m or 45 deg apart"),
-        (["world=map"], "has no frame map in /tf and /tf_static, expected a frame of the bag: base_link"),
+        (
+            ["world=map"],
+            "has no frame map in /tf and /tf_static, expected the setting world to name one of its frames: base_link",
+        ),
         (["poses=/odom", "world=odom"], "the setting world is 'odom', but the poses are from the topic /odom"),
     ],
 )

@@ -56,7 +56,7 @@ def test_probabilities_of_places_and_none_of_them_are_one_together():
         (
             (0.5, None),
             0.5,
-            r"2 probabilities, expected 3 \(one per place, and `out_of_map_probability`\), or no probability",
+            r"2 probabilities, expected 3 \(one for each place, and one in `out_of_map_probability`\) or none",
         ),
         ((0.5, 0.5), None, "2 probabilities, expected 3"),
         ((None, None), 1.0, "1 probabilities, expected 3"),

@@ -145,7 +145,7 @@ def test_a_step_without_two_angles_is_refused(root, angles):
     answers = official(ANSWERS)
     answers[0]["trajectory"][0] = [answers[0]["trajectory"][0][0], *angles]
     with pytest.raises(
-        DataError, match=r"answer 1 of 3: a step has the heading and elevation .*, expected two numbers"
+        DataError, match=r"answer 1 of 3: the heading and elevation of a step are .*, expected two numbers"
     ):
         score(root, answers)
 
@@ -196,7 +196,10 @@ def test_ways_are_shortest_in_3d(root):
         ),
         (
             dict.fromkeys(ANSWERS),
-            r"has no answer to the instructions of .*, expected answers to a split: val_seen \(3 instr",
+            r
+                "has no answer to an instruction of .*, expected answers to the instructions of at least one split "
+                "\(val_seen \(3 instr"
+,
         ),
         ({"1_8_0": ("abz", 8)}, "the answer 1_8_0: the viewpoint 'z' is not in the building fake"),
         ({"1_8_0": ("afd", 8)}, "the answer 1_8_0: the viewpoint 'f' is not in the building fake"),

@@ -206,7 +206,7 @@ FAULTS: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
     "step of text": (
         json_file("reverie/answers.json", lambda answers: answers[0]["trajectory"][1].__setitem__(2, "north")),
         SCORE,
-        r"answer 1 of \d+: a step has the heading and elevation \[0\.0, 'north'\], expected two numbers",
+        r"answer 1 of \d+: the heading and elevation of a step are \[0\.0, 'north'\], expected two numbers",
     ),
     "stored row twice": (
         json_file(
@@ -214,8 +214,8 @@ FAULTS: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
             lambda results: results["whole"]["half"]["rows"].append(results["whole"]["half"]["rows"][0]),
         ),
         ("experiment", "experiment.yaml", "--engine", "inline", "--results", "results"),
-        r"experiment\.json: key whole\.half: the stored table is inconsistent: it has 2 rows, settings for 1 row, "
-        "and 1 .*",
+        r"experiment\.json: key whole\.half: the table has 2 rows, 1 mapping in `settings` and 1 different "
+        "combination .*",
     ),
     "complex outlines": (
         array_file("building/parts-*/scenes/outline_mm.npy", lambda outlines: outlines.astype(np.complex64)),

@@ -181,7 +181,7 @@ def test_two_buildings_at_one_height_are_one_map_of_two_parts():
             "two floors whose masks overlap or touch have z_m = 0 .*, expected a different z_m for each floor",
         ),
         ([two_rooms(), two_rooms(z_m=3.0)], r"two nodes of the topology .* would have the name 'west'"),
-        ([replace(two_rooms(), region=np.zeros_like(two_rooms().region))], "has no free floor in any region"),
+        ([replace(two_rooms(), region=np.zeros_like(two_rooms().region))], "has no free space in any region"),
     ],
 )
 def test_floors_that_make_no_map_are_refused_in_one_line(floors, message):

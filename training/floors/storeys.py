@@ -97,7 +97,9 @@ def measure(data: str, seed: int, routes: int, episodes: int) -> StoreyResults:
     localized = localize_storeys(dataset, localizer, plan)
     (world,) = open_worlds(dataset)
     if not isinstance(world, FloorWorld):
-        raise TypeError(f"the world is {type(world).__name__}, expected FloorWorld")
+        raise TypeError(
+            f"the dataset has a building of the type {type(world).__name__}, expected FloorWorld (with floor masks)"
+        )
     on_masks = [on_grid(floor, masks) for floor, masks in zip(plan.floors, floors, strict=True)]
     derived = FloorWorld(world.id, dataset, on_masks, frames, floors_of(dataset.config)[1], stairs)
     walked = walk_all(dataset, localizer, world, derived, episodes, 0, across=True)

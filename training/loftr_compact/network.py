@@ -61,7 +61,9 @@ def losses(
     pair, i = torch.nonzero(batch["cells"] >= 0, as_tuple=True)
     j = batch["cells"][pair, i]
     if not len(pair):
-        raise ValueError("the batch contains no true match, expected at least one")
+        raise ValueError(
+            "the image pairs of a training batch have no true match, expected at least one: use pairs that overlap"
+        )
     chosen = torch.randperm(len(pair), generator=generator)[: fine_matches * count]
     expected = _fine(network, fine.float(), first, second, (pair[chosen], i[chosen], j[chosen]), count)
     true = batch["offset_px"][pair[chosen], i[chosen]] / FINE_RADIUS_PX

@@ -73,8 +73,8 @@ def weights_of(evidence: Sequence[ComponentConfig], value: Any) -> Any:
         return fitted
     if unknown := [name for name in fitted if name not in columns]:
         raise ValueError(
-            f"received a weight for the unknown evidence {unknown[0]!r}, expected weights for the numbers that the "
-            f"components in the setting `evidence` compute: {', '.join(columns)}"
+            f"received a weight with the unknown name {unknown[0]!r}, expected names of the columns that the setting "
+            f"`evidence` selects: {', '.join(columns)}"
         )
     weights = dict(fitted)
     if not isinstance(value, str | Path) and "kind" not in value:

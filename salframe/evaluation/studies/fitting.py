@@ -218,7 +218,7 @@ def _describe(
     if "posterior" not in type(localizer.config).model_fields:
         raise ConfigError(
             f"the method {name} has no setting `posterior`, so the answers have no probabilities to fit: use another "
-            "method, such as proposed"
+            "method, such as 'proposed'"
         )
     check_needs(localizer, dataset)
     frames: dict[str, ReferenceFrame | QueryFrame] = {}

@@ -54,9 +54,9 @@ class StoredTable(Settings):
         keys = {json.dumps([settings, row.get("method")]) for settings, row in zip(self.settings, self.rows)}  # noqa: B905
         if not len(keys) == len(self.rows) == len(self.settings):
             raise ValueError(
-                f"the stored table is inconsistent: it has {counted(len(self.rows), 'row')}, settings for "
-                f"{counted(len(self.settings), 'row')}, and {counted(len(keys), 'different combination')} of settings "
-                "and method, expected equal numbers: remove the table from the file, and measure it again"
+                f"the table has {counted(len(self.rows), 'row')}, {counted(len(self.settings), 'mapping')} in "
+                f"`settings` and {counted(len(keys), 'different combination')} of settings and method, expected three "
+                "equal numbers: remove the table from the file, and measure it again"
             )
         return self
 

@@ -181,8 +181,8 @@ def _list_files(folder: Path) -> list[Path]:
             size += file.stat().st_size
         if len(files) > MAX_FOLDER_FILES or size > MAX_FOLDER_BYTES:
             raise ConfigError(
-                f"the folder {folder} contains more than {MAX_FOLDER_FILES} files or {MAX_FOLDER_BYTES >> 30} GiB, "
-                "the maximum: in the setting with this path, use the path of a file, or of a folder with only the "
+                f"a setting has the path of the folder {folder}, which contains more than {MAX_FOLDER_FILES} files or "
+                f"{MAX_FOLDER_BYTES >> 30} GiB: set it to the path of the required file, or of a folder with only the "
                 "required files"
             )
     return files

@@ -117,7 +117,7 @@ def nest_for(pairs: Pairs, scopes: Sequence[str]) -> dict[str, list[dict[str, An
         if path[0] not in by_scope or len(path) < 2:
             expected = " or ".join(f"{scope}.KEY" for scope in scopes)
             raise ConfigError(
-                f"received the setting {'.'.join(path)!r}, expected a name of the form {expected} (KEY: a setting)"
+                f"received the setting {'.'.join(path)!r}, expected {expected}, where KEY is the name of a setting"
             )
         by_scope[path[0]].append(nest(path[1:], value))
     return by_scope

@@ -94,7 +94,7 @@ def parse_arrays(content: bytes) -> dict[str, np.ndarray]:
     except Exception as error:  # zipfile and zlib raise many types of exceptions
         raise ValueError(f"the .npz archive is damaged ({error})") from None
     if len(arrays) < len(members):
-        raise ValueError("two arrays in the file have the same name, expected different names")
+        raise ValueError("the file has two arrays with the same name, expected different names")
     return arrays
 
 

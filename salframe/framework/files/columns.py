@@ -55,7 +55,7 @@ class _Table(Settings):
         names = [column.name for column in self.columns]
         if duplicates := [name for name in names if names.count(name) > 1]:
             raise ValueError(
-                f"the column {duplicates[0]!r} is listed twice, expected different column names: build the map again"
+                f"the list of columns has {duplicates[0]!r} twice, expected different names: build the map again"
             )
         for column in self.columns:
             if len(set(column.absent)) < len(column.absent) or max(column.absent, default=-1) >= self.rows:

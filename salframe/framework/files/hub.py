@@ -241,7 +241,7 @@ def _select(reference: HubReference, files: Sequence[Any]) -> list[Any]:
         missing = "no config.json" if "config.json" not in names else "no model.safetensors"
         raise WeightsError(
             f"the model {reference} has {missing}, expected both config.json and model.safetensors (other formats can "
-            "execute code): choose a revision with both files, such as @refs/pr/1"
+            "execute code): choose another model, or a revision of this model with both files (hf:ORG/MODEL@REVISION)"
         )
     texts = {name for name in names if re.fullmatch(r"[\w.-]+", name) and name.endswith(_TEXTS) and name != MANIFEST}
     return sorted((file for file in files if file.rfilename in weights | texts), key=lambda file: file.rfilename)

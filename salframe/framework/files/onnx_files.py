@@ -93,13 +93,13 @@ def _fields(message: memoryview) -> Iterator[tuple[int, memoryview]]:
         elif kind == _BYTES:
             length, at = _varint(message, at)
             if at + length > len(message):
-                raise ValueError(
-                    "the network file is damaged: a field is longer than its message, expected a shorter field"
-                )
+                raise ValueError("the network file is damaged: it ends within a field, expected a complete file")
             yield key >> 3, message[at : at + length]
             at += length
         else:
-            raise ValueError(f"the network file is damaged: a field has the wire type {kind}, expected 0, 1, 2 or 5")
+            raise ValueError(
+                f"the network file is no ONNX file, or damaged: it has the wire type {kind}, expected 0, 1, 2 or 5"
+            )
 
 
 def _varint(message: memoryview, at: int) -> tuple[int, int]:

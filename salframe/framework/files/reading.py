@@ -155,7 +155,7 @@ def read_table(path: Path, row: type[_Model]) -> list[_Model]:
                     f"{', '.join(row.model_fields)}"
                 )
             if table.metadata.num_rows > _MAX_ROWS:
-                raise ValueError(f"the table has {table.metadata.num_rows} rows, expected at most {_MAX_ROWS}")
+                raise ValueError(f"the file has {table.metadata.num_rows} rows, expected at most {_MAX_ROWS}")
             rows = table.read(columns=list(row.model_fields), use_threads=False).to_pylist()
     except (pa.ArrowException, MemoryError, KeyError) as error:
         raise DataError(f"{path} is not a Parquet table: {one_line(error)}") from None

@@ -95,9 +95,9 @@ NONSENSE = {
     "placeless": "a localization has the status no-pose and no place, expected a place",
     "elsewhere": "the function `match` of the method returned the frame 'map-9' with the place 'room-9'",
     "misplaced": "the function `match` of the method returned the frame 'map-0' with the place 'room-1'",
-    "mapping": "the function `match` returned dict, expected a Localization",
-    "nothing": "the function `match` returned NoneType, expected a Localization",
-    "text": "the function `match` returned str, expected a Localization",
+    "mapping": "the function `match` of the method returned dict, expected a Localization",
+    "nothing": "the function `match` of the method returned NoneType, expected a Localization",
+    "text": "the function `match` of the method returned str, expected a Localization",
     "score": "a localization has the score NaN for the place 'room-0', expected a number",
 }
 

@@ -34,7 +34,7 @@ class DescriptionRow(PieceRow):
     def _complete(self) -> DescriptionRow:
         if self.text is not None and None in (self.rank, self.rank_counts, self.rank_labels, self.places):
             raise ValueError(
-                "a row with `text` (a description) lacks a field, expected `rank`, `rank_counts`, `rank_labels` and "
-                "`places`"
+                "a result row lacks a field, expected `rank`, `rank_counts`, `rank_labels` and `places` in every row "
+                "with `text`"
             )
         return self

@@ -22,7 +22,7 @@ class PanoramaRow(PieceRow):
         counted = (self.annotated, self.detections, self.right, self.joined)
         if None in counted and (self.status == PieceStatus.OK or any(part is not None for part in counted)):
             raise ValueError(
-                f"a row with the status {self.status} lacks one of `annotated`, `detections`, `right` and `joined`, "
-                "expected all four"
+                f"a result row with the status {self.status} lacks a field, expected `annotated`, `detections`, "
+                "`right` and `joined`"
             )
         return self

@@ -39,7 +39,7 @@ class ProgramRow(PieceRow):
         needed = (self.first, self.describe_ms, self.query_ms, self.scenes, self.bytes, self.open_s)
         if self.status == PieceStatus.OK and None in needed:
             raise ValueError(
-                "a row with the status ok lacks a field, expected `first`, `describe_ms`, `query_ms`, "
+                "a result row with the status ok lacks a field, expected `first`, `describe_ms`, `query_ms`, "
                 "`scenes`, `bytes` and `open_s`"
             )
         return self

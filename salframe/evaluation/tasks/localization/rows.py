@@ -65,8 +65,8 @@ class AnswerRow(PieceRow):
                 )
         if len(self.probabilities or ()) != (0 if self.out_of_map_probability is None else len(self.places)):
             raise ValueError(
-                f"an answer has {len(self.probabilities or ())} probabilities, {len(self.places)} places "
-                f"and out_of_map_probability = {self.out_of_map_probability}, expected a probability of each place and "
-                "out_of_map_probability, or neither"
+                f"an answer has {len(self.probabilities or ())} probabilities for {len(self.places)} places, and "
+                f"out_of_map_probability is {self.out_of_map_probability}; expected one probability for each place "
+                "and an out_of_map_probability, or no probabilities and None"
             )
         return self

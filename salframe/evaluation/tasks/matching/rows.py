@@ -37,7 +37,8 @@ class PairRow(PieceRow):
         counted = (self.judged, self.within_px) if self.kind == "points" else (self.correct, self.true)
         if self.status == PieceStatus.OK and None in (self.kind, self.matches, *counted):
             raise ValueError(
-                "a row with the status ok lacks a field, expected `kind` and `matches`; for matches of points also "
+                "a result row with the status ok lacks a field, expected `kind` and `matches`; for matches of points "
+                "also "
                 "`judged` and `within_px`; for matches of nodes also `correct` and `true`"
             )
         return self

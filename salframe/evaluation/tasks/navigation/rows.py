@@ -52,7 +52,7 @@ class EpisodeRow(PieceRow):
     def _complete(self) -> EpisodeRow:
         if self.path is not None and None in (self.travelled_m, self.panoramas, self.collisions):
             raise ValueError(
-                "the row of an episode has `path` and lacks a field, expected also `travelled_m`, `panoramas` and "
-                "`collisions`"
+                "a result row lacks a field, expected `travelled_m`, `panoramas` and `collisions` in every row with "
+                "`path`"
             )
         return self

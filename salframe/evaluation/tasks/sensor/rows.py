@@ -27,7 +27,8 @@ class ObjectsLine(Line):
         parts = (self.scores, self.centroid_m, self.size_m, self.yaw_rad, self.bearing, self.solid_angle_sr)
         if any(len(part) != len(self.labels) for part in parts):
             raise ValueError(
-                f"the lists of a row have different lengths, expected one value for each of {len(self.labels)} labels"
+                f"a result row has lists of different lengths, expected one value for each of its {len(self.labels)} "
+                "labels in every list"
             )
         return self
 
@@ -56,7 +57,8 @@ class LookRow(PieceRow):
             return self
         if self.truth is None or self.detections is None or self.range_m is None or self.hidden_share is None:
             raise ValueError(
-                "a row with the status ok lacks a field, expected `truth`, `detections`, `range_m` and `hidden_share`"
+                "a result row with the status ok lacks a field, expected `truth`, `detections`, `range_m` and "
+                "`hidden_share`"
             )
         if not len(self.truth.labels) == len(self.range_m) == len(self.hidden_share):
             raise ValueError(

@@ -52,5 +52,5 @@ class WalkRow(PieceRow):
     @model_validator(mode="after")
     def _complete(self) -> WalkRow:
         if self.error is None and self.beliefs is None:
-            raise ValueError("the row of a walk has neither `error` nor `beliefs`, expected one of them")
+            raise ValueError("the result row of a walk has neither `error` nor `beliefs`, expected one of them")
         return self

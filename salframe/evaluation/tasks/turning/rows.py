@@ -36,6 +36,6 @@ class TurnRow(PieceRow):
     def _complete(self) -> TurnRow:
         if self.error is None and self.first is None:
             raise ValueError(
-                "the row of a query has neither `error` nor `first` (the first answer), expected one of them"
+                "the result row of a query has neither `error` nor `first` (the first answer), expected one of them"
             )
         return self

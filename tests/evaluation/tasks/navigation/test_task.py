@@ -121,7 +121,10 @@ def test_an_episode_that_crashes_costs_only_itself():
 @pytest.mark.parametrize(
     ("match", "reason"),
     [
-        (lambda self, description: {"status": "ok"}, "the function `match` returned dict, expected a Localization"),
+        (
+            lambda self, description: {"status": "ok"},
+            "the function `match` of the method returned dict, expected a Localization",
+        ),
         (lambda self, description: sys.exit("it leaves"), "SystemExit: it leaves"),
     ],
 )

@@ -84,7 +84,7 @@ def test_a_method_without_an_index_is_told(furnished):
     assert not row.measured
     assert (
         row.reason == "the method has no scene index (search over reference frames), expected a method "
-        "with a scene index, such as proposed"
+        "with a scene index, such as 'proposed'"
     )
 
 
