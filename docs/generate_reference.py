@@ -91,7 +91,9 @@ def write_cli() -> str:
     ]
     for path, command in _commands("salframe", typer.main.get_command(app)):
         required = [_usage(parameter) for parameter in command.params if parameter.required]
-        usage = " ".join([path, *required, "COMMAND ..." if hasattr(command, "commands") else "[OPTIONS]"])
+        optional = [f"[{_usage(part)}]" for part in command.params if _is_argument(part) and not part.required]
+        end = "COMMAND ..." if hasattr(command, "commands") else "[OPTIONS]"
+        usage = " ".join([path, *required, *optional, end])
         pages += [f"## {path}", _plain(command.help), f"```\n{usage}\n```"]
         if name := PYTHON.get(path.partition(" ")[2]):
             pages.append(f"In Python: [`salframe.{name}`](api.md).")
@@ -130,16 +132,20 @@ def _values(parameter: Any) -> str:
 
 def _spelling(parameter: Any) -> list[str]:
     """How an argument or option is written, an option's short form or the flag that turns it off last."""
-    if parameter.param_type_name == "argument":
+    if _is_argument(parameter):
         return [(parameter.metavar or parameter.name.upper()) + ("..." if parameter.nargs == -1 else "")]
     names = [*parameter.opts, *parameter.secondary_opts]
     return [f"{name} {parameter.metavar}" if parameter.metavar else name for name in names]
 
 
+def _is_argument(parameter: Any) -> bool:
+    return bool(parameter.param_type_name == "argument")
+
+
 def _usage(parameter: Any) -> str:
-    """How a required argument or option is written in the line of the usage, with a name for its value."""
+    """How an argument or a required option is written in the line of the usage, with a name for its value."""
     spelling = _spelling(parameter)[-1]
-    has_value = parameter.param_type_name == "argument" or parameter.metavar
+    has_value = _is_argument(parameter) or parameter.metavar
     return spelling if has_value else f"{spelling} {parameter.name.upper()}"
 
 
@@ -164,7 +170,7 @@ def write_component_index() -> str:
         "- The settings of this component follow after a dot, as in `--set matcher.rarity=false`.\n"
         "- A value of the type Noise (simulated errors of a detector) or Posterior (parameters that convert scores to "
         "probabilities) is a mapping, such as {missed: 0.3}.\n"
-        "- A value of the type HubName has the form hf:ORG/MODEL[@REVISION].\n"
+        "- A value of the type HubName names a model of the Hugging Face Hub: hf:ORG/MODEL[@REVISION].\n"
         "- A value of a type such as tuple[float, ...] is a list in brackets, as in "
         "`--set matcher.ring_edges_m=[1,2,4]`.\n"
         "- If the type ends in null, the value can be null, as in `--set matcher.height_scale_m=null`.",
@@ -203,12 +209,11 @@ CHOICES = {
     "importer": "Choose an importer with `salframe data import NAME`, and change its settings with `--set KEY=VALUE`.",
     "localizer": "On the command line, a localizer is called a method. Choose methods with `--methods NAME,NAME`, and "
     "change a setting with `--set KEY=VALUE`.",
-    "evidence": "Choose the evidence of the localizer `saliency-places`, which the method `proposed` uses, with "
-    "`--set evidence=[NAME,NAME]`.",
+    "evidence": "Choose the evidence of the method `proposed` with `--set evidence=[NAME,NAME]`.",
     "range-model": "Choose the range model of a localizer with `--set range=NAME`, and change its settings with "
     "`--set range.KEY=VALUE`.",
-    "scene-index": "`--set scene_index.kind=NAME` chooses the index of the localizer `saliency-places`, and "
-    "`--set matcher.scene_index.kind=NAME` chooses the index of the matcher.",
+    "scene-index": "`--set scene_index.kind=NAME` chooses the index of the method `proposed`, and "
+    "`--set matcher.scene_index.kind=NAME` chooses the index of `saliency-graph` and its variants, such as `usg`.",
     "feature-matcher": "Choose the feature matcher of the localizer `keypoints` with `--set features=NAME`, and change "
     "its settings with `--set features.KEY=VALUE`.",
     "image-network": "Choose the image network of the localizer `image` with `--set network=NAME`, and change its "

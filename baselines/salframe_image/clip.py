@@ -67,7 +67,8 @@ class ClipRooms(Localizer):
     class Config(LevelledConfig):
         checkpoint: UserFile | None = Field(
             None,
-            description="path of a folder with the files of CLIP, named as in the download; null: the downloaded files",
+            description="path of a folder with the files of CLIP, with the same names as the files that `salframe "
+            "weights fetch` downloads; null: the downloaded files",
         )
         room_types: tuple[str, ...] | None = match_only(
             None,

@@ -74,7 +74,8 @@ class GeometricMatcher(NodeMatcher):
             ge=0,
             lt=1,
             description="geometric verification: maximum relative error of the scale of the ranges of a query (0.1: "
-            "10 %). The scale is then estimated together with the pose; 0: the scale is correct, as for a depth sensor",
+            "10 %). over 0: the scale is estimated together with the pose; 0: the scale is taken as correct, as for a "
+            "depth sensor",
         )
         max_shift_m: float = Field(
             6.0,

@@ -213,8 +213,8 @@ class LeastSquaresPositioner(Positioner):
         )
         angle: Literal["atan2", "arccos"] = Field(
             "atan2",
-            description="how the angle of rotation of a pair is computed. atan2: with sign; arccos: without sign, as "
-            "in the paper",
+            description="how the angle between the two directions of a pair is computed: those of the object in the "
+            "query and in the map. atan2: with sign; arccos: without sign, as in the paper",
         )
         mean: Literal["circular", "arithmetic"] = Field(
             "circular",

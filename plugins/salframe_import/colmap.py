@@ -74,7 +74,8 @@ class ColmapImporter(Importer):
         depth_kind: Literal["ray", "z", "cube"] | None = Field(
             None,
             description="quantity that a PNG depth image contains. ray: distance along the ray; z: depth along the "
-            "optical axis; cube: depth along the axis of the cube face that shows the pixel; null: ray for "
+            "optical axis; cube: depth along the axis of the face, for equirectangular pictures that were stitched "
+            "from the faces of a cube; null: ray for "
             "equirectangular pictures, z for other pictures",
         )
         group_by: Literal["frame", "motion"] = Field(
@@ -136,8 +137,8 @@ class ColmapImporter(Importer):
         if low_m <= height_m <= high_m:
             return world, []
         return world, [
-            f"the cameras are {height_m:.3g} m above the floor in the points of the model, expected {low_m:g} to "
-            f"{high_m:g} m: check scale, or set camera_height instead of scale"
+            f"the cameras are {height_m:.3g} m above the floor of the model, expected {low_m:g} to {high_m:g} m: check "
+            "scale, or set camera_height instead of scale"
         ]
 
 

@@ -93,7 +93,8 @@ class RosBagImporter(Importer):
         depth_kind: Literal["ray", "z", "cube"] | None = Field(
             None,
             description="quantity that the depth images contain. ray: distance along the ray; z: depth along the "
-            "optical axis; cube: depth along the axis of the cube face that shows the pixel; null: z for pinhole "
+            "optical axis; cube: depth along the axis of the face, for equirectangular pictures that were stitched "
+            "from the faces of a cube; null: z for pinhole "
             "images, ray for equirectangular images",
         )
         group_by: Literal["time", "motion"] = Field(
@@ -105,8 +106,8 @@ class RosBagImporter(Importer):
             0,
             ge=0,
             le=100,
-            description="number of views (images) of each query, which is a short sequence of the recording; 0: no "
-            "queries of several views",
+            description="number of views (images) of each query. The views of a query are a short sequence of the "
+            "recording; 0: the recording is not divided into queries and reference frames",
         )
         sequence_period: int = Field(
             20,
@@ -140,7 +141,7 @@ class RosBagImporter(Importer):
         odometries = bag.topics([ODOMETRY])
         if config.poses is None and poses.odometry is None and odometries:
             others = ", ".join(odometries)
-            notes.insert(0, f"the poses are from {poses}; to use those of {others}, pass --set poses=TOPIC")
+            notes.insert(0, f"the poses are from {poses}; to use other poses, pass --set poses=TOPIC with {others}")
         posed, more = _posed(rig, shots, poses)
         notes += [*more, *_delay_notes(shots, poses), *rig.notes(*posed[0])]
         rig = rig.with_upright_axes([T for _, T in posed], config.camera_axes)

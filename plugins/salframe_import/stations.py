@@ -47,22 +47,22 @@ class StationSettings(ComponentConfig):
     )
     max_move_m: PositiveFloat = Field(
         0.3,
-        description="maximum distance (m) between the camera position of an image and that of the first image of its "
-        "panorama. A larger distance starts a new panorama. Only used if images are grouped by their motion",
+        description="grouping by motion: maximum distance (m) between the camera position of an image and that of the "
+        "first image of its panorama. A larger distance starts a new panorama",
     )
     min_view_deg: float = Field(
         180.0,
         ge=0,
         le=_FULL_TURN_DEG,
-        description="minimum horizontal field of view (degrees) that the images of a panorama cover together. "
-        "Panoramas that cover less are left out. Only used if images are grouped by their motion",
+        description="grouping by motion: minimum horizontal field of view (degrees) that the images of a panorama "
+        "cover together. Panoramas that cover less are left out",
     )
     min_step_deg: float = Field(
         10.0,
         ge=0,
         le=90,
-        description="minimum angle (degrees) between the optical axes of two images of a panorama. Images at smaller "
-        "angles are left out; 0: all images are used. Only used if images are grouped by their motion",
+        description="grouping by motion: minimum angle (degrees) between the optical axes of two images of a panorama. "
+        "Images at smaller angles are left out; 0: all images are used",
     )
 
 

@@ -84,7 +84,7 @@ class MatterportAnnotations(NavigableDataset):
         seed: int = Field(
             0,
             description="random seed of the range errors, the yaws and walks of queries, the selection by "
-            "`map_share`, and the ranges of objects that cannot be triangulated",
+            "`map_share`, and the ranges of objects that cannot be triangulated, which are random",
         )
         leave_out: int = match_only(
             1,
@@ -101,9 +101,9 @@ class MatterportAnnotations(NavigableDataset):
         )
         one_map: bool = match_only(
             False,
-            description="true: all buildings are joined in one map, 1 km apart along x. A map leaves out the "
-            "viewpoints of its queries (see `leave_out`), so it has at most one query of each building. Several such "
-            "maps are made for all queries. With `map_share`, one map is made; false: each map contains one building. "
+            description="true: each map contains all buildings, 1 km apart along x. A map lacks the viewpoints of its "
+            "queries (see `leave_out`). So that few viewpoints are missing, a map has only one query of each building, "
+            "and several maps are made. With `map_share`, a single map is made; false: each map contains one building. "
             "If the dataset has a single building, true and false give the same maps",
         )
         map_share: float | None = added(

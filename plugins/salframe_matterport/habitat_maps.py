@@ -41,8 +41,8 @@ _MISFIT_M = 0.25
 class HabitatMaps(MatterportAnnotations):
     """One building of the dataset `matterport-annotations`, with floor masks from top-down maps.
 
-    The program Object2HabitatMap draws the top-down maps. The floor is the area of all regions in the top-down map. All
-    objects except floor, door and stairs are obstacles.
+    The top-down maps are the output of the program Object2HabitatMap, which you run before. The floor is the area of
+    all regions in the top-down map. All objects except floor, door and stairs are obstacles.
     """
 
     name = "habitat-maps"

@@ -32,7 +32,7 @@ change for workers without a GPU, and the line on stdout about a dead worker, be
 class Ray(WorkerEngine):
     """Runs jobs in worker processes on the machines of a Ray cluster, or on this machine only.
 
-    Each worker uses one processor.
+    Each worker uses one core.
     """
 
     name = "ray"

@@ -91,8 +91,8 @@ class SegmentsDetector(Detector):
         card: SingleFile | None = Field(
             None,
             description="path of the model card, a YAML file that describes input, output and classes of the network; "
-            "null: the YAML file with the same name and folder as the file of the network, or, without such a file, "
-            "the included model card for this network",
+            "null: the YAML file beside the file of the network, such as net.yaml for net.onnx. For ade20k and "
+            "ade20k-32, without such a file: the model card of this package",
         )
         views: int = Field(
             6, ge=1, le=16, description="number of horizontal perspective views that are cut from the panorama"

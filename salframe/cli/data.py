@@ -139,7 +139,7 @@ def render(
     engine: EngineName = ENGINE,
     workers: Workers = None,
 ) -> None:
-    """Render or index the images of a dataset before other commands need them.
+    """Prepare the images of a dataset before other commands need them: render them, or list their files in an index.
 
     Without this command, the images are rendered or indexed by the first command that uses the dataset. Run the same
     command again to resume an interrupted run.

@@ -49,8 +49,9 @@ def fit(
 
     There are three steps. First, the best value of each setting in --try is selected. Then the weights of the terms of
     the score are fitted, if the method has weights. Then the posterior is fitted. The posterior converts scores to the
-    probability of each place and the out-of-map probability. Use the file with `--set posterior=FILE.yaml` and `--set
-    weights=FILE.yaml`.
+    probability of each place and the out-of-map probability. To use the fitted parameters, add `--set
+    posterior=FILE.yaml --set weights=FILE.yaml` to another command. FILE.yaml also contains the selected values of
+    --try: set them with --set, too.
     """
     from salframe.cli.output import Bars, tell
     from salframe.evaluation.studies.fitting import fit_method

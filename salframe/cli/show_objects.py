@@ -20,7 +20,8 @@ def show_objects(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="Detector that finds the objects; see `salframe show detector` (default: auto, the first one that "
+            help="Detector that finds the objects; see `salframe show detector` (default: auto, the first of its list "
+            "that "
             "can run)",
         ),
     ] = None,
@@ -64,8 +65,8 @@ def show_objects(
 ) -> None:
     """Draw the objects that a detector finds in images.
 
-    Writes a picture NAME.objects.png for each image, with the outlines, labels and scores of the objects, their graph
-    from above, and a table. The exit status is 1 if an image cannot be read.
+    Writes a picture for each image, such as hall.objects.png for hall.jpg, with the outlines, labels and scores of
+    the objects, their graph from above, and a table. The exit status is 1 if an image cannot be read.
     """
     from salframe.cli.output import Bars, warn
     from salframe.drawing.show_objects import show_objects

@@ -59,9 +59,9 @@ class LevelledConfig(ComponentConfig):
     level: Literal["auto", "off"] = added(
         "auto",
         description="correction of camera tilt. auto: tilted panoramas are rotated upright before they are processed. "
-        "The tilt of a reference frame is read from its pose, unless roll and pitch of the pose are exactly 0. In this "
-        "case, and for every query, the tilt is measured by an IMU. Without an IMU, it is estimated from the images; "
-        "off: panoramas are not rotated",
+        "The tilt of a reference frame is read from its pose. If roll and pitch of the pose are exactly 0, the tilt is "
+        "estimated from the images. The tilt of a query is measured by an IMU, or estimated from its images if there "
+        "is no IMU; off: panoramas are not rotated",
     )
 
 

@@ -109,7 +109,10 @@ class Head(Settings):
     bias_effect: float = Field(0.0, description="change of `bias` if ln(n / n0) increases by 1")
     accuracy_effect: float = Field(0.0, description="change of the log-odds of `accuracy` if ln(n / n0) increases by 1")
     evidence: Mapping[str, EvidenceTerm] = Field(
-        {}, description="effects of columns of evidence, by the name of the column; only for methods with evidence"
+        {},
+        description="terms that are added to ln(p / q) (see `posterior.head.bias`), by the name of a column of the "
+        "evidence. The keys of a term mean the same as the settings of `posterior.head` with these names, but for the "
+        "value of the column instead of the contrast; only for methods with evidence",
     )
 
     def relative_objects(self, objects: np.ndarray) -> np.ndarray:

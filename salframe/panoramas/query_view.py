@@ -65,14 +65,15 @@ class QueryView(ComponentConfig):
         ge=1,
         le=100,
         description="number of views (images) of each query. Values over 1 simulate a moving camera, see "
-        "`query_motion`; 1: the views that the dataset has, usually one",
+        "`query_motion`; 1: no simulation, each query has the views that the dataset contains (usually one)",
     )
     query_motion: Literal["turned", "driven"] = added(
         "turned",
         match_only=True,
         description="motion of the camera between the views of a query, if `query_views` is over 1. turned: the "
         "camera turns to the left without moving, by 60 % of the field of view per view; driven: the camera moves "
-        "along a path, which only these datasets support: house, matterport-annotations, and folders with sequences",
+        "along a path, which only these datasets support: house, matterport-annotations, and folders whose manifest "
+        "contains sequences (panoramas in the order in which they were taken)",
     )
     query_odometry: OdometryErrors = added(
         OdometryErrors(),

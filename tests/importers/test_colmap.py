@@ -193,7 +193,7 @@ def test_the_pictures_of_a_rig_are_one_panorama(tmp_path):
 
 def test_a_scale_that_the_floor_contradicts_is_named(tmp_path):
     (note,) = read(equirectangular(tmp_path), "scale=25").notes
-    assert note.startswith("the cameras are 15 m above the floor in the points of the model, expected 0.45 to 2.8 m")
+    assert note.startswith("the cameras are 15 m above the floor of the model, expected 0.45 to 2.8 m")
 
 
 @pytest.mark.parametrize("settings", [[], ["scale=1", "camera_height=1"]])

@@ -57,7 +57,7 @@ def test_the_poses_are_those_of_the_home(import_from, home, format, settings):
             ["camera_height=15"],
             "the camera height of 15 m above the floor. Expected a camera height of 0.45 to 2.8 m: check camera_height",
         ),
-        ("colmap", ["scale=2.5"], "the cameras are 3.75 m above the floor in the points of the model, expected"),
+        ("colmap", ["scale=2.5"], "the cameras are 3.75 m above the floor of the model, expected"),
         ("rosbag", ["depth_unit_m=0.0002"], "5 times too small, likely millimetres read as fifths of a millimetre"),
         (
             "rosbag",

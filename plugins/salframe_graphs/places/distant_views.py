@@ -23,8 +23,9 @@ class DistantViews(Settings):
     near_m: float = Field(
         2.5,
         ge=0,
-        description="maximum distance (m) from a view to the last view of its group. In a map without floor masks, "
-        "successive views of a query form groups, and each group is assumed to be in one place",
+        description="In a map without floor masks, successive views of a query form groups, and each group is assumed "
+        "to be in one place. A view belongs to the same group as the view before it if their distance (m) is at most "
+        "this value. Otherwise, it starts a new group",
     )
     window_m: float = Field(
         5.0,

@@ -35,7 +35,7 @@ class Rates(Settings):
         "the camera",
     )
     length_error_log: float = Field(
-        gt=0, description="standard deviation of ln(box length in the query / box length in the map)"
+        gt=0, description="standard deviation of ln(box length in the query / box length in the map) of an object"
     )
     box_height_error_log: float = Field(
         gt=0, description="standard deviation of ln(box height in the query / box height in the map)"
@@ -132,8 +132,9 @@ class Likelihood(Settings):
         0.33,
         gt=0,
         le=1,
-        description="factor (0 to 1) that multiplies the odds that an object of the query is an object of the place. "
-        "Only used in the likelihood ratio without a pose, which ignores positions",
+        description="factor (0 to 1) that multiplies the odds that an object of the query is an object of the place, "
+        "in the likelihood ratio of a place in which no pose of the query was found. This likelihood ratio ignores "
+        "positions",
     )
     scale_error: float = Field(
         0.1,

@@ -19,8 +19,9 @@ from salframe_graphs.retrieval.scoring import best_scenes
 class InvertedLists(SceneIndex):
     """Ranks reference frames by a Jaccard index of their objects and the objects of the query.
 
-    Objects with the same label are compared by height, box length and box height. Each object of the query is
-    compared with the most similar object of the frame. Rare labels count more.
+    Objects with the same label are compared by the height of their centroid relative to the camera, and by the length
+    and height of their box. Each object of the query is compared with the most similar object of the frame. Rare labels
+    count more.
     """
 
     name = "inverted-lists"
@@ -28,7 +29,9 @@ class InvertedLists(SceneIndex):
 
     class Config(ComponentConfig):
         height_scale_m: float = match_only(
-            0.2, gt=0, description="difference in height (m) of two objects that halves their similarity"
+            0.2,
+            gt=0,
+            description="difference in height (m) of the centroids of two objects that halves their similarity",
         )
         size_scale: tuple[float, float] = match_only(
             (0.8, 0.5),

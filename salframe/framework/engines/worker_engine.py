@@ -48,10 +48,9 @@ class WorkerEngine(Engine):
             None,
             ge=1,
             le=1024,
-            description="number of worker processes, with one thread each; null: the number depends on the jobs. To "
-            "render the images of a dataset, there is one worker per core, with one thread each. For all other jobs, "
-            "there is a single worker, with several threads: with `--engine processes`, they use all cores, and with "
-            "`--engine ray`, one core",
+            description="number of worker processes, with one thread each; null: one worker per core to render the "
+            "images of a dataset, and a single worker for all other jobs. The single worker uses all cores with "
+            "`--engine processes`, and one core with `--engine ray`",
         )
 
     @abstractmethod
