@@ -210,13 +210,13 @@ CHOICES = {
     "localizer": "On the command line, a localizer is called a method. Choose methods with `--methods NAME,NAME`, and "
     "change a setting with `--set KEY=VALUE`.",
     "evidence": "Choose the evidence of the method `proposed` with `--set evidence=[NAME,NAME]`.",
-    "range-model": "Choose the range model of a localizer with `--set range=NAME`, and change its settings with "
+    "range-model": "Choose the range model of a localizer with `--set range.kind=NAME`, and change its settings with "
     "`--set range.KEY=VALUE`.",
     "scene-index": "`--set scene_index.kind=NAME` chooses the index of the method `proposed`, and "
     "`--set matcher.scene_index.kind=NAME` chooses the index of `saliency-graph` and its variants, such as `usg`.",
-    "feature-matcher": "Choose the feature matcher of the localizer `keypoints` with `--set features=NAME`, and change "
-    "its settings with `--set features.KEY=VALUE`.",
-    "image-network": "Choose the image network of the localizer `image` with `--set network=NAME`, and change its "
+    "feature-matcher": "Choose the feature matcher of the localizer `keypoints` with `--set features.kind=NAME`, and "
+    "change its settings with `--set features.KEY=VALUE`.",
+    "image-network": "Choose the image network of the localizer `image` with `--set network.kind=NAME`, and change its "
     "settings with `--set network.KEY=VALUE`.",
     "detection-decoder": "Choose the decoder of the detector `onnx` with `--set detector.decoder=NAME`.",
     "planner": "Choose a planner with `--planner NAME`.",
@@ -231,7 +231,7 @@ def _usage_of(role: str) -> str:
     """Return a sentence on how to choose a component of a role, and how to change its settings."""
     return CHOICES.get(
         role,
-        f"Choose the {role} of a localizer with `--set {role}=NAME`, and change its settings with "
+        f"Choose the {role} of a localizer with `--set {role}.kind=NAME`, and change its settings with "
         f"`--set {role}.KEY=VALUE`.",
     )
 

@@ -96,7 +96,8 @@ def _notation(tables: Sequence[Table]) -> str:
         sentences.append("A number in **bold** is the best of its column.")
         if group:
             sentences.append(
-                "In tables with columns left of *method*, only rows with the same values in these columns are compared."
+                "In tables with columns left of *method*, it is the best among the rows with the same values in these "
+                "columns."
             )
     if any(re.search(r"\w\[\w", cell) for table in tables for row in table.rows for cell in row[: table.leading]):
         sentences.append("Square brackets after the name of a method contain the settings that were changed.")

@@ -106,10 +106,7 @@ BROKEN = [
     (Partial, "'partial' returned the columns paint, expected those in its attribute `columns`: paint, zero"),
     (Infinite, r"the column 'paint' as float64 of shape \(3,\), expected finite numbers as float64 of shape \(3,\)"),
     (Forgetful, r"unpack the bedroom-query: received the arrays \[\], expected those of describe: \['paint'\]"),
-    (
-        Turning,
-        "a localizer whose setting `evidence` has only this component fails the check poses rotate with the panorama",
-    ),
+    (Turning, r"the localizer with evidence=\[turning\] fails the check poses rotate with the panorama"),
     (Loud, "column 'Paint': received Paint, expected a name of lower-case letters"),
 ]
 """Components that break a rule, and the message."""

@@ -55,7 +55,7 @@ class Lines(Localizer):
     A line distance function gives, for each direction, the angle to the nearest line. The function of the query is
     compared with the functions at the points of a grid around each reference frame. Only lines along three principal
     directions are used. The principal directions of two upright panoramas can be aligned by four rotations, and all
-    four are tested. The reference frames and rotations with the most similar functions are the candidates.
+    four are tested. A reference frame with one of these rotations is a candidate, with its most similar point.
 
     The lines of each candidate are then aligned with the lines of the query. The answer is the place and the pose of
     the candidate that explains the largest share of the query's lines.

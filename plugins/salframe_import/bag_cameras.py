@@ -95,7 +95,8 @@ def find_cameras(
             if (of_depth.camera is None) != (images_of_color.camera is None):
                 raise DataError(
                     f"only one of the topics {color} and {depth} has camera intrinsics ({CAMERA_INFO}), expected both "
-                    "or neither: pass --set projection=pinhole or --set projection=equirectangular"
+                    "or neither: pass --set projection=pinhole for images of a pinhole camera, or --set "
+                    "projection=equirectangular for panoramas"
                 )
         cameras.append(BagCamera(images_of_color, of_depth))
     return cameras

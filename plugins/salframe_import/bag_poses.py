@@ -273,15 +273,14 @@ def find_poses(bag: MessageStore, tree: TransformTree, frame: str, topic: str | 
     if topic not in (None, TF_SOURCE):
         if world is not None:
             raise DataError(
-                f"the setting world is {world!r}, but the poses are from the topic {topic}: remove the setting world, "
-                "or set "
-                f"poses={TF_SOURCE}"
+                f"the setting `world` is {world!r}, but the poses are from the topic {topic}, which has its own world "
+                f"frame: remove `world`, or set poses={TF_SOURCE}"
             )
         return odometry_source(bag, tree, bag.choose("poses", topic, [ODOMETRY]))
     world = world or (MAP if MAP in above else tree.root(frame))
     if world not in tree.frames:
         raise DataError(
-            f"{bag.path} has no frame {world} in /tf and /tf_static, expected the setting world to name one of its "
+            f"{bag.path} has no frame {world} in /tf and /tf_static, expected the setting `world` to name one of its "
             f"frames: {', '.join(tree.frames) or 'none'}"
         )
     if all(track.is_static for track in tree.chain(frame)):

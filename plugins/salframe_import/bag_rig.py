@@ -203,13 +203,13 @@ class BagRig:
         )
         if axes != "auto":
             raise DataError(
-                f"{where}: with camera_axes={axes}, the z component of the images' up vector is {up[axes]:.2f}, "
-                f"expected {MIN_UP:.2f} to 1: try --set camera_axes={best}"
+                f"{where}: with camera_axes={axes}, the z component of their up vector in the world is "
+                f"{up[axes]:.2f}, expected {MIN_UP:.2f} to 1: try --set camera_axes={best}"
             )
         if up[best] < MIN_UP:
             raise DataError(
-                f"{where}: the z component of the images' up vector is {up['optical']:.2f} with optical camera axes "
-                f"and {up['body']:.2f} with body axes, expected {MIN_UP:.2f} to 1 for one of them: check the "
+                f"{where}: the z component of their up vector in the world is {up['optical']:.2f} with optical camera "
+                f"axes and {up['body']:.2f} with body axes, expected {MIN_UP:.2f} to 1 for one of them: check the "
                 "transforms of this frame in /tf_static (not inverted, quaternions in the order x, y, z, w)"
             )
         return replace(self, axes=best)

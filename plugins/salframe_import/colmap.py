@@ -202,8 +202,7 @@ class _Pictures:
         if picture.camera is None:
             raise DataError(
                 f"the picture {picture.name} is equirectangular, expected a perspective picture for group_by=motion: "
-                "set "
-                "group_by=frame"
+                "set group_by=frame"
             )
         path = self.folder / picture.name
         depth = self._depth_file(Path(picture.name), ("bin", "png"))

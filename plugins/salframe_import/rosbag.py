@@ -141,7 +141,9 @@ class RosBagImporter(Importer):
         odometries = bag.topics([ODOMETRY])
         if config.poses is None and poses.odometry is None and odometries:
             others = ", ".join(odometries)
-            notes.insert(0, f"the poses are from {poses}; to use other poses, pass --set poses=TOPIC with {others}")
+            notes.insert(
+                0, f"the poses are from {poses}; other poses are in {others}: to use them, pass --set poses=TOPIC"
+            )
         posed, more = _posed(rig, shots, poses)
         notes += [*more, *_delay_notes(shots, poses), *rig.notes(*posed[0])]
         rig = rig.with_upright_axes([T for _, T in posed], config.camera_axes)

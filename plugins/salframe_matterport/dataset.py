@@ -101,9 +101,10 @@ class MatterportAnnotations(NavigableDataset):
         )
         one_map: bool = match_only(
             False,
-            description="true: each map contains all buildings, 1 km apart along x. A map lacks the viewpoints of its "
-            "queries (see `leave_out`). So that few viewpoints are missing, a map has only one query of each building, "
-            "and several maps are made. With `map_share`, a single map is made; false: each map contains one building. "
+            description="true: a map contains all buildings together, 1 km apart along x; false: a map contains one "
+            "building. In both cases there are several maps, because the viewpoint of a query must not be in its map "
+            "(see `leave_out`). With true, each map serves one query of each building, or all queries with "
+            "`map_share`. "
             "If the dataset has a single building, true and false give the same maps",
         )
         map_share: float | None = added(

@@ -71,8 +71,8 @@ class HabitatMaps(MatterportAnnotations):
         scans = [scan for scan in super()._scans if maps_path(self._root, scan).is_dir()]
         if not scans:
             raise DataError(
-                f"{self._root} has no folder habitat_map/<scan>/ of any building, "
-                "expected this folder with region.png and cat.png of Object2HabitatMap"
+                f"{self._root} has no folder habitat_map/<scan>/, expected one with region.png and cat.png, which the "
+                "program Object2HabitatMap writes"
             )
         if len(scans) > 1:  # each building has its own world frame
             raise DataError(

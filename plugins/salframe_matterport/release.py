@@ -171,7 +171,8 @@ def read_viewpoints(folder: Path) -> dict[str, Viewpoint]:
                 (fx, _, cx), (_, fy, cy), _ = intrinsics = np.array(words[1:], float).reshape(3, 3)
                 if not np.array_equal(intrinsics == 0, _NO_SHEAR) or min(fx, fy, intrinsics[2, 2]) <= 0:
                     raise ValueError(
-                        f"received the intrinsics {' '.join(words[1:])}, expected fx 0 cx 0 fy cy 0 0 1 with fx, fy > 0"
+                        f"the line intrinsics_matrix has {' '.join(words[1:])}, expected fx 0 cx 0 fy cy 0 0 1 with "
+                        "fx, fy > 0"
                     )
             elif words[:1] == ["scan"]:
                 pose = np.array(words[3:], float).reshape(4, 4) @ np.diag([1.0, -1.0, -1.0, 1.0])

@@ -239,10 +239,14 @@ def score_episode(name: str, episode: ReverieEpisode, answer: Answer, building: 
     """
     for viewpoint in (*answer.path, episode.path[-1]):
         if viewpoint not in building.number:
-            raise DataError(f"the answer {name}: the viewpoint {viewpoint!r} is not in the building {episode.scan}")
+            raise DataError(
+                f"the answer {name}: the viewpoint {viewpoint!r} is not in the building {episode.scan}, expected only "
+                "viewpoints of this building"
+            )
     if answer.path[0] != episode.path[0]:
         raise DataError(
-            f"the answer {name}: the trajectory begins at the viewpoint {answer.path[0]}, expected {episode.path[0]}"
+            f"the answer {name}: the trajectory begins at the viewpoint {answer.path[0]}, expected {episode.path[0]}, "
+            "the start of its instruction"
         )
     walked_m = sum(building.distance_m(a, b) for a, b in zip(answer.path, answer.path[1:], strict=False))
     if not np.isfinite(walked_m):
@@ -335,7 +339,9 @@ def read_answers(content: Any, path: Path) -> dict[str, Answer]:
             unnamed += named is None
         except (AttributeError, KeyError, TypeError) as error:
             reason = f"no key {error}" if isinstance(error, KeyError) else str(error)
-            raise DataError(f"{path}: answer {position + 1} of {len(content)}: {reason}; expected {expected}") from None
+            raise DataError(
+                f"{path}: answer {position + 1} of {len(content)} is invalid ({reason}), expected {expected}"
+            ) from None
         if not walked:
             raise DataError(f"{path}: the answer {name} has an empty trajectory, expected at least the first viewpoint")
     if keyless:
@@ -371,11 +377,11 @@ def viewpoints(trajectory: Any) -> Iterator[str]:
     A step is [viewpoint, heading, elevation], a viewpoint, or a list of steps.
     """
     if not isinstance(trajectory, list):
-        raise TypeError(f"its trajectory is {type(trajectory).__name__}, expected a list of viewpoints")
+        raise TypeError(f"the trajectory has the type {type(trajectory).__name__}, not list")
     if len(trajectory) == 3 and isinstance(trajectory[0], str) and not isinstance(trajectory[1], str):
         angles = trajectory[1:]
         if any(isinstance(angle, bool) or not isinstance(angle, int | float) for angle in angles):
-            raise TypeError(f"the heading and elevation of a step are {angles!r:.60}, expected two numbers")
+            raise TypeError(f"the heading and elevation of a step are {angles!r:.60}, not numbers")
         yield trajectory[0]
         return
     for step in trajectory:

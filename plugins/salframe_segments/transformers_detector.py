@@ -89,8 +89,8 @@ class TransformersDetector(Detector):
         zero_shot = any(known.get(name) is NetworkTask.ZERO_SHOT for name in content.get("architectures") or ())
         if self.config.labels is not None and not zero_shot:
             raise ConfigError(
-                f"received the setting labels, but the network in {folder} has fixed labels: set labels=null, or use a "
-                "zero-shot network (a network that takes labels as input)"
+                f"the setting `labels` has a value, but the network in {folder} has fixed labels: set labels=null, or "
+                "use a zero-shot network (a network that takes labels as input)"
             )
         takes_text = zero_shot or content.get("model_type") in TEXT_MODELS
         model = PretrainedModel(folder, known, self.config.device, self.config.size_px, takes_text=takes_text)

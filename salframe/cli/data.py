@@ -163,7 +163,8 @@ def import_(
     place_from: Annotated[
         Literal["column", "region", "folder", "none"] | None,
         typer.Option(
-            help="Source of place names. column: a column of the recording; region: the rooms (regions) of a building "
+            help="Source of place names. column: the column or key `place` of the recording; region: the rooms "
+            "(regions) of a building "
             "model or of floor masks; folder: the folders of the pictures; none: each reference frame is its own "
             "place. "
             "Default: the first of these that names the place of every reference frame"
@@ -173,7 +174,8 @@ def import_(
         str | None,
         typer.Option(
             metavar="every:N|FILE",
-            help="Panoramas that become queries: every Nth with a pose, or those in a text file (one id per line)",
+            help="Panoramas that become queries: every Nth of those with a pose, or those in a text file (one id per "
+            "line)",
         ),
     ] = None,
     every: Annotated[

@@ -15,7 +15,7 @@ def fit(
         str,
         typer.Argument(
             metavar="METHOD",
-            help="Method to fit, such as proposed: one whose settings (`salframe show METHOD`) include `posterior`",
+            help="Method to fit, such as `proposed`; its settings (`salframe show METHOD`) must include `posterior`",
         ),
     ],
     output: Annotated[
@@ -23,7 +23,9 @@ def fit(
     ],
     data: Annotated[
         list[str],
-        typer.Option(metavar="DATASET", help="Dataset to fit to; evaluate the method on other datasets; repeatable"),
+        typer.Option(
+            metavar="DATASET", help="Dataset to fit to; repeatable. Use other datasets to evaluate the fitted method"
+        ),
     ],
     tries: Annotated[
         list[str] | None,
@@ -38,8 +40,7 @@ def fit(
         typer.Option(
             "--posterior-only",
             help="Fit only the conversion of scores to probabilities (posterior), not the weights of the score; cannot "
-            "be "
-            "combined with --try",
+            "be combined with --try",
         ),
     ] = False,
     data_dir: DataDir = None,

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from salframe.framework.components.settings import Setting
 
 
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Also print versions, paths and complete messages")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Also print versions, paths and full error messages")]
 
 
 def methods(verbose: Verbose = False, as_json: Json = False) -> None:

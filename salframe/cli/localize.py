@@ -31,7 +31,7 @@ def localize(
         list[str] | None,
         typer.Argument(
             metavar="FRAME",
-            help="Query: photograph (with --fov or --camera), panorama file that a manifest.json lists, or id of a "
+            help="Query: photograph (with --fov or --camera), panorama file of a dataset folder, or id of a "
             "panorama in --data. For other panorama files, use --rgb",
         ),
     ] = None,

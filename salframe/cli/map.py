@@ -29,7 +29,10 @@ if TYPE_CHECKING:
 
 app = typer.Typer(help="Build, change, draw and query the map of a building.", no_args_is_help=True)
 TopologyMap = Annotated[
-    Path, typer.Argument(metavar="MAP", help="Map folder; the map must have a topology (built without `--no-topology`)")
+    Path,
+    typer.Argument(
+        metavar="MAP", help="Map folder; the map must have a topology, which `salframe build` adds by default"
+    ),
 ]
 AnyMap = Annotated[Path, typer.Argument(metavar="MAP", help="Map folder")]
 PlannerName = Annotated[
@@ -149,8 +152,8 @@ def connect(
         Path | None,
         typer.Option(
             metavar="FILE.csv",
-            help="CSV file with one connection per row: start and end (places or nodes), kind (stairs or lift), "
-            "length_m",
+            help="CSV file with one connection per row, and the columns start, end (places or nodes), kind (stairs or "
+            "lift) and length_m",
         ),
     ] = None,
 ) -> None:
@@ -238,16 +241,18 @@ def query(
     map: AnyMap,
     frame: Annotated[
         str,
-        typer.Argument(
-            metavar="FRAME", help="Query: panorama file that a manifest.json lists, or id of a panorama in --data"
-        ),
+        typer.Argument(metavar="FRAME", help="Query: panorama file of a dataset folder, or id of a panorama in --data"),
     ],
     data: Annotated[
         str | None, typer.Option(metavar="DATASET", help="Dataset that contains the panorama whose id is FRAME")
     ] = None,
     goal: Annotated[
         str | None,
-        typer.Option("--to", metavar="GOAL", help="Goal of the route: a place, a topology node, or the text of a sign"),
+        typer.Option(
+            "--to",
+            metavar="GOAL",
+            help="Also find the route from the query to this goal: a place, a topology node, or the text of a sign",
+        ),
     ] = None,
     planner: PlannerName = PLANNER,
     data_dir: DataDir = None,

@@ -67,8 +67,8 @@ class QueryOptions:
             )
         if self.frames and has_images and not takes_both:
             raise ConfigError(
-                "received both FRAME and image files such as --rgb FILE, expected only one of them (with a "
-                "photograph as FRAME, add --fov or --camera)"
+                "received both FRAME and image files such as --rgb FILE, expected only one of them. If FRAME is a "
+                "photograph with a --range image, add --fov or --camera"
             )
         if not self.is_sequence and (len(self.frames) > 1 or self.motion is not None):
             received = f"{len(self.frames)} values for FRAME" if len(self.frames) > 1 else "--motion"
@@ -87,8 +87,7 @@ class QueryOptions:
             if files and len(files) != self._num_views:
                 raise ConfigError(
                     f"the number of options {option} is {len(files)}, expected {self._num_views}: one for each view, "
-                    "in "
-                    "the order of the views"
+                    "in the order of the views"
                 )
 
     @property

@@ -20,9 +20,8 @@ def show_objects(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="Detector that finds the objects; see `salframe show detector` (default: auto, the first of its list "
-            "that "
-            "can run)",
+            help="Detector that finds the objects; see `salframe show detector` (default: auto, the first detector "
+            "that can run)",
         ),
     ] = None,
     overrides: Annotated[

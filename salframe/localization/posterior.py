@@ -111,8 +111,8 @@ class Head(Settings):
     evidence: Mapping[str, EvidenceTerm] = Field(
         {},
         description="terms that are added to ln(p / q) (see `posterior.head.bias`), by the name of a column of the "
-        "evidence. The keys of a term mean the same as the settings of `posterior.head` with these names, but for the "
-        "value of the column instead of the contrast; only for methods with evidence",
+        "evidence. The keys of a term mean the same as the settings of `posterior.head` with these names. They apply "
+        "to the value of the column instead of the contrast; only for methods with evidence",
     )
 
     def relative_objects(self, objects: np.ndarray) -> np.ndarray:

@@ -377,7 +377,8 @@ def _unpack_floor(parts: Mapping[str, np.ndarray], where: str) -> FloorMasks:
     height, width = parts["region"].shape
     if any(parts[name].shape != (height, -(-width // 8)) for name in ("free", "obstacle")):
         raise DataError(
-            f"{where}: a mask differs in size from the regions, expected {width} x {height} pixels: build the map again"
+            f"{where}: the masks `free`, `obstacle` and `region` have different sizes, expected {width} x {height} "
+            "pixels for all: build the map again"
         )
     if len(parts["labels"]) != len(parts["places"]):
         raise DataError(

@@ -37,8 +37,8 @@ class FolderDataset(Dataset):
         """The folder of the dataset."""
         if self.config.root is None:
             raise DataError(
-                f"the dataset {self.name!r} has no folder of panoramas: pass the path of the folder instead of the "
-                f"name {self.name!r}, or pass --data-dir DIR"
+                f"received the dataset {self.name!r} without a folder: pass the path of a folder of panoramas instead "
+                f"of the name {self.name!r}, or pass the path as --data-dir"
             )
         return self.config.root
 

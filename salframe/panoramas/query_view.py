@@ -175,8 +175,8 @@ def _with_motion(query: QueryFrame, config: Any, content: str) -> QueryFrame:
             )
     elif query.earlier:
         raise DataError(
-            f"the setting query_views={config.query_views} adds views to queries of one view, but the query {query.id} "
-            f"has {len(query.views)} views in the data: set query_views=1, which uses the views of the data"
+            f"the query {query.id} already has {len(query.views)} views in the data, so query_views="
+            f"{config.query_views} cannot add views to it: set query_views=1, which adds none"
         )
     else:
         fov_deg = config.query_fov_deg

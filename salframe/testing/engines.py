@@ -49,7 +49,7 @@ class EngineRules(Rules[Engine]):
 
 def _halve(number: int) -> int:
     if number % 2:
-        raise ValueError(f"the number {number} is odd, expected an even number")
+        raise ValueError(f"the item {number} is odd, expected an even number (the check raises this error on purpose)")
     return number // 2
 
 

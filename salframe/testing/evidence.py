@@ -85,8 +85,7 @@ class EvidenceRules(Rules[EvidenceModel]):
         for result in check_all(LocalizerRules(lambda: config.component(config)).list()):
             if result.status is RuleStatus.FAILED:
                 raise ConformanceError(
-                    f"a localizer whose setting `evidence` has only this component fails the check {result.rule}: "
-                    f"{result.message}"
+                    f"the localizer with evidence=[{self.make().name}] fails the check {result.rule}: {result.message}"
                 )
 
     def _panoramas(self) -> Sequence[tuple[str, Panorama]]:

@@ -84,7 +84,8 @@ class LocalizerRules(Rules[Localizer]):
         cases = [case for case in cases if case[0].localizer.column_step is not None]
         if not cases:
             raise DoesNotApply(
-                "column_step of the localizer is None, so the estimated heading may differ when the query is turned"
+                "column_step of the localizer is None, so the estimated heading need not follow a turn of the query "
+                "exactly"
             )
         for built, where, answers in cases:
             steps = 3 * turns(cast(int, built.localizer.column_step))

@@ -236,7 +236,7 @@ class PositionerRules(Rules[Positioner]):
     def the_pose_turns_with_the_query(self) -> None:
         if not self.make().is_equivariant:
             raise DoesNotApply(
-                "is_equivariant of the positioner is False, so its heading may differ when the query is turned"
+                "is_equivariant of the positioner is False, so its heading need not follow a turn of the query exactly"
             )
         noisy_m = QUERY_M + np.random.default_rng(1).normal(0, 0.05, QUERY_M.shape)
         turn = pose_2d(0, 0, 2.0)

@@ -152,8 +152,8 @@ def extend_floors(
     """
     if sources.regions is PartSource.FREE_SPACE and not has_places(added):
         raise DataError(
-            "the new frames have no places, which this map needs because its own places were derived from free space: "
-            "build the map again from all data"
+            "the new frames have no places. The places of this map were derived from free space, which is only "
+            "possible for all frames together: build the map again from all data"
         )
     extended = list(floors)
     if sources.free_space is PartSource.RANGE:

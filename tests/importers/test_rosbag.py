@@ -357,9 +357,9 @@ def test_clocks_that_differ_by_half_a_second_are_named(tmp_path):
         (["num_views=3"], "too few views for a sequence, expected 20 views that are 0.5 m or 45 deg apart"),
         (
             ["world=map"],
-            "has no frame map in /tf and /tf_static, expected the setting world to name one of its frames: base_link",
+            "has no frame map in /tf and /tf_static, expected the setting `world` to name one of its frames: base_link",
         ),
-        (["poses=/odom", "world=odom"], "the setting world is 'odom', but the poses are from the topic /odom"),
+        (["poses=/odom", "world=odom"], "the setting `world` is 'odom', but the poses are from the topic /odom"),
     ],
 )
 def test_wrong_settings_are_named(tmp_path, settings, message):

@@ -145,7 +145,7 @@ def test_a_step_without_two_angles_is_refused(root, angles):
     answers = official(ANSWERS)
     answers[0]["trajectory"][0] = [answers[0]["trajectory"][0][0], *angles]
     with pytest.raises(
-        DataError, match=r"answer 1 of 3: the heading and elevation of a step are .*, expected two numbers"
+        DataError, match=r"answer 1 of 3 is invalid \(the heading and elevation of a step are .*, not numbers\)"
     ):
         score(root, answers)
 
@@ -220,11 +220,11 @@ def test_what_is_wrong_with_an_answer_is_one_line(root, change, message):
     [
         ("[{", "is not JSON"),
         ("3", "contains int, expected a list of"),
-        ("[3]", "answer 1 of 1: 'int' object is not subscriptable; expected a list of"),
-        ('[{"instr_id": "1_8_0"}]', "answer 1 of 1: no key 'trajectory'; expected a list of"),
+        ("[3]", "answer 1 of 1 is invalid ('int' object is not subscriptable), expected a list of"),
+        ('[{"instr_id": "1_8_0"}]', "answer 1 of 1 is invalid (no key 'trajectory'), expected a list of"),
         (
             '[{"instr_id": "1_8_0", "trajectory": [["a", 0, 0], 7]}]',
-            "answer 1 of 1: the trajectory is int, expected a list; expected a list of",
+            "answer 1 of 1 is invalid (the trajectory has the type int, not list), expected a list of",
         ),
     ],
 )

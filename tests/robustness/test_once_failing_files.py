@@ -206,7 +206,7 @@ FAULTS: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
     "step of text": (
         json_file("reverie/answers.json", lambda answers: answers[0]["trajectory"][1].__setitem__(2, "north")),
         SCORE,
-        r"answer 1 of \d+: the heading and elevation of a step are \[0\.0, 'north'\], expected two numbers",
+        r"answer 1 of \d+ is invalid \(the heading and elevation of a step are \[0\.0, 'north'\], not numbers\)",
     ),
     "stored row twice": (
         json_file(

@@ -201,7 +201,7 @@ BROKEN_STAGES = [
     (Backward, "resect of 8 directions.*: received"),
     (Rangeless, r"match of a graph without range: received scores .*nan"),
     (Shuffled, "match after write_index and open_index: received other matches, expected the matches of `index`"),
-    (Fragile, "map: received ValueError: the number 3 is odd"),
+    (Fragile, "map: received ValueError: the item 3 is odd"),
     (Backwards, r"received \[4, 1\], expected \[1, 4\], in order"),
     (Vague, "map over an item that ends its process: received None, expected WorkerDied as the answer of this item"),
 ]

@@ -240,7 +240,7 @@ def test_derived_places_are_not_extended_by_frames_without_places():
     plan = derive_floors(frames)
     assert plan.sources.regions is PartSource.FREE_SPACE
     new = [replace(frame, id=f"new-{frame.id}", place=f"new-{frame.id}") for frame in two_rooms()]
-    with pytest.raises(DataError, match="derived from free space: build the map again from all data"):
+    with pytest.raises(DataError, match="only possible for all frames together: build the map again"):
         extend_floors(plan.floors, plan.frames, new, plan.sources)
 
 

@@ -132,9 +132,8 @@ class Likelihood(Settings):
         0.33,
         gt=0,
         le=1,
-        description="factor (0 to 1) that multiplies the odds that an object of the query is an object of the place, "
-        "in the likelihood ratio of a place in which no pose of the query was found. This likelihood ratio ignores "
-        "positions",
+        description="used if no pose of the query was found in a place. Its likelihood ratio then ignores positions, "
+        "and this factor (0 to 1) multiplies the odds that an object of the query is an object of the place",
     )
     scale_error: float = Field(
         0.1,

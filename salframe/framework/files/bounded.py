@@ -152,23 +152,25 @@ def _check_events(content: bytes | str) -> None:
             )
 
 
-def _check_plain(value: Any) -> None:
+def _check_plain(value: Any, key: str = "") -> None:
     """Raise ValueError on values that JSON does not have: dates, non-finite numbers, integers of over 64 bits."""
+    where = f"key {key}: " if key else ""
     if isinstance(value, dict):
-        for key, part in value.items():
-            if isinstance(key, bool) or not isinstance(key, str | int):
-                raise ValueError(f"received the key {key!r}, expected a key that is text or an integer")
-            _check_plain(key)
-            _check_plain(part)
+        for name, part in value.items():
+            if isinstance(name, bool) or not isinstance(name, str | int):
+                raise ValueError(f"{where}received the key {name!r}, expected a key that is text or an integer")
+            _check_plain(name, key)
+            _check_plain(part, f"{key}.{name}".lstrip("."))
     elif isinstance(value, list):
-        for part in value:
-            _check_plain(part)
+        for index, part in enumerate(value):
+            _check_plain(part, f"{key}.{index}".lstrip("."))
     elif isinstance(value, str):
         value.encode()  # raises on a lone surrogate
     elif isinstance(value, int):
         if not _MIN_INTEGER <= value < _END_INTEGER:
-            raise ValueError("received an integer of more than 64 bits, expected at most 64 bits")
+            raise ValueError(f"{where}received an integer of more than 64 bits, expected at most 64 bits")
     elif isinstance(value, float):
-        _finite(str(value))
+        if not math.isfinite(value):
+            raise ValueError(f"{where}received the number {value}, expected a finite number")
     elif value is not None:
-        raise ValueError(f"received the {type(value).__name__} {value}, expected text: put the value in quotes")
+        raise ValueError(f"{where}received the {type(value).__name__} {value}, expected text: put the value in quotes")

@@ -329,8 +329,8 @@ def _check_words(path: Path, numbers: np.ndarray, words: Sequence[str]) -> None:
         )
     if len(numbers) and numbers.max() >= len(words):
         raise DataError(
-            f"{path} contains the word number {numbers.max()}, expected a number below {len(words)}, the number of "
-            "words: build the map again"
+            f"{path} refers to the string {numbers.max()} of a list of {len(words)} strings, expected a smaller index: "
+            "build the map again"
         )
 
 

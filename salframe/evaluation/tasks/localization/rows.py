@@ -67,6 +67,6 @@ class AnswerRow(PieceRow):
             raise ValueError(
                 f"an answer has {len(self.probabilities or ())} probabilities for {len(self.places)} places, and "
                 f"out_of_map_probability is {self.out_of_map_probability}; expected one probability for each place "
-                "and an out_of_map_probability, or no probabilities and None"
+                "and a number as out_of_map_probability, or no probabilities and the out_of_map_probability None"
             )
         return self

@@ -38,7 +38,6 @@ class PairRow(PieceRow):
         if self.status == PieceStatus.OK and None in (self.kind, self.matches, *counted):
             raise ValueError(
                 "a result row with the status ok lacks a field, expected `kind` and `matches`; for matches of points "
-                "also "
-                "`judged` and `within_px`; for matches of nodes also `correct` and `true`"
+                "also `judged` and `within_px`; for matches of nodes also `correct` and `true`"
             )
         return self

@@ -119,7 +119,9 @@ class _Matching(Worker[FramePair]):
         )
         matches = correspond(self._localizer, query, reference)
         if matches is None:
-            raise MethodUnavailable("the method does not match points or objects, which the task 'matching' measures")
+            raise MethodUnavailable(
+                "the method returns no matches of points or objects, which the task 'matching' measures"
+            )
         if not isinstance(matches, PointMatches | NodeMatches):
             raise InvalidAnswer(
                 f"the function `correspond` of the method returned {type(matches).__name__}, expected PointMatches, "

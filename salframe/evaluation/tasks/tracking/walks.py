@@ -79,7 +79,7 @@ def draw_walk(site: Site, number: int, seed: int) -> Walk:
         if len(poses) == NUM_VIEWS and len({*places} - {""}) > 1:
             return Walk(f"{world.id}-walk-{number}", number, world.id, tuple(poses), places)
     raise DataError(
-        f"no camera path (walk) fits into the building {world.id}, expected room for a path of "
+        f"no camera path (walk) fits into the building {world.id}, expected enough free space for a path of "
         f"{(NUM_VIEWS - 1) * STEP_M:g} m through at least two rooms"
     )
 
