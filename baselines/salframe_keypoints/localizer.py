@@ -183,7 +183,7 @@ class Keypoints(Localizer):
         return [self._verify(views, frame, turn) for frame, turn in zip(frames, turns.tolist(), strict=True)]
 
     def correspond(self, query: Description, reference: Description) -> PointMatches:
-        """Return the matches of two panoramas. A query is matched in the same way with each candidate frame.
+        """Return the matches of two panoramas. `match` matches a query in the same way with each candidate frame.
 
         The relative heading is estimated with a vocabulary that is learned from these two panoramas.
         """

@@ -55,7 +55,8 @@ class Lines(Localizer):
     A line distance function gives, for each direction, the angle to the nearest line. The function of the query is
     compared with the functions at the points of a grid around each reference frame. Only lines along three principal
     directions are used. The principal directions of two upright panoramas can be aligned by four rotations, and all
-    four are tested. A reference frame with one of these rotations is a candidate, with its most similar point.
+    four are tested. Each pair of a reference frame and a rotation is a candidate. Its position is the grid point whose
+    function is most similar to that of the query.
 
     The lines of each candidate are then aligned with the lines of the query. The answer is the place and the pose of
     the candidate that explains the largest share of the query's lines.

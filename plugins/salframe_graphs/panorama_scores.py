@@ -49,8 +49,8 @@ class PanoramaScoresConfig(ComponentConfig):
         True,
         description="what happens if the best match is a reference frame in a doorway. true: it is replaced by the "
         "reference frame in a room that is nearest to the estimated pose; false: it is not replaced. `saliency-graph` "
-        "answers with the place of the resulting frame. In `saliency-places`, this place receives the score of the "
-        "match, as one part of its evidence",
+        "answers with the place of the resulting frame. In `saliency-places`, the score of the match is a part of the "
+        "evidence for this place",
     )
 
 

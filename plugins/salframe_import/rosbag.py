@@ -107,7 +107,7 @@ class RosBagImporter(Importer):
             ge=0,
             le=100,
             description="number of views (images) of each query. The views of a query are a short sequence of the "
-            "recording; 0: the recording is not divided into queries and reference frames",
+            "recording; 0: there are no queries of several views",
         )
         sequence_period: int = Field(
             20,

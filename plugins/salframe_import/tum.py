@@ -71,7 +71,8 @@ class TumImporter(Importer):
             "auto",
             min_length=1,
             description="intrinsics of the camera: freiburg1, freiburg2 or freiburg3 (cameras of the benchmark), "
-            "default (focal length 525 pixels at 640 x 480), or the path of a file CAMERA.json; auto: the camera in "
+            "default (focal length 525 pixels at 640 x 480), or the path of a camera file (see `salframe docs views`); "
+            "auto: the camera in "
             "the name of the folder, otherwise default",
         )
         max_time_s: PositiveFloat = Field(
@@ -81,7 +82,8 @@ class TumImporter(Importer):
         )
         pose_offset_s: float = Field(
             0.0,
-            description="time (s) that is added to the timestamps of the poses, such as a known delay of the images",
+            description="time (s) that is added to the timestamps of the poses. If the timestamps of the images are "
+            "late by a known delay, set this delay",
         )
         quaternion: Literal["xyzw", "wxyz"] = Field(
             "xyzw",

@@ -57,8 +57,8 @@ class Reverie(Scorer):
         if not scored:
             available = ", ".join(f"{split} ({len(episodes)} instructions)" for split, episodes in splits.items())
             raise DataError(
-                f"{answers} has no answer to an instruction of {root}, expected answers to the instructions of at "
-                f"least one split ({available})"
+                f"none of the answers in {answers} belongs to an instruction of {root}, expected answers to the "
+                f"instructions of at least one split ({available})"
             )
         for split, episodes in scored.items():
             missing = [name for name in episodes if name not in answer_by_id]

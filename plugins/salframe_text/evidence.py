@@ -34,8 +34,8 @@ class TextEvidence(EvidenceModel):
     - d: edit distance of s and q (Levenshtein 1966)
     - 40: number of characters that can be confused
 
-    With the probability `unmapped`, the string of the sign is not in the map at the place of the query. It is then the
-    string of another, random place or an unknown string, both equally likely.
+    With the probability `unmapped`, the map does not contain the string of the sign at the place of the query. There
+    are then two equally likely cases: the map contains the string at a random other place, or at no place.
     """
 
     name = "text"

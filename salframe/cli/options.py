@@ -148,7 +148,7 @@ Workers = Annotated[
         "--workers",
         parser=number_parser("--workers", int, 1, MAX_WORKERS),
         metavar="N",
-        help="Number of worker processes (default: a number that uses all cores)",
+        help="Number of worker processes (default: one per core to render, a single one for other work)",
     ),
 ]
 parse_seed = number_parser("--seed", int, 0, MAX_SEED)

@@ -55,11 +55,12 @@ def ranked_places(
 
 
 class LocalizationStatus(StrEnum):
-    """Result of a localization: an answer (`OK`, `NO_POSE`), or the reason why there is none.
+    """Status of a localization.
 
-    An answer with `NO_POSE` has places, but no pose. An answer with `OUT_OF_MAP` also has places, but the query is
-    probably in none of these places. `NO_OBJECTS` and `NO_FEATURES`: the query shows none. `NO_MATCH`: nothing in the
-    map matches the query. `LOW_SCORE`: the best score is below the minimum of the method.
+    `OK`: the answer has places and a pose. `NO_POSE`: the answer has places, but no pose. `OUT_OF_MAP`: the answer has
+    places, but the query is probably in none of them. The other values are reasons why there is no place. `NO_OBJECTS`
+    and `NO_FEATURES`: the query shows none. `NO_MATCH`: nothing in the map matches the query. `LOW_SCORE`: the best
+    score is below the minimum of the method.
     """
 
     OK = "ok"

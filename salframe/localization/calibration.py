@@ -146,10 +146,11 @@ class MapCalibration(Settings):
         MAX_OUT_OF_MAP_PROBABILITY.
 
         The p-value of an answer is (1 + k) / (1 + n) (Vovk, Gammerman, Shafer: Algorithmic Learning in a Random World,
-        2005, section 2.2). n is the number of out-of-map answers in `absent_in_map`. k is the number of these whose
-        probability of being in the map is at least the probability of the answer. An answer passes the test if its
-        p-value is at most `max_false_accept`. If out-of-map queries are exchangeable with the hidden frames, at most a
-        share `max_false_accept` of the out-of-map queries passes.
+        2005, section 2.2). n is the number of answers in `absent_in_map`: those of hidden frames, that is, of reference
+        frames that were localized in the map without their place. k is the number of these answers whose probability of
+        being in the map is at least the probability of the answer. An answer passes the test if its p-value is at most
+        `max_false_accept`. If out-of-map queries are exchangeable with the hidden frames, at most a share
+        `max_false_accept` of the out-of-map queries passes.
 
         Raises:
             DataError: There are fewer than 1 / max_false_accept out-of-map answers.

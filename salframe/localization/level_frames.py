@@ -93,8 +93,8 @@ def level_motions(T_last_view: np.ndarray, rotations: list[np.ndarray | None]) -
 
 
 def unlevel_answer(answer: Localization, rotation: np.ndarray | None) -> Localization:
-    """Convert the answer to a levelled panorama to an answer with the pose of the tilted camera, and add a note on the
-    tilt.
+    """Return an answer with the pose of the tilted camera and a note on the tilt, from the answer to the levelled
+    panorama.
 
     Args:
         answer: The answer to the levelled panorama.

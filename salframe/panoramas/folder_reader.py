@@ -208,7 +208,7 @@ class Folder:
         """Return the stairs and lifts.
 
         Raises:
-            DataError: An end is not the place of a frame with the role map.
+            DataError: An end of a connection is not the place of a reference frame.
         """
         connections = list(self.manifest.connections or ())
         frames = [frame for frame in self.manifest.frames if frame.role == "map"]

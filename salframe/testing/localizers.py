@@ -207,7 +207,8 @@ class _RandomMap:
             self.check_query(changed, other, number, world)
 
     def check_query(self, changed: str, other: LocalizationMap, number: int, world: np.ndarray | None = None) -> None:
-        """Check that the answer to a query is the same. With `world`, its pose must have moved by this transform."""
+        """Check that another map gives the same answer to a query. With `world`, its pose must have moved by this
+        transform."""
         _, description, before = self.queries[number]
         checked = f"match of query {number} in {self}, with {changed}"
         _expect_same(checked, before, attempt(checked, other.answer, description), world)

@@ -107,7 +107,8 @@ def name_parts(parts: Iterable[str]) -> str:
 
 
 def needs_of(config: ComponentConfig) -> frozenset[str]:
-    """Return the parts of panoramas in the `needs` of a configured component and of the components in its slots."""
+    """Return what a configured component needs of a panorama: its own `needs` and those of the components in its
+    slots."""
     needs = getattr(config.component, "needs", None)
     parts = needs if isinstance(needs, frozenset) else frozenset()
     return parts.union(*(needs_of(inner) for _, inner in components_in(config)))

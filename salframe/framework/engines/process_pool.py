@@ -39,7 +39,7 @@ class ProcessPool(ProcessPoolExecutor):
         super().__init__(workers, initializer=_begin_work, initargs=(parent,), env=env)
 
     def stop(self) -> None:
-        """End the processes at once. Their current items get a KeyboardInterrupt and have no result."""
+        """End the processes at once. The functions that run are interrupted, and their items have no result."""
         processes = list(self._processes.values())  # Python 3.14 adds terminate_workers()
         for process in processes:
             process.terminate()

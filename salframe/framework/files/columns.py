@@ -281,7 +281,7 @@ def _read_lengths(path: Path, shape: tuple[int, int]) -> np.ndarray:
 
 
 def check_kinds(columns: Columns, row: Row) -> None:
-    """Check that each column has the same `dtype.kind` as the array with the same name in `row`, an example.
+    """Check that each column has the same `dtype.kind` as the array with the same name in the example `row`.
 
     Raises:
         DataError: The kinds differ: for example, a column contains booleans, and the array in `row` floats.

@@ -40,7 +40,7 @@ NumLabels = Annotated[int, Field(ge=1, le=20)]
 
 
 class AskingOptions(TaskOptions):
-    """Options of a study of descriptions."""
+    """Options of a study that finds rooms by descriptions in words."""
 
     labels: tuple[NumLabels, ...] = Field(
         (3,),
