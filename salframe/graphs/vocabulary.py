@@ -87,8 +87,11 @@ def is_moving(label: str) -> bool:
 
 
 def without_moving_objects(detections: Detections) -> Detections:
-    """Return the detections without people, animals and bags, which are probably elsewhere in the next panorama. The
-    list `moving` of vocabulary.yaml contains their general names."""
+    """Return the detections without people, animals and bags, which are probably elsewhere in the next panorama.
+
+    The list `moving` of vocabulary.yaml contains general names, such as `animal`. Detections with special names, such
+    as `dog`, are left out, too.
+    """
     rows = [row for row, label in enumerate(detections.labels) if not is_moving(label)]
     return detections if len(rows) == len(detections) else detections.take(np.array(rows, np.intp))
 

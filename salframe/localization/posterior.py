@@ -306,8 +306,11 @@ def standardize(
 def absent_moments(
     contrast: np.ndarray, nu: np.ndarray, mean_effect: float, deviation_effect: float
 ) -> tuple[float, float]:
-    """Return the mean and the standard deviation, at nu = 0, of the contrasts (N,) of out-of-map answers, or of another
-    value of these answers, by maximum likelihood. N is at least 1; the other arguments are as in `Head`."""
+    """Fit a normal distribution to the contrasts (N,) of out-of-map answers by maximum likelihood, and return its mean
+    and standard deviation at nu = 0.
+
+    `contrast` can also contain a column of the evidence. N is at least 1. The other arguments are as in `Head`.
+    """
     weight = np.exp(-2 * deviation_effect * nu)
     center, nu_center = float(np.average(contrast, weights=weight)), float(np.average(nu, weights=weight))
     # For a deviation s, the most likely mean is center - mean_effect s nu_center. The most likely s is then a root of

@@ -32,9 +32,9 @@ def random_config(config: ComponentConfig, seed: int) -> ComponentConfig:
     """Return a configuration with random valid settings, with which the component can be created.
 
     The draw changes booleans, choices, optional values, and numbers (to values near the original). A setting whose
-    value is another component gets a component that needs no weights. This component is part of salframe, or of the
-    package of the configured component. Files and texts do not change. The draw of a setting depends on the seed, its
-    key and its value only.
+    value is another component gets a component that needs no weights. The new component is part of salframe, or of
+    the package that defines the component of `config`. Files and texts do not change. The draw of a setting depends
+    on the seed, its key and its value only.
 
     Args:
         config: The configuration to start from. It is returned if no draw is usable.
