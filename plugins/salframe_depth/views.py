@@ -71,7 +71,7 @@ class ViewRays:
     cosine: np.ndarray
 
     def sample(self, image: np.ndarray) -> np.ndarray:
-        """Sample an image (h, w) of the view, of any size, at the rays by bilinear interpolation.
+        """Return the values of an image (h, w) of this view at the rays of this object, by bilinear interpolation.
 
         Returns:
             (...) float32, NaN outside the view.

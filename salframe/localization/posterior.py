@@ -116,8 +116,8 @@ class Head(Settings):
     )
 
     def relative_objects(self, objects: np.ndarray) -> np.ndarray:
-        """Return nu (see the class) for queries with these numbers of objects (N,); 0 if a number of objects is 0,
-        which means unknown."""
+        """Return nu (see the class) of queries from their numbers of objects (N,). A number of 0 means unknown, and
+        gives nu = 0."""
         return relative_logarithm(objects, self.objects)
 
     def standardize(self, contrast: np.ndarray, nu: np.ndarray) -> np.ndarray:

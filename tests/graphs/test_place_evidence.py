@@ -170,7 +170,9 @@ def test_joined_views_have_the_evidence_of_the_last():
 
 def test_evidence_of_objects_needs_a_localizer_with_objects():
     hypotheses = PlaceHypotheses(np.zeros(1, int), np.zeros((0, 2)), np.zeros(0), np.zeros(0), np.zeros(1))
-    with pytest.raises(ConfigError, match="'labels' works only with the localizer saliency-places"):
+    with pytest.raises(
+        ConfigError, match="'labels' needs objects, so it works only with the localizer saliency-places"
+    ):
         LabelEvidence().score({}, hypotheses)
 
 

@@ -201,8 +201,8 @@ class LabelEvidence(EvidenceModel):
 def _with_objects(evidence: EvidenceModel, hypotheses: PlaceHypotheses) -> ObjectHypotheses:
     if not isinstance(hypotheses, ObjectHypotheses):
         raise ConfigError(
-            f"the evidence component {evidence.name!r} works only with the localizer saliency-places, which detects "
-            f"objects: remove {evidence.name!r} from the setting `evidence`"
+            f"the evidence component {evidence.name!r} needs objects, so it works only with the localizer "
+            f"saliency-places (method proposed): remove {evidence.name!r} from the setting `evidence`"
         )
     return hypotheses
 

@@ -203,7 +203,7 @@ class Task(ABC, Generic[Piece, Surveyed, PieceRowT, LineT]):
         """Return the rows of the results table, one for each method, for one dataset or pooled over several."""
 
     def write_page(self, result: Result[LineT], records: Sequence[Record[PieceRowT]], survey: Surveyed) -> Path | None:
-        """Write the page of a run into its folder and return its path; None if the task has no page (default)."""
+        """Write the page of a run into the run folder, and return the path of the page; None: the task has no page."""
         return None
 
     def write_files(self, run: Run, survey: Surveyed, records: Sequence[Record[PieceRowT]]) -> None:

@@ -49,8 +49,9 @@ class WorkerEngine(Engine):
             ge=1,
             le=1024,
             description="number of worker processes, with one thread each; null: one worker per core to render the "
-            "images of a dataset, and a single worker for all other jobs. The single worker uses all cores with "
-            "`--engine processes`, and one core with `--engine ray`",
+            "images of a dataset, and a single worker for all other jobs. With `--engine processes`, this single "
+            "worker "
+            "has several threads, which use all cores",
         )
 
     @abstractmethod
