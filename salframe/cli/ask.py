@@ -18,7 +18,7 @@ def ask(
     ],
     as_json: Json = False,
 ) -> None:
-    """Find the places of a map that fit a text, such as "sofa, two plants left of the bed".
+    """Find the places of a map that fit a text.
 
     Prints the five likeliest places with their probabilities, and the yes-or-no question that would best tell them
     apart. Commas separate objects. A number or "no" may stand before an object. "left of", "right of" or "opposite" may

@@ -140,7 +140,7 @@ def _value(setting: Setting) -> str:
 
 
 def doctor(verbose: Verbose = False, as_json: Json = False) -> None:
-    """Check the versions, plugins, cache and weights of this installation.
+    """Check this installation: versions, plugins, cache, weights.
 
     The exit status is 1 if a plugin failed to load.
     """
