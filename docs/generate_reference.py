@@ -212,8 +212,9 @@ CHOICES = {
     "evidence": "Choose the evidence of the method `proposed` with `--set evidence=[NAME,NAME]`.",
     "range-model": "Choose the range model of a localizer with `--set range.kind=NAME`, and change its settings with "
     "`--set range.KEY=VALUE`.",
-    "scene-index": "`--set scene_index.kind=NAME` chooses the index of the method `proposed`, and "
-    "`--set matcher.scene_index.kind=NAME` chooses the index of `saliency-graph` and its variants, such as `usg`.",
+    "scene-index": "`--set scene_index.kind=NAME` chooses the index with which `proposed` selects places. "
+    "`--set matcher.scene_index.kind=NAME` chooses the index of the matcher, which `saliency-graph`, its variants such "
+    "as `usg`, and the evidence `panorama` of `proposed` use.",
     "feature-matcher": "Choose the feature matcher of the localizer `keypoints` with `--set features.kind=NAME`, and "
     "change its settings with `--set features.KEY=VALUE`.",
     "image-network": "Choose the image network of the localizer `image` with `--set network.kind=NAME`, and change its "

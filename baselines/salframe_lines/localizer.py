@@ -58,8 +58,8 @@ class Lines(Localizer):
     four are tested. Each pair of a reference frame and a rotation is a candidate. Its position is the grid point whose
     function is most similar to that of the query.
 
-    The lines of each candidate are then aligned with the lines of the query. The answer is the place and the pose of
-    the candidate that explains the largest share of the query's lines.
+    The lines of the best candidates (setting `shortlist`) are then aligned with the lines of the query. The answer is
+    the place and the pose of the candidate that explains the largest share of the query's lines.
     """
 
     name = "lines"

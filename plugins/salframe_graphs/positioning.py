@@ -214,7 +214,7 @@ class LeastSquaresPositioner(Positioner):
         angle: Literal["atan2", "arccos"] = Field(
             "atan2",
             description="how the angle between two directions is computed: from the query to an object, and from the "
-            "reference frame to the matched object. atan2: with sign; arccos: without sign, as in the paper",
+            "estimated position to the matched object. atan2: with sign; arccos: without sign, as in the paper",
         )
         mean: Literal["circular", "arithmetic"] = Field(
             "circular",

@@ -107,7 +107,7 @@ def room_types_of(config: HouseConfig) -> dict[str, str]:
 @cache
 def frames_of(config: HouseConfig) -> tuple[HouseFrame, ...]:
     """Return the frames of a dataset, storey by storey (see `choose_frames`), with the lighting of its settings.
-    The earlier views of a query with several views come directly before its last view."""
+    The earlier views of a query with `query_motion=driven` come directly before its last view."""
     if config.storeys == 1:
         return _frames_of_storey(config)
     frames: list[HouseFrame] = []

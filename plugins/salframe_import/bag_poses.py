@@ -280,8 +280,8 @@ def find_poses(bag: MessageStore, tree: TransformTree, frame: str, topic: str | 
     world = world or (MAP if MAP in above else tree.root(frame))
     if world not in tree.frames:
         raise DataError(
-            f"{bag.path} has no frame {world} in /tf and /tf_static, expected the setting `world` to name one of its "
-            f"frames: {', '.join(tree.frames) or 'none'}"
+            f"{bag.path} has no frame {world} in /tf and /tf_static, expected one of its frames: "
+            f"{', '.join(tree.frames) or 'none'}"
         )
     if all(track.is_static for track in tree.chain(frame)):
         raise DataError(

@@ -103,7 +103,8 @@ class MatterportAnnotations(NavigableDataset):
             False,
             description="true: a map contains all buildings together, 1 km apart along x; false: a map contains one "
             "building. Without `map_share`, there are several maps in both cases, because the viewpoint of a query "
-            "must not be in its map (see `leave_out`). With true, each map then serves one query of each building. If "
+            "must not be in its map (see `leave_out`). With true, each map then serves at most one query of each "
+            "building. If "
             "the dataset has a single building, true and false give the same maps",
         )
         map_share: float | None = added(
@@ -262,7 +263,8 @@ class MatterportAnnotations(NavigableDataset):
             more = "1 other viewpoint" if self.config.leave_out == 1 else f"{self.config.leave_out} other viewpoints"
             raise DataError(
                 f"{self._root} has no queries, expected a viewpoint with at least {self.config.min_visible} visible "
-                f"objects, in a region with at least {more}: decrease min_visible, or choose other buildings"
+                f"objects, in a region with at least {more}: decrease min_visible or leave_out, or choose other "
+                "buildings"
             )
         if self.config.map_share is not None:
             return self._folds_of_shared_maps(queries)

@@ -12,7 +12,7 @@ from typing import Literal, cast, get_args
 import numpy as np
 from pydantic import Field
 
-from salframe.framework.errors import DataError, counted
+from salframe.framework.errors import DataError
 from salframe.framework.files.bounded import read_bytes
 from salframe.framework.files.hashes import digest
 from salframe.framework.files.reading import read_text, reading
@@ -154,7 +154,7 @@ class MeshDataset(RenderedDataset[FrameSpec]):
         houses = sorted(self._source.glob("*.house"))
         if len(houses) != 1:
             raise DataError(
-                f"{self._source} has {counted(len(houses), '.house file')} and no frames.csv, expected the positions "
+                f"{self._source} has {len(houses)} .house files and no frames.csv, expected the positions "
                 f"of the panoramas in frames.csv ({', '.join(_COLUMNS)}) or in exactly one .house file of Matterport3D"
             )
         references = []

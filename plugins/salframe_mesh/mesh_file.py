@@ -106,9 +106,8 @@ def _check_counts(path: Path, size: int) -> None:
     for count in re.findall(rb"^\s*element\s+\S+\s+(\S+)", header, re.MULTILINE):
         if not count.isdigit() or len(count) > 12 or int(count) > size:
             raise ValueError(
-                f"the header states {count.decode(errors='replace')[:20]} elements, but the file has only {size} "
-                "bytes: "
-                "it is damaged"
+                f"the header states {count.decode(errors='replace')[:20]} elements, expected an integer of at most "
+                f"{size}, the number of bytes of the file"
             )
 
 

@@ -91,8 +91,8 @@ class SegmentsDetector(Detector):
         card: SingleFile | None = Field(
             None,
             description="path of the model card, a YAML file that describes input, output and classes of the network; "
-            "null: the YAML file beside the file of the network, such as net.yaml for net.onnx. If ade20k or ade20k-32 "
-            "has no such file, the model card of this package is used",
+            "null: for ade20k and ade20k-32, the model card of this package; for your file, the YAML file beside it, "
+            "such as net.yaml for net.onnx",
         )
         views: int = Field(
             6, ge=1, le=16, description="number of horizontal perspective views that are cut from the panorama"

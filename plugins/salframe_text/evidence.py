@@ -35,7 +35,7 @@ class TextEvidence(EvidenceModel):
     - 40: number of characters that can be confused
 
     With the probability `unmapped`, the map does not contain the string of the sign at the place of the query. There
-    are then two equally likely cases: the map contains the string at a random other place, or at no place.
+    are then two equally likely cases: the string is one of a random place of the map, or of no place.
     """
 
     name = "text"

@@ -30,9 +30,7 @@ if TYPE_CHECKING:
 app = typer.Typer(help="Build, change, draw and query the map of a building.", no_args_is_help=True)
 TopologyMap = Annotated[
     Path,
-    typer.Argument(
-        metavar="MAP", help="Map folder; the map must have a topology, which `salframe build` adds by default"
-    ),
+    typer.Argument(metavar="MAP", help="Map folder; the map must have a topology (see `salframe build --topology`)"),
 ]
 AnyMap = Annotated[Path, typer.Argument(metavar="MAP", help="Map folder")]
 PlannerName = Annotated[

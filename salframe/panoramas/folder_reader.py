@@ -208,7 +208,7 @@ class Folder:
         """Return the stairs and lifts.
 
         Raises:
-            DataError: An end of a connection is not the place of a reference frame.
+            DataError: An end of a connection is not the place of a reference frame with the role `map`.
         """
         connections = list(self.manifest.connections or ())
         frames = [frame for frame in self.manifest.frames if frame.role == "map"]

@@ -196,7 +196,10 @@ def test_ways_are_shortest_in_3d(root):
         ),
         (
             dict.fromkeys(ANSWERS),
-            r"has no answer to an instruction of .*, expected answers to the instructions of at least one split "
+            r
+                "none of the answers in .* belongs to an instruction of .*, expected answers to the instructions of at "
+                "least one split "
+
             r"\(val_seen \(3 instr",
         ),
         ({"1_8_0": ("abz", 8)}, "the answer 1_8_0: the viewpoint 'z' is not in the building fake"),
@@ -220,11 +223,11 @@ def test_what_is_wrong_with_an_answer_is_one_line(root, change, message):
     [
         ("[{", "is not JSON"),
         ("3", "contains int, expected a list of"),
-        ("[3]", "answer 1 of 1 is invalid ('int' object is not subscriptable), expected a list of"),
-        ('[{"instr_id": "1_8_0"}]', "answer 1 of 1 is invalid (no key 'trajectory'), expected a list of"),
+        ("[3]", r"answer 1 of 1 is invalid \('int' object is not subscriptable\), expected a list of"),
+        ('[{"instr_id": "1_8_0"}]', r"answer 1 of 1 is invalid \(no key 'trajectory'\), expected a list of"),
         (
             '[{"instr_id": "1_8_0", "trajectory": [["a", 0, 0], 7]}]',
-            "answer 1 of 1 is invalid (the trajectory has the type int, not list), expected a list of",
+            r"answer 1 of 1 is invalid \(the trajectory has the type int, not list\), expected a list of",
         ),
     ],
 )

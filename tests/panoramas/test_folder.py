@@ -271,7 +271,7 @@ def test_a_wrong_file_is_one_line(folder: Path, spoil: Callable[[Path], object],
 
 
 def test_no_folder_no_manifest_no_json(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match="--data-dir DIR"):
+    with pytest.raises(DataError, match="pass the path as --data-dir"):
         FolderDataset().folds()
     with pytest.raises(DataError, match=r"expected a folder with the file manifest\.json"):
         dataset(tmp_path).folds()

@@ -214,7 +214,7 @@ FAULTS: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
             lambda results: results["whole"]["half"]["rows"].append(results["whole"]["half"]["rows"][0]),
         ),
         ("experiment", "experiment.yaml", "--engine", "inline", "--results", "results"),
-        r"experiment\.json: key whole\.half: the table has 2 rows, 1 mapping in `settings` and 1 different "
+        r"experiment\.json: key whole\.half: the table has 2 rows, 1 mapping in `settings` and 1 "
         "combination .*",
     ),
     "complex outlines": (

@@ -24,8 +24,7 @@ class DistantViews(Settings):
         2.5,
         ge=0,
         description="In a map without floor masks, successive views of a query form groups, and each group is assumed "
-        "to be in one place. A view belongs to the same group as the view before it if their distance (m) is at most "
-        "this value. Otherwise, it starts a new group",
+        "to be in one place. All views of a group are at most this distance (m) from the last view of the group",
     )
     window_m: float = Field(
         5.0,

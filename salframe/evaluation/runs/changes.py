@@ -22,9 +22,9 @@ def find_changes(
     """Return the settings of a method that differ from the settings that its label implies, "key=value" each.
 
     A label that begins with the name of a preset or component implies the settings of that preset or component. Any
-    other label implies the defaults of the component that the YAML file of the method names in its key `kind`. The
-    result then includes `kind`. Settings of a variant are left out if the label shows them as "key=value", or if a
-    user has chosen the label.
+    other label implies the settings of the preset or component that runs. If a YAML file runs, such a label implies
+    the defaults of the component in the key `kind` of the file, and the result includes `kind`. Settings of a
+    variant are left out if the label shows them as "key=value", or if a user has chosen the label.
 
     Args:
         role: Role of the method.

@@ -138,7 +138,7 @@ def resolve(request: Request, role: str = "localizer", scopes: Sequence[str] = (
             both = f"{requested[variant.label].method} and {variant.method}"
             raise ConfigError(
                 f"the methods {both} have the same label {variant.label!r}, expected different labels for the rows of "
-                "the table: rename one of the two files, or change one label"
+                "the table: rename one of the two files, or change a label"
             )
     contents = {variant.name: settings(role, variant.method) for variant in requested.values()}
     pairs = map(parse_override, request.settings)

@@ -55,7 +55,7 @@ class StoredTable(Settings):
         if not len(keys) == len(self.rows) == len(self.settings):
             raise ValueError(
                 f"the table has {counted(len(self.rows), 'row')}, {counted(len(self.settings), 'mapping')} in "
-                f"`settings` and {counted(len(keys), 'different combination')} of settings and method, expected one "
+                f"`settings` and {counted(len(keys), 'combination')} of settings and method, expected one "
                 "mapping and one combination per row: remove the table from the file, and measure it again"
             )
         return self

@@ -152,25 +152,32 @@ def _check_events(content: bytes | str) -> None:
             )
 
 
-def _check_plain(value: Any, key: str = "") -> None:
+def _check_plain(value: Any, keys: tuple[str | int, ...] = ()) -> None:
     """Raise ValueError on values that JSON does not have: dates, non-finite numbers, integers of over 64 bits."""
-    where = f"key {key}: " if key else ""
     if isinstance(value, dict):
-        for name, part in value.items():
-            if isinstance(name, bool) or not isinstance(name, str | int):
-                raise ValueError(f"{where}received the key {name!r}, expected a key that is text or an integer")
-            _check_plain(name, key)
-            _check_plain(part, f"{key}.{name}".lstrip("."))
+        for key, part in value.items():
+            if isinstance(key, bool) or not isinstance(key, str | int):
+                raise ValueError(
+                    f"{_location(keys)}received the key {key!r}, expected a key that is text or an integer"
+                )
+            _check_plain(key, keys)
+            _check_plain(part, (*keys, key))
     elif isinstance(value, list):
         for index, part in enumerate(value):
-            _check_plain(part, f"{key}.{index}".lstrip("."))
+            _check_plain(part, (*keys, index))
     elif isinstance(value, str):
         value.encode()  # raises on a lone surrogate
     elif isinstance(value, int):
         if not _MIN_INTEGER <= value < _END_INTEGER:
-            raise ValueError(f"{where}received an integer of more than 64 bits, expected at most 64 bits")
+            raise ValueError(f"{_location(keys)}received an integer of more than 64 bits, expected at most 64 bits")
     elif isinstance(value, float):
         if not math.isfinite(value):
-            raise ValueError(f"{where}received the number {value}, expected a finite number")
+            raise ValueError(f"{_location(keys)}received the number {value}, expected a finite number")
     elif value is not None:
-        raise ValueError(f"{where}received the {type(value).__name__} {value}, expected text: put the value in quotes")
+        kind = type(value).__name__
+        raise ValueError(f"{_location(keys)}received the {kind} {value}, expected text: put the value in quotes")
+
+
+def _location(keys: tuple[str | int, ...]) -> str:
+    """Return the beginning of an error about a value: the path of its keys."""
+    return f"key {shorten('.'.join(map(str, keys)))}: " if keys else ""

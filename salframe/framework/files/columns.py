@@ -329,7 +329,7 @@ def _check_words(path: Path, numbers: np.ndarray, words: Sequence[str]) -> None:
         )
     if len(numbers) and numbers.max() >= len(words):
         raise DataError(
-            f"{path} refers to the string {numbers.max()} of a list of {len(words)} strings, expected a smaller index: "
+            f"{path} refers to the string {numbers.max()} of a list of strings, expected an index below {len(words)}: "
             "build the map again"
         )
 

@@ -93,7 +93,9 @@ def _fields(message: memoryview) -> Iterator[tuple[int, memoryview]]:
         elif kind == _BYTES:
             length, at = _varint(message, at)
             if at + length > len(message):
-                raise ValueError("the network file is damaged: it ends within a field, expected a complete file")
+                raise ValueError(
+                    "the network file is no ONNX file, or damaged: a field is longer than the part that contains it"
+                )
             yield key >> 3, message[at : at + length]
             at += length
         else:

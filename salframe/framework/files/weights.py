@@ -184,7 +184,10 @@ def receive(address: str, path: Path, max_bytes: int, progress: Callable[[int], 
             while chunk := response.read(CHUNK_BYTES):
                 sink.write(chunk)
                 if sink.tell() > max_bytes:
-                    raise OSError(f"the server sent more than the expected {max_bytes} bytes, so this is another file")
+                    raise OSError(
+                        f"the server sent more than {max_bytes} bytes, expected at most {max_bytes}: it has another "
+                        "file"
+                    )
                 progress(sink.tell())
             length = response.headers.get("Content-Length")
             if length is not None and sink.tell() < int(length):

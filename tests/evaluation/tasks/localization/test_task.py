@@ -257,7 +257,7 @@ def test_evaluate_measures_again_from_the_answers(fakes):
     [
         (
             {"out_of_map_probability": 0.5},
-            "expected one probability for each place and an out_of_map_probability, or no probabilities and None",
+            "expected one probability for each place and a number as out_of_map_probability, or no probabilities",
         ),
         ({"places": []}, "an answer with the status ok has no place, expected at least one place"),
     ],
