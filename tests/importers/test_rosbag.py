@@ -245,10 +245,9 @@ def write_drive(path: Path) -> Path:
 def test_sequences_of_views(tmp_path):
     recording = read(write_drive(tmp_path / "a"), "num_views=3", "sequence_period=8", "view_distance_m=0.4")
     (note,) = recording.notes
-    assert note == 
-        "the poses are from tf, in the frame map; other poses are in /odom: to use them, pass --set "
-        "poses=TOPIC"
-
+    assert note == (
+        "the poses are from tf, in the frame map; other poses are in /odom: to use them, pass --set poses=TOPIC"
+    )
     views = [record for record in recording.records if record.sequence]
     # A view every 0.5 m; the sixth to the eighth of every eight are a sequence.
     assert [record.t_s - START_S for record in views] == pytest.approx([2.5, 3.0, 3.5, 6.5, 7.0, 7.5])
@@ -314,10 +313,7 @@ def test_inverted_extrinsics_are_named(tmp_path):
     assert note.startswith("the topic /camera/image_raw: the image is rolled: its x axis has an elevation of ")
     assert note.endswith("the frame camera_optical in /tf_static, and whether they are inverted")
     with pytest.raises(
-        DataError, match=r
-            "frame camera_optical\) are not upright according to their poses: .* \(not inverted, "
-            "quaternions"
-
+        DataError, match=r"frame camera_optical\) are not upright according to their poses: .* \(not inverted, quat"
     ):
         read(write_equirectangular(tmp_path / "b", xyzw=inverse))
 
@@ -361,10 +357,7 @@ def test_clocks_that_differ_by_half_a_second_are_named(tmp_path):
         (["num_views=20"], "num_views is 20, expected less than 20, the value of sequence_period"),
         (["num_views=3", "group_by=motion"], "num_views is 3 with group_by=motion, expected 0: set num_views=0"),
         (["num_views=3"], "too few views for a sequence, expected 20 views that are 0.5 m or 45 deg apart"),
-        (
-            ["world=map"],
-            "has no frame map in /tf and /tf_static, expected one of its frames: base_link",
-        ),
+        (["world=map"], "has no frame map in /tf and /tf_static, expected one of its frames: base_link"),
         (["poses=/odom", "world=odom"], "the setting `world` is 'odom', but the poses are from the topic /odom"),
     ],
 )

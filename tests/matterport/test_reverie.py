@@ -196,11 +196,8 @@ def test_ways_are_shortest_in_3d(root):
         ),
         (
             dict.fromkeys(ANSWERS),
-            r
-                "none of the answers in .* belongs to an instruction of .*, expected answers to the instructions of at "
-                "least one split "
-
-            r"\(val_seen \(3 instr",
+            r"none of the answers in .* belongs to an instruction of .*, expected answers to the instructions of at "
+            r"least one split \(val_seen \(3 instr",
         ),
         ({"1_8_0": ("abz", 8)}, "the answer 1_8_0: the viewpoint 'z' is not in the building fake"),
         ({"1_8_0": ("afd", 8)}, "the answer 1_8_0: the viewpoint 'f' is not in the building fake"),
