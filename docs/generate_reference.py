@@ -213,8 +213,8 @@ CHOICES = {
     "range-model": "Choose the range model of a localizer with `--set range.kind=NAME`, and change its settings with "
     "`--set range.KEY=VALUE`.",
     "scene-index": "`--set scene_index.kind=NAME` chooses the index with which `proposed` selects places. "
-    "`--set matcher.scene_index.kind=NAME` chooses the index of the matcher, which `saliency-graph`, its variants such "
-    "as `usg`, and the evidence `panorama` of `proposed` use.",
+    "`--set matcher.scene_index.kind=NAME` chooses the index of the matcher. The matcher is used by `saliency-graph`, "
+    "by its variants such as `usg`, and by `proposed` (for its evidence `panorama`).",
     "feature-matcher": "Choose the feature matcher of the localizer `keypoints` with `--set features.kind=NAME`, and "
     "change its settings with `--set features.KEY=VALUE`.",
     "image-network": "Choose the image network of the localizer `image` with `--set network.kind=NAME`, and change its "

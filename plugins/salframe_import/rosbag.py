@@ -112,9 +112,10 @@ class RosBagImporter(Importer):
         sequence_period: int = Field(
             20,
             ge=2,
-            description="number of successive views that form a group; must be larger than `num_views`. The last "
-            "`num_views` views of each group are a query. Images between the views of a query are left out. All other "
-            "images are reference frames. Only used if num_views is over 0",
+            description="number of successive views that form a group; must be larger than `num_views`. A view is an "
+            "image at which the camera has moved by view_distance_m or turned by view_turn_deg since the previous "
+            "view. The last `num_views` views of each group are a query. Images between the views of a query are left "
+            "out. All other images are reference frames. Only used if num_views is over 0",
         )
         view_distance_m: float = Field(
             0.5,

@@ -102,10 +102,9 @@ class MatterportAnnotations(NavigableDataset):
         one_map: bool = match_only(
             False,
             description="true: a map contains all buildings together, 1 km apart along x; false: a map contains one "
-            "building. Without `map_share`, there are several maps in both cases, because the viewpoint of a query "
-            "must not be in its map (see `leave_out`). With true, each map then serves at most one query of each "
-            "building. If "
-            "the dataset has a single building, true and false give the same maps",
+            "building. Without `map_share`, the viewpoint of a query must not be in its map (see `leave_out`). "
+            "Therefore, even with true there are several maps, each for at most one query of each building. If the "
+            "dataset has a single building, true and false give the same maps",
         )
         map_share: float | None = added(
             None,

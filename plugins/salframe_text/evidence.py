@@ -34,8 +34,8 @@ class TextEvidence(EvidenceModel):
     - d: edit distance of s and q (Levenshtein 1966)
     - 40: number of characters that can be confused
 
-    With the probability `unmapped`, the map does not contain the string of the sign at the place of the query. There
-    are then two equally likely cases: the string is one of a random place of the map, or of no place.
+    With the probability `unmapped`, the string of the sign is not among the strings that the map contains for the
+    place of the query. Two cases are then equally likely: the string belongs to a random place of the map, or to none.
     """
 
     name = "text"

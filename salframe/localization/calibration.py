@@ -127,12 +127,12 @@ class MapCalibration(Settings):
     Attributes:
         head: The calibrated head of the posterior. Its means, deviations, accuracy, bias and number of objects are
             adapted to this map.
-        present_frames: Number of frames that were localized while they were hidden, but not their places.
+        present_frames: Number of frames that were localized in the map without the frame, but with its place.
         absent_in_map: Probabilities of being in the map, computed by `head`, of the frames whose places were hidden;
             ascending. Their answers are the out-of-map answers.
         before: Quality of the probabilities without calibration; None if there are no present or no absent frames.
-        after: Quality with calibration, cross-validated: for the frames of a place, the calibration does not use these
-            frames.
+        after: Quality with calibration, cross-validated: the frames of each place are evaluated with a calibration that
+            was fitted to the frames of the other places.
     """
 
     head: Head

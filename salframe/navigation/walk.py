@@ -96,7 +96,7 @@ def walk(site: Site, localize: LocalizeFunction, episode: Episode, config: Navig
     initial heading, but not its initial position.
 
     Args:
-        site: The world of the episode, and the guide on its chart.
+        site: The world of the episode, and the guide, which plans the routes of the agent.
         localize: Function that localizes the agent.
         episode: The episode.
         config: Settings of navigation.

@@ -92,7 +92,7 @@ class FloorGrid:
 
 
 def cell(position: np.ndarray) -> tuple[int, int]:
-    """Return the pixel that contains a position (row, column)."""
+    """Return the pixel (row, column) that contains a position in the same order."""
     row, column = np.floor(position).astype(int)
     return int(row), int(column)
 
