@@ -218,7 +218,9 @@ class _Moments:
         return {**moments, "mean_effect": self.mean_effect, "deviation_effect": self.deviation_effect}
 
     def standardize(self, value: np.ndarray, nu: np.ndarray, map_number: np.ndarray) -> np.ndarray:
-        """Return the values (N,) minus the mean of their map, divided by its standard deviation.
+        """Return (value - mean) / deviation, (N,).
+
+        Mean and deviation were fitted to the map of each value, and depend on nu.
 
         Args:
             value: (N,) values.

@@ -34,7 +34,8 @@ class MisplacedFrame:
         frame: Id of the frame.
         place: Place of the frame.
         region: Name of the region that the frame stands on; None for no region.
-        in_doorway: Whether the frame is a transition frame that is far from all edges of regions, unlike a doorway.
+        in_doorway: Whether the frame is declared to be in a doorway (transition frame), but is far from all edges of
+            regions.
     """
 
     frame: str
