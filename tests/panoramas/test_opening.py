@@ -52,7 +52,9 @@ def test_data_dir_becomes_an_absolute_root(fakes, tmp_path):
 
 def test_overrides_are_laid_on_top(fakes):
     assert len(reference_frames(find_dataset("rooms", overrides=("data.rooms=2", "data.queries=1")))) == 2
-    with pytest.raises(ConfigError, match=r"received the setting 'rooms', expected data\.KEY, where KEY"):
+    with pytest.raises(
+        ConfigError, match=r"received the setting 'rooms', expected data\.KEY or engine\.KEY, where KEY"
+    ):
         find_dataset("rooms", overrides=("rooms=2",))
 
 

@@ -204,7 +204,7 @@ ENTITIES = '<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&
         (packet(**{**CROP, "CroppedAreaImageWidthPixels": 150}), "expected the aspect ratio of the picture, 256 x 100"),
         (packet(**{k: v for k, v in CROP.items() if "Left" not in k}), "no property CroppedAreaLeftPixels"),
         (packet(PosePitchDegrees=91), "PosePitchDegrees with the value '91', expected a number from -90 to 90"),
-        (packet(PoseRollDegrees="left"), "PoseRollDegrees 'left'"),
+        (packet(PoseRollDegrees="left"), "PoseRollDegrees with the value 'left'"),
         (packet(ProjectionType="cylindrical"), "the ProjectionType 'cylindrical', expected 'equirectangular'"),
         (packet(head=ENTITIES, PosePitchDegrees="&b;"), "invalid XML"),
         (packet(head='<!DOCTYPE x SYSTEM "file:///etc/passwd">', PosePitchDegrees=1), "invalid XML"),

@@ -94,14 +94,12 @@ def _fields(message: memoryview) -> Iterator[tuple[int, memoryview]]:
             length, at = _varint(message, at)
             if at + length > len(message):
                 raise ValueError(
-                    "the network file is no ONNX file, or damaged: a field is longer than the part that contains it"
+                    "it is damaged or has another format (a protobuf field is longer than the part that contains it)"
                 )
             yield key >> 3, message[at : at + length]
             at += length
         else:
-            raise ValueError(
-                f"the network file is no ONNX file, or damaged: it has the wire type {kind}, expected 0, 1, 2 or 5"
-            )
+            raise ValueError(f"it is damaged or has another format (protobuf wire type {kind}, expected 0, 1, 2 or 5)")
 
 
 def _varint(message: memoryview, at: int) -> tuple[int, int]:
@@ -113,4 +111,4 @@ def _varint(message: memoryview, at: int) -> tuple[int, int]:
         value |= (byte & 0x7F) << shift
         if byte < 0x80:
             return value, at
-    raise ValueError("the network file is damaged: it has an integer of more than 64 bits, expected at most 64")
+    raise ValueError("it is damaged or has another format (an integer of more than 64 bits)")

@@ -133,7 +133,7 @@ def _matcher_config(method: Localizer) -> ComponentConfig:
             return config
     raise MethodUnavailable(
         "the method has no scene index (search over reference frames), expected a method with a scene index, such as "
-        "proposed"
+        "'proposed'"
     )
 
 
