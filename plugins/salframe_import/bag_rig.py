@@ -208,7 +208,7 @@ class BagRig:
             )
         if up[best] < MIN_UP:
             raise DataError(
-                f"{where}: the z component of their up vector in the world is {up['optical']:.2f} with optical camera "
+                f"{where}: the up vectors of the images have the z component {up['optical']:.2f} with optical camera "
                 f"axes and {up['body']:.2f} with body axes, expected {MIN_UP:.2f} to 1 for one of them: check the "
                 "transforms of this frame in /tf_static (not inverted, quaternions in the order x, y, z, w)"
             )
