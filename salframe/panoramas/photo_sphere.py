@@ -76,7 +76,10 @@ class PhotoSphere:
         return pitch @ roll
 
     def place(self, image: np.ndarray, fill: float = 0) -> np.ndarray:
-        """Place an image (h, w, ...) of the picture's size on the sphere: (H, 2H, ...), `fill` outside the picture."""
+        """Return the full equirectangular image (H, 2H, ...) that contains an image (h, w, ...) of the picture's size.
+
+        Pixels outside the picture have the value `fill`.
+        """
         import cv2
 
         if not self.is_crop:

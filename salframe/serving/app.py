@@ -129,7 +129,7 @@ class Service:
             read: Function that reads the query. It is called in a thread of the pool.
             objects: As `with_objects` in `describe_answer`.
             picture: As `with_picture` in `describe_answer`.
-            answer_view: Function that returns the answer to the described query; None: `localize_view`.
+            answer_view: Function that returns the answer to a query from its description; None: `localize_view`.
         """
 
         def localize(served: ServedMap) -> dict[str, Any]:
