@@ -15,6 +15,7 @@ from salframe.framework.component import ComponentConfig, Role, added, match_onl
 from salframe.framework.components.identity import identity
 from salframe.framework.components.registry import registry
 from salframe.framework.components.slots import slot
+from salframe.framework.errors import ConfigError
 from salframe.framework.files.columns import Columns
 from salframe.localization.answers import Localization, NodeMatches, PointMatches
 from salframe.localization.evidence import Evidence
@@ -173,8 +174,13 @@ class Localizer(Role):
             folder: The folder that `write_index` wrote.
             packed: Packed descriptions, mapped into memory.
             frames: Reference frames, mapped into memory.
+
+        Raises:
+            ConfigError: The class overrides `write_index` and not `open_index`.
         """
-        raise NotImplementedError(f"{self.name} overrides write_index and not open_index, expected both or neither")
+        raise ConfigError(
+            f"the localizer {self.name!r} overrides `write_index` and not `open_index`, expected both or neither"
+        )
 
     def describe_identity(self) -> dict[str, Any]:
         """Return everything except the panorama that descriptions (features) depend on: weights, and settings that

@@ -7,12 +7,13 @@ import shutil
 
 import numpy as np
 import pytest
-import tiny_models as tiny
+import tiny_depth_models as tiny
 from conformance import conforms
 from PIL import Image
 from salframe_depth.monocular import MonocularDepth
 from salframe_depth.transformers_depth import TransformersDepth
-from tiny_models import MAX_DEPTH_M, SIDE_PX, depth_output
+from tiny_depth_models import MAX_DEPTH_M, depth_output
+from tiny_models import SIDE_PX, edit_config, random_weights
 
 from salframe.framework.components.presets import configure
 from salframe.framework.errors import ConfigError, WeightsError
@@ -31,7 +32,7 @@ def models(tmp_path_factory):
 
     def folder(make):
         if make not in saved:
-            saved[make] = tiny.random_weights(make, root / make.__name__)
+            saved[make] = random_weights(make, root / make.__name__)
         return saved[make]
 
     return folder
@@ -179,5 +180,5 @@ def test_one_line_says_what_does_not_fit(models, tmp_path):
     refused("hf:org/model", "the model hf:org/model is not downloaded; download it with: salframe weights fetch hf:")
     folder = tmp_path / "model"
     shutil.copytree(models(tiny.dpt), folder)
-    tiny.edit_config(folder, architectures=["DPTForSemanticSegmentation"])
+    edit_config(folder, architectures=["DPTForSemanticSegmentation"])
     refused(folder, r"has the architectures \['DPTForSemanticSegmentation'\], expected an architecture for this task")

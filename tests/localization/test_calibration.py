@@ -1,4 +1,4 @@
-"""The calibration of a map with its own frames: closed forms, probabilities that are known, and what is hidden."""
+"""The calibration of a map with its own frames: closed forms, and probabilities that are known."""
 
 from __future__ import annotations
 
@@ -10,13 +10,12 @@ import pytest
 from command_line import run
 from scipy.special import expit
 from scipy.stats import norm
+from spied_map import HEAD, POSTERIOR, Spy, spied_map
 
 import salframe
 from salframe.evaluation.runs.request import Request
 from salframe.evaluation.tasks.localization.task import compare
-from salframe.framework.component import ComponentConfig
 from salframe.framework.errors import ConfigError, DataError
-from salframe.localization.answers import Localization
 from salframe.localization.calibration import (
     ABSENT_PRIOR,
     ACCURACY_PRIOR,
@@ -24,63 +23,13 @@ from salframe.localization.calibration import (
     DISTANCE_EXPONENT,
     DISTANCE_SPREAD,
     OTHER_CALIBRATION,
-    FrameAnswers,
     MapCalibration,
     calibrate_head,
 )
-from salframe.localization.localizer import Localizer, posterior_slot
+from salframe.localization.hidden_frames import FrameAnswers
 from salframe.localization.map import LocalizationMap
-from salframe.localization.posterior import EvidenceTerm, Head, Posterior
-from salframe.localization.ranking import rank_places
-from salframe.panoramas.floors import FloorMasks
-from salframe.panoramas.frames import FrameKind, ReferenceFrame
-from salframe.panoramas.geometry import pose_2d
-
-HEAD = Head(absent_mean=2.0, absent_deviation=1.0, bias=-2.0, slope=2.0, accuracy=0.75, other_score=0.0)
-POSTERIOR = Posterior(temperature=1.0, head=HEAD, query_distance_m=1.0)
-
-
-class Spy(Localizer):
-    """Scores a place by the similarity of the numbers of its frames, and notes what it has indexed at each match."""
-
-    name = "spy"
-    version = "1"
-    needs = frozenset()
-
-    class Config(ComponentConfig):
-        posterior: posterior_slot()  # type: ignore[valid-type]
-
-    def __init__(self, config=None):
-        super().__init__(config)
-        self.matches: list[tuple[float, list[str]]] = []
-
-    def describe(self, panorama):
-        raise NotImplementedError
-
-    def index(self, descriptions, frames):
-        self.frames, self.values = frames, np.array([float(d["value"][0]) for d in descriptions])
-
-    def match(self, description):
-        value = float(description["value"][0])
-        self.matches.append((value, [frame.id for frame in self.frames]))
-        places = rank_places(self.frames, -np.abs(self.values - value))
-        return Localization(places, None, "no-pose")
-
-
-def spied_map(frames_of, calibrate=True, changes=None):
-    """A map of places with these numbers of scene frames, and a doorway. Frame f of place p has the value 10 p + f and
-    stands at (10 p + f, 0)."""
-    frames, descriptions = [], []
-    for place, count in enumerate(frames_of):
-        for number in range(count):
-            value = 10.0 * place + number
-            frames.append(ReferenceFrame(f"{place}-{number}", f"place-{place}", pose_2d(value, 0, 0)))
-            descriptions.append({"value": np.array([value])})
-    frames.append(ReferenceFrame("door", "door", pose_2d(5.0, 0, 0), FrameKind.TRANSITION))
-    descriptions.append({"value": np.array([-500.0])})
-    settings = {**POSTERIOR.model_dump(), "max_out_of_map_probability": 1.0, **(changes or {})}
-    localizer = Spy(Spy.Config(posterior=settings))
-    return LocalizationMap.from_descriptions(localizer, descriptions, frames, calibrate=calibrate)
+from salframe.localization.posterior import EvidenceTerm
+from salframe.panoramas.frames import ReferenceFrame
 
 
 def drawn(count, seed, mean, deviation, accuracy, distance_m=1.0, places=50):
@@ -208,41 +157,6 @@ def test_cross_validation_measures_the_gain():
     assert (found.present_frames, len(found.absent_in_map)) == (36, 36)
     assert found.after.log_loss < found.before.log_loss
     assert found.after.brier_score < found.before.brier_score
-
-
-def test_a_frame_is_never_in_the_map_that_it_is_localized_in():
-    found = spied_map([4, 2, 1, 3])
-    matches, indexed = found.localizer.matches, {frame.id for frame in found.frames}
-    present, absent = [], []
-    for value, shown in matches:
-        place, number = divmod(int(value), 10)
-        assert f"{place}-{number}" not in shown
-        kind = present if any(id.startswith(f"{place}-") for id in shown) else absent
-        kind.append(f"{place}-{number}")
-        assert "door" in shown
-    scenes = sorted(indexed - {"door"})
-    assert sorted(absent) == scenes  # every scene frame once, in the map without its place
-    assert sorted(present) == [id for id in scenes if id != "2-0"]  # a place of one frame has no other
-    assert len(found.localizer.frames) == len(indexed)  # the whole map is indexed afterwards
-
-
-def test_doorways_to_a_hidden_place_are_hidden_too():
-    region = np.repeat([[1, 2]], 10, 1).repeat(10, 0).astype(np.int32)
-    floor = FloorMasks(np.ones((10, 20), bool), region, np.zeros((10, 20), bool), 1.0, (-5.0, 5.0), {1: "a", 2: "b"})
-    frames = [
-        ReferenceFrame("a", "a", pose_2d(0, 0, 0, 1.5)),
-        ReferenceFrame("b", "b", pose_2d(10, 0, 0, 1.5)),
-        ReferenceFrame("door", "door", pose_2d(5, 0, 0, 1.5), FrameKind.TRANSITION),
-        ReferenceFrame("far", "far", pose_2d(12, 0, 0, 1.5), FrameKind.TRANSITION),
-    ]
-    descriptions = [{"value": np.array([float(i)])} for i in range(4)]
-    localizer = Spy(Spy.Config(posterior=POSTERIOR.model_dump()))
-    type(localizer).uses_floors = True
-    try:
-        LocalizationMap.from_descriptions(localizer, descriptions, frames, [floor], calibrate=True)
-    finally:
-        type(localizer).uses_floors = False
-    assert sorted(map(tuple, (shown for _, shown in localizer.matches))) == [("a",), ("b", "far")]
 
 
 @pytest.mark.parametrize("places", [1, 2, 3])

@@ -242,6 +242,12 @@ def test_a_map_with_an_index_is_not_indexed_again(indexed):
     np.testing.assert_array_equal(again.frames[3].T_world_pano, Rooms()._map_frame(3).T_world_pano)
 
 
+def test_a_localizer_that_writes_an_index_and_cannot_open_it_is_named(indexed, monkeypatch):
+    monkeypatch.delattr(Indexed, "open_index")
+    with pytest.raises(ConfigError, match="the localizer 'indexed' overrides `write_index` and not `open_index`"):
+        opened(indexed)
+
+
 def test_other_settings_than_those_of_the_index_index_anew(indexed):
     assert opened(indexed, offset=1).localizer.indexings == 1
 

@@ -181,7 +181,7 @@ def test_bad_input_is_one_clear_line(building, tmp_path):
         MatterportAnnotations().folds()
     with pytest.raises(DataError, match="has no building other, expected one or more of fake"):
         opened(building, scans=("other",)).folds()
-    with pytest.raises(DataError, match=r"has no queries, expected a viewpoint with at least 9 visible objects"):
+    with pytest.raises(DataError, match=r"has no queries, expected a viewpoint with 9 visible objects or more"):
         opened(building, min_visible=9).folds()
     with pytest.raises(ConfigError, match=r"data\.min_visible: received 0, expected"):
         validate(MatterportAnnotations.Config, {"min_visible": 0}, "data")
@@ -219,7 +219,7 @@ def test_leave_out_takes_the_nearest_of_the_region_out_too(building):
         "fake/v2": ["fake/v0", "fake/v3", "fake/c"],
         "fake/v3": ["fake/v0", "fake/v1", "fake/c"],
     }
-    with pytest.raises(DataError, match=r"3 visible objects, in a region with at least 4 other viewpoints"):
+    with pytest.raises(DataError, match=r"3 visible objects or more, in a region with at least 4 other viewpoints"):
         opened(row, leave_out=4).folds()
     with pytest.raises(ConfigError, match=r"data\.leave_out: received 0, expected"):
         validate(MatterportAnnotations.Config, {"leave_out": 0}, "data")

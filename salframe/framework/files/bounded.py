@@ -99,10 +99,10 @@ def _check_depth(depth: int) -> None:
         raise ValueError(f"the content has {depth} levels of nested lists and mappings, expected at most {MAX_DEPTH}")
 
 
-def _finite(text: str) -> float:
+def _finite(text: str, keys: tuple[str | int, ...] = ()) -> float:
     value = float(text)
     if not math.isfinite(value):
-        raise ValueError(f"received the number {shorten(text, 40)}, expected a finite number")
+        raise ValueError(f"{_location(keys)}received the number {shorten(text, 40)}, expected a finite number")
     return value
 
 
@@ -171,8 +171,7 @@ def _check_plain(value: Any, keys: tuple[str | int, ...] = ()) -> None:
         if not _MIN_INTEGER <= value < _END_INTEGER:
             raise ValueError(f"{_location(keys)}received an integer of more than 64 bits, expected at most 64 bits")
     elif isinstance(value, float):
-        if not math.isfinite(value):
-            raise ValueError(f"{_location(keys)}received the number {value}, expected a finite number")
+        _finite(str(value), keys)
     elif value is not None:
         kind = type(value).__name__
         raise ValueError(f"{_location(keys)}received the {kind} {value}, expected text: put the value in quotes")

@@ -1,0 +1,60 @@
+"""A map whose localizer notes which frames it has indexed at each match."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from salframe.framework.component import ComponentConfig
+from salframe.localization.answers import Localization
+from salframe.localization.localizer import Localizer, posterior_slot
+from salframe.localization.map import LocalizationMap
+from salframe.localization.posterior import Head, Posterior
+from salframe.localization.ranking import rank_places
+from salframe.panoramas.frames import FrameKind, ReferenceFrame
+from salframe.panoramas.geometry import pose_2d
+
+HEAD = Head(absent_mean=2.0, absent_deviation=1.0, bias=-2.0, slope=2.0, accuracy=0.75, other_score=0.0)
+POSTERIOR = Posterior(temperature=1.0, head=HEAD, query_distance_m=1.0)
+
+
+class Spy(Localizer):
+    """Scores a place by the similarity of the numbers of its frames, and notes what it has indexed at each match."""
+
+    name = "spy"
+    version = "1"
+    needs = frozenset()
+
+    class Config(ComponentConfig):
+        posterior: posterior_slot()  # type: ignore[valid-type]
+
+    def __init__(self, config=None):
+        super().__init__(config)
+        self.matches: list[tuple[float, list[str]]] = []
+
+    def describe(self, panorama):
+        raise NotImplementedError
+
+    def index(self, descriptions, frames):
+        self.frames, self.values = frames, np.array([float(d["value"][0]) for d in descriptions])
+
+    def match(self, description):
+        value = float(description["value"][0])
+        self.matches.append((value, [frame.id for frame in self.frames]))
+        places = rank_places(self.frames, -np.abs(self.values - value))
+        return Localization(places, None, "no-pose")
+
+
+def spied_map(frames_of, calibrate=True, changes=None):
+    """A map of places with these numbers of scene frames, and a doorway. Frame f of place p has the value 10 p + f and
+    stands at (10 p + f, 0)."""
+    frames, descriptions = [], []
+    for place, count in enumerate(frames_of):
+        for number in range(count):
+            value = 10.0 * place + number
+            frames.append(ReferenceFrame(f"{place}-{number}", f"place-{place}", pose_2d(value, 0, 0)))
+            descriptions.append({"value": np.array([value])})
+    frames.append(ReferenceFrame("door", "door", pose_2d(5.0, 0, 0), FrameKind.TRANSITION))
+    descriptions.append({"value": np.array([-500.0])})
+    settings = {**POSTERIOR.model_dump(), "max_out_of_map_probability": 1.0, **(changes or {})}
+    localizer = Spy(Spy.Config(posterior=settings))
+    return LocalizationMap.from_descriptions(localizer, descriptions, frames, calibrate=calibrate)
