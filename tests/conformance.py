@@ -5,6 +5,10 @@ from __future__ import annotations
 import re
 from typing import Any
 
+import pytest
+
+from salframe.framework.component import ComponentConfig
+from salframe.framework.errors import RequirementMissing, WeightsError
 from salframe.testing import Conformance, check_component
 
 
@@ -22,3 +26,16 @@ def breaks(message: str, component: type, config: Any = None) -> Conformance:
     assert any(re.search(message, line) for line in messages), messages
     assert not any("\n" in line for line in messages)
     return conformance
+
+
+def runnable(config: ComponentConfig) -> ComponentConfig:
+    """Return the config. Skip the test if a package or weights of its component are not installed."""
+    try:
+        config.component.check(config)
+    except (RequirementMissing, WeightsError) as error:
+        pytest.skip(str(error))
+    if any("torch" in inner.component.requires for inner in (config, getattr(config, "features", config))):
+        import torch
+
+        torch.set_num_threads(1)  # tests run in parallel, so more threads only slow each other down
+    return config

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from conformance import runnable
 from salframe_keypoints.feature_matcher import FeatureMatcher
 from salframe_keypoints.localizer import Keypoints
 from scipy.ndimage import map_coordinates, zoom
 
-from salframe.framework.component import ComponentConfig
 from salframe.framework.components.registry import registry
-from salframe.framework.errors import RequirementMissing, WeightsError
 from salframe.framework.validation import validate
 from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 from salframe.panoramas.geometry import equirectangular_rays
@@ -60,19 +59,6 @@ class BoxRoom:
 @pytest.fixture(scope="session")
 def rooms() -> list[BoxRoom]:
     return [BoxRoom(seed) for seed in range(3)]
-
-
-def runnable(config: ComponentConfig) -> ComponentConfig:
-    """Return the config. Skip the test if a package or weights of its component are not installed."""
-    try:
-        config.component.check(config)
-    except (RequirementMissing, WeightsError) as error:
-        pytest.skip(str(error))
-    if any("torch" in inner.component.requires for inner in (config, getattr(config, "features", config))):
-        import torch
-
-        torch.set_num_threads(1)  # tests run in parallel, so more threads only slow each other down
-    return config
 
 
 @pytest.fixture(scope="session")

@@ -8,14 +8,13 @@ import json
 import cv2
 import numpy as np
 import pytest
-from conformance import conforms
+from conformance import conforms, runnable
 from salframe_keypoints.localizer import Keypoints
 from tiny_folder import write_tiny_folder
 
 from salframe.evaluation.runs.request import Request
 from salframe.evaluation.tasks.localization.task import compare
 from salframe.framework.components.presets import configure, settings
-from salframe.framework.errors import RequirementMissing, WeightsError
 from salframe.localization.map import LocalizationMap
 from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.geometry import pose_2d, pose_errors
@@ -100,8 +99,5 @@ def test_views_without_texture_leave_the_pose_to_the_others(rooms, configure):
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["xfeat", "aliked-nn", "disk-lightglue"])
 def test_networks_of_kornia_keep_the_promises_of_a_localizer(method):
-    config = configure("localizer", method, settings("localizer", method))
-    try:
-        assert conforms(config.component, config)
-    except (RequirementMissing, WeightsError) as error:
-        pytest.skip(str(error))
+    config = runnable(configure("localizer", method, settings("localizer", method)))
+    assert conforms(config.component, config)
