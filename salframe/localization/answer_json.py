@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -43,8 +42,8 @@ def answer_json(answer: Localization) -> dict[str, Any]:
 
 
 def next_view_json(view: NextView | None) -> dict[str, Any] | None:
-    """Return a suggested view as JSON: the turn in degrees."""
-    return None if view is None else asdict(view)
+    """Return a suggested turn as JSON: its angle, and the angles of the views during the turn, in degrees."""
+    return None if view is None else {"turn_deg": view.turn_deg, "views_deg": list(view.views_deg)}
 
 
 def pose_json(T_world_query: np.ndarray) -> dict[str, float]:

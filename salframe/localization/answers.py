@@ -103,8 +103,8 @@ class Localization:
         max_accepted_probability: Maximum out-of-map probability of an accepted answer.
         notes: Remarks for the user, such as labels of the query that the map does not know.
         next_view: Suggested turn of the camera on the spot, to the middle of the largest azimuth sector that the query
-            does not show. None if the query shows all directions, if views were fused, or if the method does not
-            compute which directions a query shows. `LocalizationMap` sets it.
+            does not show, and the views to take during this turn. None if the query shows all directions, if views were
+            fused, or if the method does not compute which directions a query shows. `LocalizationMap` sets it.
         evidence: Values of the evidence for the first place, by the name of the column. The posterior uses them. A
             column is missing if the query or the map lacks its data, such as range. Empty from a method without
             evidence.

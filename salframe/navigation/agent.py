@@ -51,8 +51,8 @@ class Agent:
 
     The path has a safety margin to walls. If a path without the margin is shorter by more than MIN_SAVING_M, the agent
     takes the shorter path. The agent uses the best guess of its tracker even if the tracker is lost, because later
-    answers correct the guess. If an answer is not accepted, the agent first turns on the spot to the next view that the
-    answer suggests.
+    answers correct the guess. If an answer is not accepted, the agent first turns on the spot as the answer suggests.
+    It localizes itself at each view of the turn, and ends the turn as soon as an answer is accepted.
     """
 
     def __init__(
@@ -87,6 +87,7 @@ class Agent:
         self._takes_stairs = False
         self._stops_m: list[np.ndarray] = []
         self._max_turns, self._num_turns = max_turns, 0
+        self._steps_rad: list[float] = []
         self._answer: Localization | None = None
 
     @property
@@ -131,17 +132,16 @@ class Agent:
     def decide(self) -> Move | None:
         """Return the next move; None if the agent estimates that it has arrived.
 
-        If the last answer is not accepted, the agent first turns on the spot. If the agent collided with an obstacle
-        that its chart (knowledge of the building) contains, or did not find the stairs, it was not on its path. It then
-        steps aside and tries again. If the agent has no pose, or no path from its pose, it makes a random move to take
-        a panorama from another position.
+        If the last answer is not accepted, the agent first turns on the spot, up to the next view. If the agent
+        collided with an obstacle that its chart (knowledge of the building) contains, or did not find the stairs, it
+        was not on its path. It then steps aside and tries again. If the agent has no pose, or no path from its pose, it
+        makes a random move to take a panorama from another position.
         """
         self._takes_stairs = False
-        turn_rad = self._next_turn_rad()
-        if turn_rad is not None:
-            self._num_turns += 1
-            return Move(turn_rad, 0.0)
-        self._num_turns = 0
+        step_rad = self._next_step_rad()
+        if step_rad is not None:
+            return Move(step_rad, 0.0)
+        self._num_turns, self._steps_rad = 0, []
         pose = self.pose
         path = None if pose is None else self._best_path(pose[:3, 3])
         if pose is None or path is None:
@@ -158,13 +158,15 @@ class Agent:
         turn_rad = float(wrap_angle(np.arctan2(leg[1], leg[0]) - pose_yaw(pose)))
         return Move(turn_rad, min(float(np.linalg.norm(leg)), chart.max_move_m))
 
-    def _next_turn_rad(self) -> float | None:
-        """Return the turn on the spot to the next view, in radians; None if the agent does not turn on the spot."""
+    def _next_step_rad(self) -> float | None:
+        """Return the angle to the next view of a turn on the spot, in radians; None if the agent does not turn."""
         answer = self._answer
-        if answer is None or answer.accepted is not False or self._num_turns == self._max_turns:
+        if answer is None or answer.accepted is not False:
             return None
-        view = answer.next_view
-        return None if view is None else float(np.radians(view.turn_deg))
+        if not self._steps_rad and self._num_turns < self._max_turns and answer.next_view is not None:
+            self._num_turns += 1
+            self._steps_rad = np.radians(np.diff(answer.next_view.views_deg, prepend=0.0)).tolist()
+        return self._steps_rad.pop() if self._steps_rad else None
 
     def _best_path(self, position_m: np.ndarray) -> WalkingPath | None:
         """Return the best path; None if there is no path.

@@ -58,7 +58,7 @@ class NavigationConfig(Settings):
         0,
         ge=0,
         description="maximum number of turns on the spot at one position. If an answer is not accepted, the agent "
-        "turns as the answer suggests (`next_view`), and all views from this position are localized together; 0: the "
+        "turns as the answer suggests (`next_view`). All views from this position are localized together; 0: the "
         "agent does not turn for another view",
     )
     turn_noise_deg: float = Field(2.0, ge=0, description="standard deviation (degrees) of the error of a turn")

@@ -107,15 +107,14 @@ def test_where_bumps_leave_no_way_they_are_forgotten(world):
     assert agent.decide() is not None
 
 
-def unsure(out_of_map_probability: float) -> Located:
+TURN = NextView(120.0)
+
+
+def unsure(out_of_map_probability: float, next_view: NextView = TURN) -> Located:
     share = 1 - out_of_map_probability
     places = (RankedPlace("frame", "room", 1.0, share),)
     answer = Localization(
-        places,
-        at(2.5, 2.8),
-        LocalizationStatus.OK,
-        out_of_map_probability=out_of_map_probability,
-        next_view=NextView(120.0),
+        places, at(2.5, 2.8), LocalizationStatus.OK, out_of_map_probability=out_of_map_probability, next_view=next_view
     )
     return Located(answer)
 
@@ -131,6 +130,22 @@ def test_an_answer_that_is_not_accepted_makes_the_agent_turn_before_it_walks(wor
     agent.add_motion(STEP, stopped=False)
     agent.add_localization(unsure(0.9))
     assert agent.decide().length_m == 0  # a new position
+
+
+def test_a_turn_stops_at_each_view_and_ends_at_an_accepted_answer(world):
+    agent, step = make(world, max_turns=1), pose_2d(0, 0, np.radians(60))
+    for _ in range(3):
+        agent.add_localization(unsure(0.9, NextView(180.0, 3)))
+        assert agent.decide() == (pytest.approx(np.radians(60)), 0.0, None)
+        agent.add_motion(step, stopped=False)
+    agent.add_localization(unsure(0.9, NextView(90.0, 2)))
+    assert agent.decide().length_m > 0  # no more than one turn at a position
+    agent.add_motion(STEP, stopped=False)
+    agent.add_localization(unsure(0.9, NextView(180.0, 3)))
+    assert agent.decide().length_m == 0
+    agent.add_motion(step, stopped=False)
+    agent.add_localization(unsure(0.1))
+    assert agent.decide().length_m > 0  # accepted after the first of three views
 
 
 def test_an_accepted_answer_needs_no_turn(world):

@@ -31,15 +31,19 @@ def summarize_turns(records: Sequence[Record[TurnRow]]) -> TurnsRow:
         return line
     before = [(cluster, row.first or _FAILED) for cluster, row in open_rows]
     suggested = [(cluster, row.suggested or row.first or _FAILED) for cluster, row in open_rows]
-    random = [(cluster, row.random or _FAILED) for cluster, row in open_rows]
+    last_view = [(cluster, row.last_view or row.first or _FAILED) for cluster, row in open_rows]
+    random = [(cluster, row.random or row.first or _FAILED) for cluster, row in open_rows]
     return replace(
         line,
         resolved=_share(suggested, _resolves),
+        resolved_last_view=_share(last_view, _resolves),
         resolved_random=_share(random, _resolves),
         right_first=_share(before, _is_right),
         right=_share(suggested, _is_right),
+        right_last_view=_share(last_view, _is_right),
         right_random=_share(random, _is_right),
         wrong=_share(suggested, _misleads),
+        wrong_last_view=_share(last_view, _misleads),
         wrong_random=_share(random, _misleads),
     )
 

@@ -8,7 +8,7 @@ from salframe.evaluation.runs.rows import Line, PieceRow
 
 
 class TurnLine(Line):
-    """An answer: whether it is accepted, whether its first place is correct, and the turn before the second view."""
+    """An answer: whether it is accepted, whether its first place is correct, and the turn before the last view."""
 
     accepted: bool
     right: bool
@@ -22,14 +22,17 @@ class TurnRow(PieceRow):
         query: Id of the query.
         place: True place.
         first: The answer to the query alone.
-        suggested: The answer after the suggested turn; None if the first answer is accepted, or suggests no turn.
-        random: The answer after a random turn; None if the first answer is accepted.
+        suggested: The answer to the query and the views of the suggested turn; None if the first answer is accepted, or
+            suggests no turn.
+        last_view: As `suggested`, with only the last view of the turn.
+        random: As `suggested`, with the views of a random turn.
     """
 
     query: str
     place: str
     first: TurnLine | None = None
     suggested: TurnLine | None = None
+    last_view: TurnLine | None = None
     random: TurnLine | None = None
 
     @model_validator(mode="after")

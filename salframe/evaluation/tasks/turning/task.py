@@ -25,6 +25,7 @@ from salframe.localization.answers import Localization
 from salframe.localization.described_query import DescribedView, describe_view
 from salframe.localization.localizer import Localizer
 from salframe.localization.map import LocalizationMap
+from salframe.localization.next_view import NextView
 from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.frames import QueryFrame
 from salframe.panoramas.geometry import pose_2d
@@ -47,10 +48,11 @@ class NarrowQuery:
 
 @dataclass(frozen=True)
 class TurningTask(Task[NarrowQuery, Survey[NarrowQuery], TurnRow, TurnsRow]):
-    """The task `turning`: does a second view after a turn on the spot help?
+    """The task `turning`: do more views, taken during a turn on the spot, help?
 
-    A query whose answer is not accepted is localized again, together with a second view. The second view is taken after
-    the turn that the answer suggests and, for comparison, after a random turn.
+    A query whose answer is not accepted is localized again, together with the views of the turn that the answer
+    suggests. For comparison, it is localized together with only the last of these views, and with the views of a random
+    turn. All turns have views at angles of at most the field of view of the camera.
     """
 
     name = "turning"
@@ -118,33 +120,43 @@ class _Turning(Worker[NarrowQuery]):
         if answer.accepted is not True:
             rng = np.random.default_rng(zlib.crc32(piece.frame.id.encode()))
             drawn_deg, error = float(rng.choice(TURNS_DEG)), float(rng.standard_normal())
-            row["random"] = self._turn(map, piece, view, drawn_deg, error)
             if (suggestion := answer.next_view) is not None:
-                row["suggested"] = self._turn(map, piece, view, suggestion.turn_deg, error)
+                step_deg = abs(suggestion.turn_deg) / suggestion.num_views
+                turns = {
+                    "suggested": suggestion,
+                    "last_view": NextView(suggestion.turn_deg),
+                    "random": NextView.of(drawn_deg, step_deg),
+                }
+                row |= {name: self._turn(map, piece, view, turn, error) for name, turn in turns.items()}
         return {**row, "error": None}
 
     def _turn(
-        self, map: LocalizationMap, piece: NarrowQuery, view: DescribedView, turn_deg: float, error: float
+        self, map: LocalizationMap, piece: NarrowQuery, first: DescribedView, turn: NextView, error: float
     ) -> Row:
-        """Return the answer to two views: `view`, and a second view after a turn.
+        """Return the answer to the view `first` and the views of a turn, which are localized together.
 
-        The measured turn has an error of `error` standard deviations. Objects have the same simulated errors in both
-        views.
+        The measured angle of the turn has an error of `error` standard deviations, which grows evenly during the turn.
+        Objects have the same simulated errors in all views.
         """
-        T_world_pano = piece.T_world_pano @ pose_2d(0, 0, np.radians(turn_deg))
+        views = [first, *(self._view(map, piece, angle_deg) for angle_deg in turn.views_deg)]
+        drift_deg = error * OdometryErrors().heading_drift_deg
+        angles_deg = np.array([0.0, *turn.views_deg]) + np.linspace(0.0, drift_deg, len(views))
+        T_last_view = np.stack([pose_2d(0, 0, np.radians(angle_deg - angles_deg[-1])) for angle_deg in angles_deg])
+        answer = map.answer_query(map.describe_query(views, T_last_view))
+        return _line(answer, piece.place, turn.turn_deg)
+
+    def _view(self, map: LocalizationMap, piece: NarrowQuery, angle_deg: float) -> DescribedView:
+        """Return the view of the camera of a query after a turn by an angle."""
 
         def load() -> Panorama:
-            panorama = self._dataset.observe(T_world_pano)
+            panorama = self._dataset.observe(piece.T_world_pano @ pose_2d(0, 0, np.radians(angle_deg)))
             if panorama.annotations is None:
                 return panorama
             return replace(panorama, annotations=replace(panorama.annotations, error_id=piece.frame.id))
 
-        content = digest([self._dataset.content_key, piece.frame.id, "turned", turn_deg])
-        second = describe_view(map.localizer, QueryFrame(f"{piece.frame.id}/{turn_deg:g}", load, content), self._cache)
-        measured_deg = turn_deg + error * OdometryErrors().heading_drift_deg
-        T_last_view = np.stack([pose_2d(0, 0, -np.radians(measured_deg)), np.eye(4)])
-        answer = map.answer_query(map.describe_query([view, second], T_last_view))
-        return _line(answer, piece.place, turn_deg)
+        content = digest([self._dataset.content_key, piece.frame.id, "turned", angle_deg])
+        frame = QueryFrame(f"{piece.frame.id}/{angle_deg:g}", load, content)
+        return describe_view(map.localizer, frame, self._cache)
 
 
 def _line(answer: Localization, place: str, turn_deg: float) -> Row:

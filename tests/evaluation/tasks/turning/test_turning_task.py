@@ -1,4 +1,4 @@
-"""The task `turning`: shares of queries that a second view resolves."""
+"""The task `turning`: shares of queries that the views of a turn resolve."""
 
 from __future__ import annotations
 
@@ -29,17 +29,18 @@ def test_shares_are_of_the_queries_that_are_not_accepted():
     rows = (
         query(0, first=RIGHT),
         query(1, first=WRONG),
-        query(2, first=UNSURE, suggested=RIGHT, random=LOST),
-        query(3, first=LOST, suggested=UNSURE, random=WRONG),
-        query(4, first=UNSURE, random=RIGHT),  # no suggestion: the first answer remains
-        query(5, first=LOST, suggested=WRONG, random=LOST),
+        query(2, first=UNSURE, suggested=RIGHT, last_view=RIGHT, random=LOST),
+        query(3, first=LOST, suggested=UNSURE, last_view=WRONG, random=WRONG),
+        query(4, first=UNSURE),  # no suggestion: the first answer remains
+        query(5, first=LOST, suggested=WRONG, last_view=RIGHT, random=LOST),
     )
     row = summarize_turns([Record("method", Outcome(MethodStatus.DONE), rows, Path())])
     assert (row.queries, row.unaccepted) == (6, 4)
     assert row.resolved_first.value == pytest.approx(1 / 6)
-    assert (row.resolved.value, row.resolved_random.value) == (0.25, 0.25)
-    assert (row.right_first.value, row.right.value, row.right_random.value) == (0.5, 0.75, 0.25)
-    assert (row.wrong.value, row.wrong_random.value) == (0.25, 0.25)
+    assert (row.resolved.value, row.resolved_last_view.value, row.resolved_random.value) == (0.25, 0.5, 0.0)
+    assert (row.right_first.value, row.right.value) == (0.5, 0.75)
+    assert (row.right_last_view.value, row.right_random.value) == (0.75, 0.25)
+    assert (row.wrong.value, row.wrong_last_view.value, row.wrong_random.value) == (0.25, 0.25, 0.25)
 
 
 def test_a_crashed_query_counts_as_wrong():
@@ -62,9 +63,11 @@ def test_queries_of_a_home_are_turned():
     assert row.queries == len(rows)
     assert 0 < row.unaccepted <= row.queries
     for one in rows:
-        assert (one.get("random") is None) == one["first"]["accepted"]
-        for turned in (one.get("suggested"), one.get("random")):
-            assert turned is None or turned["turn_deg"] in TURNS_DEG
+        turned = [one.get(name) for name in ("suggested", "last_view", "random")]
+        assert [line is None for line in turned] == 3 * [one["first"]["accepted"]]
+        if turned[0]:
+            assert turned[0]["turn_deg"] == turned[1]["turn_deg"] == 180
+            assert turned[2]["turn_deg"] in TURNS_DEG
     assert row.resolved is not None
     assert not result.crashed
 
