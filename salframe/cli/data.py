@@ -203,7 +203,11 @@ def import_(
         ),
     ] = None,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Print a summary and draw two pictures, but write no dataset")
+        bool,
+        typer.Option(
+            "--dry-run",
+            help="Write no dataset: print a summary, and draw a sample of the panoramas and a top view of all poses",
+        ),
     ] = False,
     as_json: Json = False,
 ) -> None:

@@ -36,7 +36,7 @@ NavigationSeed = Annotated[
     typer.Option(
         parser=parse_seed,
         metavar="N",
-        help="Random seed of the episodes, the simulated errors and the confidence intervals",
+        help="Random seed of the episodes, the simulated errors of motion and the confidence intervals",
     ),
 ]
 

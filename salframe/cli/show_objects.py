@@ -64,8 +64,9 @@ def show_objects(
 ) -> None:
     """Draw the objects that a detector finds in images.
 
-    Writes a picture for each image, such as hall.objects.png for hall.jpg, with the outlines, labels and scores of
-    the objects, their graph from above, and a table. The exit status is 1 if an image cannot be read.
+    Writes a picture for each image, such as hall.objects.png for hall.jpg. The picture shows the outlines, labels and
+    scores of the objects, a top view of their graph, and a table of the objects. The exit status is 1 if an image
+    cannot be read.
     """
     from salframe.cli.output import Bars, warn
     from salframe.drawing.show_objects import show_objects

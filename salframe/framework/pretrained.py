@@ -253,8 +253,8 @@ def read_architecture(folder: Path, architectures: Collection[str]) -> str:
     names = [name for name in received if name in architectures] if isinstance(received, Sequence) else []
     if not names:
         raise WeightsError(
-            f"{folder / CONFIG} has the architectures {received!r}, expected an architecture for this "
-            f"task, such as {', '.join(sorted(architectures)[:MAX_NAMED])}"
+            f"{folder / CONFIG} has the architectures {received!r}, expected one of those that the component can use, "
+            f"such as {', '.join(sorted(architectures)[:MAX_NAMED])}: choose another model"
         )
     return str(names[0])
 

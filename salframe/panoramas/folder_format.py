@@ -242,7 +242,10 @@ def read_floor(root: Path, entry: FloorEntry, z_m: float) -> FloorMasks:
     region = images.read_ids(root / entry.region)
     if not free.shape == obstacle.shape == region.shape:
         shapes = ", ".join(f"{image.shape[1]} x {image.shape[0]}" for image in (free, region, obstacle))
-        raise DataError(f"{root}: the masks free, region and obstacle of a floor are {shapes}, expected equal sizes")
+        raise DataError(
+            f"{root}: the masks free, region and obstacle of the floor at z = {z_m:g} m have the sizes {shapes}, "
+            "expected equal sizes"
+        )
     return FloorMasks(free, region, obstacle, entry.resolution_m, entry.origin_m, entry.regions, z_m)
 
 

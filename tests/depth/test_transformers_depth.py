@@ -181,4 +181,4 @@ def test_one_line_says_what_does_not_fit(models, tmp_path):
     folder = tmp_path / "model"
     shutil.copytree(models(tiny.dpt), folder)
     edit_config(folder, architectures=["DPTForSemanticSegmentation"])
-    refused(folder, r"has the architectures \['DPTForSemanticSegmentation'\], expected an architecture for this task")
+    refused(folder, r"has the architectures \['DPTForSemanticSegmentation'\], expected one of those")

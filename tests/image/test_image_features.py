@@ -187,7 +187,7 @@ def test_without_a_file_the_users_own_network_says_what_it_wants(tmp_path):
     with pytest.raises(WeightsError, match="the setting model is null, expected the path of an ONNX file"):
         ImageFeatures(ImageFeatures.Config(network="onnx"))
     with pytest.raises(
-        WeightsError, match=r"none\.onnx is not a file, expected the path of an ONNX file for the image network 'onnx'"
+        WeightsError, match=r"none\.onnx is not a file, expected the path of the ONNX file of an image network"
     ):
         ImageFeatures(ImageFeatures.Config(network={"kind": "onnx", "model": tmp_path / "none.onnx"}))
 

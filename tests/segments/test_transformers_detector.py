@@ -178,7 +178,7 @@ def test_one_line_says_what_does_not_fit(models, tmp_path, monkeypatch):
     folder = tmp_path / "model"
     shutil.copytree(models(tiny.segformer), folder)
     tiny.edit_config(folder, architectures=["ViTForImageClassification"])
-    refused(folder, r"has the architectures \['ViTForImageClassification'\], expected an architecture for this task")
+    refused(folder, r"has the architectures \['ViTForImageClassification'\], expected one of those")
     tiny.edit_config(folder, architectures=["DetrForObjectDetection"])
     refused(
         folder,

@@ -34,9 +34,7 @@ def default_of(key: str) -> Any:
     """Return the value of `key` in configs/defaults.yaml, such as the default methods for the key `methods`. Raises
     ConfigError if there is none."""
     if key not in defaults():
-        raise ConfigError(
-            f"the file configs/defaults.yaml has no key {key!r}, expected one of the keys {', '.join(defaults())}"
-        )
+        raise ConfigError(f"received the key {key!r}, expected a key of configs/defaults.yaml: {', '.join(defaults())}")
     return defaults()[key]
 
 
