@@ -184,7 +184,7 @@ def test_missing_and_damaged_weights_say_how_to_get_them(monkeypatch, tmp_path):
 
 
 def test_without_a_file_the_users_own_network_says_what_it_wants(tmp_path):
-    with pytest.raises(WeightsError, match="the setting model is null, expected the path of an ONNX file"):
+    with pytest.raises(WeightsError, match="the setting model is null, expected the path of the ONNX file"):
         ImageFeatures(ImageFeatures.Config(network="onnx"))
     with pytest.raises(
         WeightsError, match=r"none\.onnx is not a file, expected the path of the ONNX file of an image network"

@@ -285,7 +285,7 @@ def test_no_folder_no_manifest_no_json(tmp_path: Path) -> None:
 
 def test_masks_of_a_floor_have_one_size(folder: Path) -> None:
     cv2.imwrite(str(folder / "floor-free.png"), np.ones((3, 3), np.uint8))
-    with pytest.raises(DataError, match=r"masks .* of the floor at z = 0 m have the sizes 3 x 3, 9 x 6, 9 x 6"):
+    with pytest.raises(DataError, match=r"masks .* of the floor at z = 2.5 m have the sizes 3 x 3, 9 x 6, 9 x 6"):
         dataset(folder).floors()
 
 
