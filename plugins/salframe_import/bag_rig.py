@@ -203,8 +203,8 @@ class BagRig:
         )
         if axes != "auto":
             raise DataError(
-                f"{where}: with camera_axes={axes}, the z component of their up vector in the world is "
-                f"{up[axes]:.2f}, expected {MIN_UP:.2f} to 1: try --set camera_axes={best}"
+                f"{where}: with camera_axes={axes}, the up vector of the images has the z component {up[axes]:.2f} in "
+                f"the world, expected {MIN_UP:.2f} to 1: try --set camera_axes={best}"
             )
         if up[best] < MIN_UP:
             raise DataError(

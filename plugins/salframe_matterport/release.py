@@ -178,8 +178,8 @@ def read_viewpoints(folder: Path) -> dict[str, Viewpoint]:
                 pose = np.array(words[3:], float).reshape(4, 4) @ np.diag([1.0, -1.0, -1.0, 1.0])
                 if not (np.isfinite([fx, fy, cx, cy]).all() and is_rigid(pose, _RIGID_TOLERANCE)):
                     raise ValueError(
-                        f"the camera of the picture {words[1]} has a pose that is not a rigid motion, "
-                        "or a number that is not finite; expected a rotation and a translation of finite numbers"
+                        f"the camera of the picture {words[1]} has a pose that is not a rigid motion, or a number that "
+                        "is not finite, expected a rotation and a translation of finite numbers"
                     )
                 lens = Camera(WIDTH_PX, HEIGHT_PX, float(fx), float(fy), float(cx), float(HEIGHT_PX - 1 - cy))
                 camera = PosedCamera(lens, pose)

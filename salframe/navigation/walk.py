@@ -54,8 +54,8 @@ class NavigationConfig(Settings):
     arrival_m: float = Field(
         0.25, gt=0, description="maximum length (m) of the remaining path at which the agent reports its arrival"
     )
-    max_turns: int = added(
-        0,
+    max_turns: int = Field(
+        1,
         ge=0,
         description="maximum number of turns on the spot at one position. If an answer is not accepted, the agent "
         "turns as the answer suggests (`next_view`). All views from this position are localized together; 0: the "

@@ -132,8 +132,8 @@ class PanoramaRecord:
             present = panorama.provides | ({"valid"} if panorama.valid is not None else set())
             if missing := self.parts - present:
                 raise DataError(
-                    f"the panorama {self.id} has no {' and no '.join(sorted(missing))}, expected every part that the "
-                    "importer declared for it"
+                    f"the importer returned the panorama {self.id} without {' and '.join(sorted(missing))}, which it "
+                    "had declared for this panorama: correct the importer"
                 )
             return panorama
         files = self.images

@@ -55,7 +55,10 @@ def build_topology(
             floor has free floor; two nodes have the same name.
     """
     if not floors:
-        raise DataError("a topology (graph for routes) needs the masks of at least one floor, received none")
+        raise DataError(
+            "a topology (graph for routes) needs the masks of at least one floor, received none: use data with floor "
+            "masks or range"
+        )
     settings = settings or TopologySettings()
     floors = sorted(floors, key=lambda floor: floor.z_m)
     references = list(frames)

@@ -214,8 +214,8 @@ FAULTS: dict[str, tuple[Spoil, tuple[str, ...], str]] = {
             lambda results: results["whole"]["half"]["rows"].append(results["whole"]["half"]["rows"][0]),
         ),
         ("experiment", "experiment.yaml", "--engine", "inline", "--results", "results"),
-        r"experiment\.json: key whole\.half: the table has 2 rows, 1 mapping in `settings` and 1 "
-        "combination .*",
+        r"experiment\.json: key whole\.half: the table has 2 `rows`, 1 `settings` and 1 different "
+        "pairs .*",
     ),
     "complex outlines": (
         array_file("building/parts-*/scenes/outline_mm.npy", lambda outlines: outlines.astype(np.complex64)),

@@ -16,7 +16,6 @@ from salframe.evaluation.runs.method_row import MethodRow
 from salframe.evaluation.runs.run_folder import MethodStatus, Run
 from salframe.evaluation.studies.study import Study, StudyResult, leading_columns
 from salframe.evaluation.tables.table import Table
-from salframe.framework.errors import counted
 from salframe.framework.files.reading import read_model
 from salframe.framework.validation import Settings
 from salframe.framework.version import __version__
@@ -54,9 +53,9 @@ class StoredTable(Settings):
         keys = {json.dumps([settings, row.get("method")]) for settings, row in zip(self.settings, self.rows)}  # noqa: B905
         if not len(keys) == len(self.rows) == len(self.settings):
             raise ValueError(
-                f"the table has {counted(len(self.rows), 'row')}, {counted(len(self.settings), 'mapping')} in "
-                f"`settings` and {counted(len(keys), 'combination')} of settings and method, expected one "
-                "mapping and one combination per row: remove the table from the file, and measure it again"
+                f"the table has {len(self.rows)} `rows`, {len(self.settings)} `settings` and {len(keys)} different "
+                "pairs of settings and method, expected three equal numbers: remove the table from the file, and "
+                "measure it again"
             )
         return self
 

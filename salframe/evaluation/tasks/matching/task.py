@@ -120,7 +120,8 @@ class _Matching(Worker[FramePair]):
         matches = correspond(self._localizer, query, reference)
         if matches is None:
             raise MethodUnavailable(
-                "the method returns no matches of points or objects, which the task 'matching' measures"
+                "the method does not return matches of points or objects, which the task 'matching' measures: choose "
+                "another method, such as 'proposed'"
             )
         if not isinstance(matches, PointMatches | NodeMatches):
             raise InvalidAnswer(

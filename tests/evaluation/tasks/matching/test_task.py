@@ -146,7 +146,8 @@ def test_rows_of_points_and_of_nodes(furnished):
     assert nodes.mma_3 is None
     assert (neither.available, neither.reason) == (
         False,
-        "the method returns no matches of points or objects, which the task 'matching' measures",
+        "the method does not return matches of points or objects, which the task 'matching' measures: choose another "
+        "method, such as 'proposed'",
     )
     assert result.measured
     assert not result.crashed
@@ -245,7 +246,7 @@ def test_the_command_prints_two_tables_and_resumes(furnished):
     pixels, counts = first.out.split("precision %")
     assert "MMA@3 %" in pixels
     assert "MMA" not in counts
-    assert "neither: the method returns no matches of points or objects, which the task 'matching' measures" in counts
+    assert "neither: the method does not return matches of points or objects, which the task 'matching'" in counts
     again = run(*options, "--json")
     assert again.json["rows"][0]["mma_1"] == 1
     assert again.json["run"] in first.out
