@@ -16,9 +16,9 @@ JPEG_QUALITY = 90
 class ImageMatcher(TrainedMatcher):
     """Base class of matchers that store a view as a grey JPEG.
 
-    The points of a view form a grid with spacing `stride_px`. The end of a match in the reference view is moved to the
-    nearest point of the grid. Detector-free matching has no descriptors to pool, so the shortlist uses SIFT descriptors
-    of the same JPEG.
+    The points of a view form a grid with spacing `stride_px`. A match is a pair of points. Its point in the reference
+    view is moved to the nearest point of the grid. Detector-free matching has no descriptors to pool, so the shortlist
+    uses SIFT descriptors of the same JPEG.
     """
 
     stride_px: int

@@ -203,12 +203,12 @@ class _Moments:
 
     @property
     def mean(self) -> float:
-        """Mean over the maps; 0 without maps."""
+        """Mean of the means in `by_map`; 0 without maps."""
         return float(np.mean([mean for mean, _ in self.by_map.values()])) if self.by_map else 0.0
 
     @property
     def deviation(self) -> float:
-        """Root mean square of the deviations of the maps; 0 without maps."""
+        """Root mean square of the standard deviations in `by_map`; 0 without maps."""
         return float(np.sqrt(np.mean([s**2 for _, s in self.by_map.values()]))) if self.by_map else 0.0
 
     def settings(self) -> dict[str, float]:
