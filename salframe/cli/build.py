@@ -42,7 +42,7 @@ def build(
     calibrate: Annotated[
         bool,
         typer.Option(
-            "--calibrate/--no-calibrate", help="Calibrate the probabilities of answers with the panoramas of the map"
+            "--calibrate/--no-calibrate", help="Use the panoramas of the map to calibrate the probabilities of answers"
         ),
     ] = True,
     floor_map: Annotated[

@@ -46,7 +46,7 @@ def compare(
 
 @with_common_options(
     data=(
-        Annotated[str | None, typer.Option(metavar="DATASET", help="Dataset to use instead of the one in FILE")],
+        Annotated[str | None, typer.Option(metavar="DATASET", help="Dataset to use instead of the key `data` of FILE")],
         None,
     ),
     seed=(StudySeed, 0),
@@ -56,7 +56,7 @@ def ablate(
     file: Annotated[
         Path,
         typer.Argument(
-            metavar="FILE", help="YAML file with the keys `method` and `vary`, or the name of an included ablation"
+            metavar="FILE", help="YAML file with the keys `method` and `vary`, or the name of an ablation of salframe"
         ),
     ],
     *,

@@ -164,10 +164,8 @@ def import_(
         Literal["column", "region", "folder", "none"] | None,
         typer.Option(
             help="Source of place names. column: the column or key `place` of the recording; region: the rooms "
-            "(regions) of a building "
-            "model or of floor masks; folder: the folders of the pictures; none: each reference frame is its own "
-            "place. "
-            "Default: the first of these that names the place of every reference frame"
+            "(regions) of a building model or of floor masks; folder: the folders of the pictures; none: each panorama "
+            "of the map is its own place. Default: the first of these that names the place of every panorama of the map"
         ),
     ] = None,
     queries: Annotated[

@@ -27,9 +27,7 @@ def experiment(
         bool,
         typer.Option("--quick", help="Measure faster: fewer seeds, queries and methods, and only some of the tables"),
     ] = False,
-    force: Annotated[
-        bool, typer.Option("--force", help="Repeat measurements even if their results are stored")
-    ] = False,
+    force: Annotated[bool, typer.Option("--force", help="Repeat measurements even if they are stored")] = False,
     results: Annotated[
         Path, typer.Option(metavar="DIR", help="Folder to store the tables in, with one JSON file for each experiment")
     ] = Path("results"),

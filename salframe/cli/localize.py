@@ -42,7 +42,8 @@ def localize(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="CSV file with the camera pose of each view in any fixed frame (columns t_s, x_m, y_m, z_m, yaw_deg)",
+            help="CSV file with the camera poses of --views in any fixed coordinate system: one row per view, with the "
+            "columns t_s, x_m, y_m, z_m, yaw_deg",
         ),
     ] = None,
     data: Annotated[
@@ -50,7 +51,9 @@ def localize(
     ] = None,
     rgb: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Colour image to localize, instead of FRAME; needs no manifest.json"),
+        typer.Option(
+            metavar="FILE", help="Colour image to localize, instead of FRAME; it need not belong to a dataset"
+        ),
     ] = None,
     range_image: Annotated[
         list[Path] | None,

@@ -150,8 +150,8 @@ def connect(
         Path | None,
         typer.Option(
             metavar="FILE.csv",
-            help="CSV file with one connection per row, and the columns start, end (places or nodes), kind (stairs or "
-            "lift) and length_m",
+            help="CSV file of connections, instead of FROM and TO: one per row, with the columns start, end (places or "
+            "nodes), kind (stairs or lift) and length_m",
         ),
     ] = None,
 ) -> None:
@@ -208,10 +208,16 @@ def show(
 def route(
     map: TopologyMap,
     start: Annotated[
-        str, typer.Argument(metavar="FROM", help="Start of the route: a place, a topology node, or the text of a sign")
+        str,
+        typer.Argument(
+            metavar="FROM", help="Start of the route: a place, a topology node, or the text on a sign in the building"
+        ),
     ],
     goal: Annotated[
-        str, typer.Argument(metavar="TO", help="Goal of the route: a place, a topology node, or the text of a sign")
+        str,
+        typer.Argument(
+            metavar="TO", help="Goal of the route: a place, a topology node, or the text on a sign in the building"
+        ),
     ],
     planner: PlannerName = PLANNER,
     heading: Heading = None,
@@ -249,7 +255,7 @@ def query(
         typer.Option(
             "--to",
             metavar="GOAL",
-            help="Also find the route from the query to this goal: a place, a topology node, or the text of a sign",
+            help="Also find the route from the query to this goal: a place, a topology node, or the text on a sign",
         ),
     ] = None,
     planner: PlannerName = PLANNER,

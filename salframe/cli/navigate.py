@@ -28,7 +28,7 @@ NavigationSettings = Annotated[
     list[str] | None,
     set_option(
         "Change a setting of all methods (KEY), one method (METHOD.KEY), the agent (navigation.KEY), the "
-        "dataset (data.KEY) or the workers (engine.KEY), such as data.seed=1"
+        "dataset (data.KEY) or the worker processes (engine.KEY), such as data.seed=1"
     ),
 ]
 NavigationSeed = Annotated[

@@ -122,17 +122,20 @@ SetForDetectors = Annotated[
 SetForMethod = Annotated[
     list[str] | None,
     set_option(
-        "Change a setting of the method (KEY), the dataset (data.KEY) or the workers (engine.KEY), such as data.seed=1"
+        "Change a setting of the method (KEY), the dataset (data.KEY) or the worker processes (engine.KEY), such as "
+        "data.seed=1"
     ),
 ]
 SetForData = Annotated[
     list[str] | None,
-    set_option("Change a setting of the dataset (data.KEY) or the workers (engine.KEY), such as data.seed=1"),
+    set_option("Change a setting of the dataset (data.KEY) or the worker processes (engine.KEY), such as data.seed=1"),
 ]
 Name = Annotated[
     str | None, typer.Option(metavar="NAME", help="Prefix of the name of the run folder (default: name of the dataset)")
 ]
-Runs = Annotated[Path, typer.Option(metavar="DIR", help="Parent folder of the run folders, which store the results")]
+Runs = Annotated[
+    Path, typer.Option(metavar="DIR", help="Parent folder of the run folders, which store the measurements")
+]
 EngineName = Annotated[
     str,
     typer.Option(
@@ -148,7 +151,7 @@ Workers = Annotated[
         "--workers",
         parser=number_parser("--workers", int, 1, MAX_WORKERS),
         metavar="N",
-        help="Number of worker processes (default: one per core to render, a single one for other work)",
+        help="Number of worker processes (default: one per core to render generated data, a single one for other work)",
     ),
 ]
 parse_seed = number_parser("--seed", int, 0, MAX_SEED)
@@ -165,7 +168,9 @@ StudySeed = Annotated[
 ]
 Style = Annotated[
     Literal["table", "md", "latex", "csv"],
-    typer.Option("--format", help="Format of the printed tables; only csv has all columns and unrounded numbers"),
+    typer.Option(
+        "--format", help="Format of the printed tables; csv always has all columns, and its numbers are not rounded"
+    ),
 ]
 Columns = Annotated[
     str | None,

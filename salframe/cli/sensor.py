@@ -35,7 +35,8 @@ def sensor(
         str,
         typer.Option(
             metavar="N,N",
-            help="Random seeds of a generated dataset, such as 100,101; each seed is a building (default: data.seed)",
+            help="Random seeds of a generated dataset, such as 100,101; each seed gives another building (default: "
+            "data.seed)",
         ),
     ] = "",
     output: Annotated[

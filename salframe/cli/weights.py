@@ -22,7 +22,11 @@ Name = Annotated[
 def list_(
     verbose: Annotated[
         bool,
-        typer.Option("--verbose", "-v", help="Also print the source, the folder, and the terms of the training data"),
+        typer.Option(
+            "--verbose",
+            "-v",
+            help="Also print the source and folder of the weights, and the terms of their training data",
+        ),
     ] = False,
     as_json: Json = False,
 ) -> None:
