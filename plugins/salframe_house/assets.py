@@ -120,7 +120,7 @@ class Asset:
         licence: Licence of the model.
         archive: Path of the library.
         model: Path of the model inside the library.
-        rotation: Row-major 3 x 3 rotation of the model (x right, y up, z to the front).
+        rotation: Row-major 3 x 3 rotation from the axes of the model file to x right, y up, z to the front.
     """
 
     id: str

@@ -105,7 +105,7 @@ class Connection(Settings):
         start: Name of a place, or id of a node of a topological map.
         end: Name of a place or id of a node on another storey.
         kind: "stairs" or "lift".
-        length_m: Length that routes count for it, in metres.
+        length_m: Length in metres that the connection adds to a route.
     """
 
     start: str

@@ -91,7 +91,7 @@ DEFAULT_COLUMNS = tuple(COLUMNS)
 
 
 def class_tables(rows: Sequence[DetectionRow]) -> list[Table]:
-    """Return a table of the classes of each detector that was measured."""
+    """Return a table for each measured detector, with a row for each class of objects."""
     return [
         Table(
             (row.title, "precision %", "recall %", "annotated", "detections", "correct"),
