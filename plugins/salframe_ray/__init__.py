@@ -43,8 +43,8 @@ class Ray(WorkerEngine):
     class Config(WorkerEngine.Config):
         address: str | None = Field(
             None,
-            description="address of a running Ray cluster: HOST:PORT, or auto for the cluster that this machine belongs "
-            "to; null: start a new cluster of only this machine, which ends with the command",
+            description="address of a running Ray cluster: HOST:PORT, or auto for the cluster that this machine "
+            "belongs to; null: start a new cluster of only this machine, which ends with the command",
         )
 
     def ready(self) -> int:
