@@ -49,7 +49,9 @@ class Drives:
         resolution_m = self._grid.floor.resolution_m
         end = nearest_pixel(self._grid.clear, self._grid.to_pixel(np.array([query.x_m, query.y_m])))
         if end is None:
-            raise AssertionError(f"the building of the query {query.id} has no free space, expected some")
+            raise AssertionError(
+                f"the building of the query {query.id} has no free floor on which the camera can drive"
+            )
         length = max(num_views - 1, MIN_STEPS) * STEP_M / resolution_m
         distance, before = dijkstra(
             self._graph, indices=self._number[cell(end)], limit=length + 1, return_predecessors=True

@@ -171,8 +171,8 @@ def group_by_station(images: Sequence[PosedImage]) -> dict[str, list[PosedImage]
     for image in images:
         if image.station is None:
             raise DataError(
-                f"the image {image.name} has no key `station`, expected the key for every image: add it, or set "
-                "group_by=motion"
+                f"the entry of the image {image.name} has no key `station`, expected the key for every image: add it, "
+                "or set group_by=motion"
             )
         groups.setdefault(image.station, []).append(image)
     return groups

@@ -187,7 +187,7 @@ class Matterport3D(Dataset):
                 )
                 folds[query] = fold, Truth(frame.place, pose)
         if not folds:
-            raise DataError(f"{self.config.root} has no queries, expected at least two viewpoints in one region")
+            raise DataError(f"{self.config.root} has no queries, because no region has two viewpoints: add buildings")
         return folds
 
     def _load(self, id: str, viewpoint_id: str, columns: int) -> Callable[[], Panorama]:

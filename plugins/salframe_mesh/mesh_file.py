@@ -107,7 +107,7 @@ def _check_counts(path: Path, size: int) -> None:
         if not count.isdigit() or len(count) > 12 or int(count) > size:
             raise ValueError(
                 f"the header states {count.decode(errors='replace')[:20]} elements, expected an integer of at most "
-                f"{size}, the number of bytes of the file"
+                f"{size}, the number of bytes of the file: export the mesh again"
             )
 
 

@@ -52,7 +52,7 @@ class QueryOptions:
     fov_deg: float | None
 
     def __post_init__(self) -> None:
-        from salframe.framework.errors import ConfigError
+        from salframe.framework.errors import ConfigError, counted
 
         has_images = self.rgb is not None or bool(self.ranges or self.instances) or self.labels is not None
         if self.is_sequence and self.rgb is not None:
@@ -86,8 +86,8 @@ class QueryOptions:
         for option, files in (("--range", self.ranges), ("--instances", self.instances)):
             if files and len(files) != self._num_views:
                 raise ConfigError(
-                    f"the number of options {option} is {len(files)}, expected {self._num_views}: one for each view, "
-                    "in the order of the views"
+                    f"the option {option} was given {counted(len(files), 'time')}, expected {self._num_views}: once for "
+                    "each view, in the order of the views"
                 )
 
     @property

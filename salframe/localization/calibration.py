@@ -100,9 +100,9 @@ class MapCalibration(Settings):
         if count * max_false_accept < 1:
             raise DataError(
                 f"max_false_accept is {max_false_accept:g}, which needs at least "
-                f"{np.ceil(1 / max_false_accept):.0f} calibration frames (reference frames that were localized in the "
-                f"map without their place), but the map has {count}: increase max_false_accept, or add places to the "
-                "map"
+                f"{np.ceil(1 / max_false_accept):.0f} calibration frames (reference frames that were localized while "
+                f"the map did not contain their place), but the map has {count}: increase max_false_accept, or add "
+                "places to the map"
             )
         num_above = int(np.floor(max_false_accept * (count + 1) + 1e-9)) - 1
         limit = 1 - self.absent_in_map[count - 1 - num_above]

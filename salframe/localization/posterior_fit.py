@@ -93,8 +93,9 @@ def fit_posterior(answers: Sequence[ScoredAnswer]) -> Fit:
     num_out_of_map = sum(not answer.here for answer in answers)
     if not ranked or not num_out_of_map:
         raise DataError(
-            f"the tuning data have {len(ranked)} answers that contain the true place, and {num_out_of_map} answers to "
-            "out-of-map queries, expected at least one of each: use tuning data with more queries and places"
+            f"on the tuning data, the method gave {len(ranked)} answers that contain the true place, and "
+            f"{num_out_of_map} answers to queries from places outside of the map, expected at least one of each: use "
+            "tuning data with more queries and places"
         )
     spread = float(np.std(np.concatenate([answer.scores for answer in answers])))
     if spread == 0 or all(np.ptp(answer.scores) == 0 for answer in ranked):

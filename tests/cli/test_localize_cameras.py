@@ -128,7 +128,7 @@ def test_an_unusual_camera_is_reported_once(photographs):
         (("0.jpg", "--range", "0.depth.png"), "received both FRAME and image files"),
         (
             ("--views", "0.jpg", "1.jpg", "--fov", "90", *parts(0)),
-            "the number of options --range is 1, expected 2: one for each view",
+            "the option --range was given 1 time, expected 2: once for each view",
         ),
         (
             ("small.jpg", "--camera", "camera.json"),

@@ -216,9 +216,9 @@ def test_answers_that_can_be_told_apart_have_a_finite_slope():
 
 def test_what_cannot_be_fitted_is_told():
     here, gone = ScoredAnswer(np.array([2.0, 1.0]), 0, True, ""), ScoredAnswer(np.array([1.0]), None, False, "")
-    with pytest.raises(DataError, match=r"2 answers that contain the true place, and 0 answers to out-of-map queries"):
+    with pytest.raises(DataError, match=r"2 answers that contain the true place, and 0 answers to queries from places"):
         fit_posterior([here, here])
-    with pytest.raises(DataError, match=r"0 answers that contain the true place, and 1 answers to out-of-map queries"):
+    with pytest.raises(DataError, match=r"0 answers that contain the true place, and 1 answers to queries from places"):
         fit_posterior([gone])
     flat = ScoredAnswer(np.array([1.0, 1.0]), 0, True, "")
     with pytest.raises(DataError, match="the same score, expected different scores"):

@@ -97,7 +97,7 @@ def test_a_slot_without_a_default_takes_that_of_the_defaults_file(models):
 
 def test_a_slot_whose_role_has_no_default_is_refused(fakes, monkeypatch):
     monkeypatch.delitem(defaults(), "saliency")
-    with pytest.raises(ConfigError, match="no key 'saliency', expected one of the keys methods, "):
+    with pytest.raises(ConfigError, match="received the key 'saliency', expected a key of "):
         registry().add(Outer, "test")
 
 
