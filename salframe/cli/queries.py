@@ -86,8 +86,8 @@ class QueryOptions:
         for option, files in (("--range", self.ranges), ("--instances", self.instances)):
             if files and len(files) != self._num_views:
                 raise ConfigError(
-                    f"the option {option} was given {counted(len(files), 'time')}, expected {self._num_views}: once for "
-                    "each view, in the order of the views"
+                    f"the option {option} was given {counted(len(files), 'time')}, expected {self._num_views}: once "
+                    "for each view, in the order of the views"
                 )
 
     @property

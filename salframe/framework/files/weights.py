@@ -185,7 +185,7 @@ def receive(address: str, path: Path, max_bytes: int, progress: Callable[[int], 
                 sink.write(chunk)
                 if sink.tell() > max_bytes:
                     raise OSError(
-                        f"the server sent more than {max_bytes} bytes, the maximum size of this file: it sent another file"
+                        f"the server sent more than {max_bytes} bytes, the maximum size of this file: it sent another"
                     )
                 progress(sink.tell())
             length = response.headers.get("Content-Length")
