@@ -208,9 +208,10 @@ class BagRig:
             )
         if up[best] < MIN_UP:
             raise DataError(
-                f"{where}: the up vectors of the images have the z component {up['optical']:.2f} with optical camera "
-                f"axes and {up['body']:.2f} with body axes, expected {MIN_UP:.2f} to 1 for one of them: check the "
-                "transforms of this frame in /tf_static (not inverted, quaternions in the order x, y, z, w)"
+                f"{where}: the up vectors of the images have the z component {up['optical']:.2f} in the world if the "
+                f"frame has optical camera axes, and {up['body']:.2f} if it has body axes, expected {MIN_UP:.2f} to 1 "
+                "in one of the two cases: check the transforms of this frame in /tf_static (not inverted, quaternions "
+                "in the order x, y, z, w)"
             )
         return replace(self, axes=best)
 

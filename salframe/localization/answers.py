@@ -219,8 +219,8 @@ class Localization:
             return
         if len(probabilities) < len(entries):
             raise InvalidAnswer(
-                f"a localization has {len(probabilities)} probabilities, expected {len(entries)} (one for each place, "
-                "and one in `out_of_map_probability`) or none"
+                f"a localization has {len(probabilities)} probabilities, expected none, or {len(entries)}: one for "
+                "each place, and `out_of_map_probability`"
             )
         outside = [probability for probability in probabilities if not 0 <= probability <= 1]
         if outside:

@@ -263,7 +263,7 @@ def read_fitted(part: str, value: Any) -> Any:
         raise ValueError(f"received {value['kind']!r}, expected the path of a YAML file that `salframe fit` wrote")
     content = read_yaml(Path(value["kind"])).get(part)
     if not isinstance(content, Mapping):
-        raise ValueError(f"{value['kind']} has no mapping `{part}`, expected a file that `salframe fit` wrote")
+        raise ValueError(f"the file {value['kind']} has no mapping `{part}`, expected a file that `salframe fit` wrote")
     rest = {key: number for key, number in value.items() if key != "kind"}
     # A complete mapping comes from a preset: the file replaces it. Otherwise it changes parameters of the file.
     return content if content.keys() <= rest.keys() else merge(content, rest)

@@ -105,9 +105,7 @@ class DetectorRules(Rules[Detector]):
     def its_needs_suffice(self) -> None:
         needs = self._detector.needs
         if self._parts == needs:
-            raise DoesNotApply(
-                "the other checks already use panoramas without the images that the detector does not need"
-            )
+            raise DoesNotApply("the panoramas of the other checks already have only the images that the detector needs")
         panorama = look(ROOMS[-1], ROOMS[-1].name, stand(ROOMS[-1]), needs)
         self._check(f"detect with {' and '.join(sorted(needs))} alone", panorama)
 
