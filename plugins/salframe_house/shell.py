@@ -131,7 +131,7 @@ def _wall(
     offset = float(np.abs(along) @ start)  # world position, so that the pattern differs between rooms
 
     def patch(s0: float, s1: float, z0: float, z1: float) -> None:
-        """Add a rectangle of the wall from s0 to s1 along it and from z0 to z1 in height."""
+        """Add a rectangular part of the wall, from s0 to s1 along the wall and from z0 to z1 in height (metres)."""
         if s1 - s0 < 1e-6 or z1 - z0 < 1e-6:
             return
         low, high = start + along * s0, start + along * s1
