@@ -23,8 +23,8 @@ class DistantViews(Settings):
     near_m: float = Field(
         2.5,
         ge=0,
-        description="In a map without floor masks, successive views of a query form groups, and each group is assumed "
-        "to be in one place. All views of a group are at most this distance (m) from the last view of the group",
+        description="maximum distance (m) of a view from the last view of its group. Only used in a map without floor "
+        "masks: there, successive views of a query form groups, and each group is assumed to be in one place",
     )
     window_m: float = Field(
         5.0,

@@ -132,8 +132,9 @@ class Likelihood(Settings):
         0.33,
         gt=0,
         le=1,
-        description="used if no pose of the query was found in a place. Its likelihood ratio then ignores positions, "
-        "and this factor (0 to 1) multiplies the odds that an object of the query is an object of the place",
+        description="factor (0 to 1) for a place in which no pose of the query was found. The likelihood ratio of such "
+        "a place ignores positions, and the factor multiplies the odds that an object of the query is an object of the "
+        "place",
     )
     scale_error: float = Field(
         0.1,

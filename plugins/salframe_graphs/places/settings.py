@@ -77,8 +77,8 @@ class PlacesConfig(GraphLocalizerConfig, PanoramaScoresConfig):
     candidates: int = match_only(
         100,
         ge=1,
-        description="maximum number of places whose single objects are compared with those of the query. In a larger "
-        "map, the scene index selects them",
+        description="maximum number of places whose objects are compared one by one with the objects of the query. "
+        "If the map has more places, the setting `scene_index` selects the places to compare",
     )
     scene_index: slot(  # type: ignore[valid-type]
         "scene-index",
