@@ -329,8 +329,8 @@ def _check_words(path: Path, numbers: np.ndarray, words: Sequence[str]) -> None:
         )
     if len(numbers) and numbers.max() >= len(words):
         raise DataError(
-            f"{path} refers to the string {numbers.max()} of a list of strings, expected an index below {len(words)}: "
-            "build the map again"
+            f"{path} contains the index {numbers.max()} into a list of {len(words)} strings, expected an index below "
+            f"{len(words)}: build the map again"
         )
 
 
