@@ -3,27 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+from fake_plugin import Reader
 
-from salframe.framework.component import ComponentConfig
-from salframe.localization.answers import Localization
-from salframe.localization.localizer import Localizer
 from salframe.localization.references import complete_references
 from salframe.panoramas.frames import ReferenceFrame
 from salframe.panoramas.geometry import pose_2d
 
 
-class Halving(Localizer):
+class Halving(Reader):
     """Describes a frame by a number of objects. Completing a description halves it; 1 object does not fit."""
 
     name = "halving"
-    version = "1"
-    needs = frozenset()
-
-    class Config(ComponentConfig):
-        pass
-
-    def describe(self, panorama):
-        raise NotImplementedError
 
     def complete(self, descriptions, frames):
         return [{"count": one["count"] // 2} if one["count"] > 1 else one for one in descriptions]
@@ -33,12 +23,6 @@ class Halving(Localizer):
 
     def count_objects(self, description):
         return int(description["count"])
-
-    def index(self, descriptions, frames):
-        raise NotImplementedError
-
-    def match(self, description) -> Localization:
-        raise NotImplementedError
 
 
 def frames(count: int) -> list[ReferenceFrame]:

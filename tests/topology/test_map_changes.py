@@ -3,12 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
-import random
 import shutil
-import signal
-import time
-from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -16,8 +11,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from doored_maps import build
 from fake_plugin import Reader
-from killing import kill_at, killed, start
 
 from salframe.framework.components.registry import registry
 from salframe.framework.errors import ConfigError, DataError, UnknownName
@@ -25,8 +20,8 @@ from salframe.framework.files.cache import Cache
 from salframe.localization.map import open_map
 from salframe.localization.map_files import write_map
 from salframe.panoramas.frames import QueryFrame
-from salframe.panoramas.opening import find_dataset, find_frame
-from salframe.topology.building_map import ask_map, build_map
+from salframe.panoramas.opening import find_dataset
+from salframe.topology.building_map import build_map
 from salframe.topology.map_changes import MapChange, add_to_map, merge_maps, remove_from_map
 from salframe.topology.store import open_topology, write_topology
 
@@ -42,13 +37,6 @@ def answers(directory: Path, queries: Sequence[QueryFrame]) -> list[str]:
     """The answers of a map, with all digits."""
     opened = open_map(directory)
     return [str(opened.localize(query)) for query in queries]
-
-
-@pytest.fixture
-def rooms(fakes, monkeypatch):
-    """The fake components, with doors between rooms."""
-    monkeypatch.setenv("SALFRAME_PLUGINS", "fake_plugin,doored_plugin")
-    registry.cache_clear()
 
 
 @pytest.fixture(scope="module")
@@ -116,24 +104,19 @@ def test_a_map_that_grew_is_the_one_that_was_built_at_once(house, halves, method
     assert answers(tmp_path / "grown", queries) == answers(tmp_path / "a", queries) != expected
 
 
-def build(directory: str, data: str = "doored", *overrides: str) -> Path:
-    build_map(data, directory, "reader", overrides=overrides)
-    return Path(directory)
-
-
 def places(directory: Path) -> list[str]:
     """The place of each reference frame of a map."""
     return [frame.place for frame in open_map(directory).frames]
 
 
-def test_places_of_the_same_name_are_replaced(rooms):
+def test_places_of_the_same_name_are_replaced(doored):
     map = build("map", "doored", "data.rooms=3")
     change = add_to_map(map, "doored", overrides=("data.rooms=4", "data.seed=1"))
     assert change == MapChange(("room-3",), ("room-0", "room-1", "room-2"), (), 4, 4, ())
     assert content(map) == content(build("whole", "doored", "data.rooms=4"))
 
 
-def test_panoramas_of_the_map_are_not_seen_again(rooms, monkeypatch):
+def test_panoramas_of_the_map_are_not_seen_again(doored, monkeypatch):
     """The map stores all that is needed of them."""
     map, described = build("map"), []
     Cache().clear()
@@ -145,7 +128,7 @@ def test_panoramas_of_the_map_are_not_seen_again(rooms, monkeypatch):
     assert len(described) == 5
 
 
-def test_an_engine_describes_what_is_added(rooms, monkeypatch):
+def test_an_engine_describes_what_is_added(doored, monkeypatch):
     monkeypatch.setenv("SALFRAME_PLUGINS", "fake_plugin,doored_plugin,salframe_engines")
     registry.cache_clear()
     build("map", "doored", "data.rooms=3")
@@ -158,7 +141,7 @@ def test_an_engine_describes_what_is_added(rooms, monkeypatch):
     assert content(Path("map")) == content(Path("alone"))
 
 
-def test_two_floors_make_a_building(rooms):
+def test_two_floors_make_a_building(doored):
     map, upstairs = build("map"), build("above", "upstairs")
     before = content(upstairs)
     change = merge_maps(map, [upstairs])
@@ -174,7 +157,7 @@ def test_two_floors_make_a_building(rooms):
     assert content(upstairs) == before
 
 
-def test_a_place_that_is_removed_is_off_the_way(rooms):
+def test_a_place_that_is_removed_is_off_the_way(doored):
     map = build("map")
     change = remove_from_map(map, ["room-2"])
     assert (change.removed, change.places) == (("room-2",), 4)
@@ -185,13 +168,13 @@ def test_a_place_that_is_removed_is_off_the_way(rooms):
     assert content(map) == content(build("whole"))
 
 
-def test_a_region_without_panoramas_is_removed_too(rooms):
+def test_a_region_without_panoramas_is_removed_too(doored):
     map = build("map", "doored", "data.rooms=3")
     add_to_map(map, "upstairs")
     assert remove_from_map(map, ["upper-room-4"]).places == 7
 
 
-def test_a_map_whose_last_floor_is_removed_has_no_topology_any_more(rooms):
+def test_a_map_whose_last_floor_is_removed_has_no_topology_any_more(doored):
     map = build("map", "half-masked")
     assert [node.id for node in open_topology(map).nodes] == ["map-0"]
     change = remove_from_map(map, ["room-0"])
@@ -200,7 +183,7 @@ def test_a_map_whose_last_floor_is_removed_has_no_topology_any_more(rooms):
     assert content(map).keys() == content(build("plain", "maskless")).keys()
 
 
-def test_how_the_topology_was_made_stays(rooms):
+def test_how_the_topology_was_made_stays(doored):
     build_map("doored", "map", "reader", central_nodes=True, overrides=("data.rooms=3",))
     add_to_map("map", "doored", overrides=("data.rooms=5",))
     topology = open_topology("map")
@@ -208,7 +191,7 @@ def test_how_the_topology_was_made_stays(rooms):
     assert [node.id for node in topology.nodes if node.kind == "scene"] == [f"room-{room}" for room in range(5)]
 
 
-def test_a_map_without_a_topology_stays_one(rooms):
+def test_a_map_without_a_topology_stays_one(doored):
     build_map("doored", "plain", "reader", topology=False, overrides=("data.rooms=3",))
     assert add_to_map("plain", "maskless").notes == ()
     assert places(Path("plain")) == [f"room-{room}" for room in range(5)]
@@ -220,13 +203,13 @@ def test_a_map_without_a_topology_stays_one(rooms):
     }
 
 
-def test_what_a_change_tells_of_progress_and_panoramas(rooms):
+def test_what_a_change_tells_of_progress_and_panoramas(doored):
     calls, map = [], build("map", "doored", "data.rooms=1")
     add_to_map(map, "doored", progress=lambda *call: calls.append(call))
     assert calls == [("doored", 5, 5), *(("reader", done, 5) for done in range(6))]
 
 
-def test_what_does_not_fit_is_one_line_and_changes_nothing(rooms):
+def test_what_does_not_fit_is_one_line_and_changes_nothing(doored):
     build("map")
     build("bare", "frameless")
     build("same")
@@ -295,7 +278,7 @@ def test_what_does_not_fit_is_one_line_and_changes_nothing(rooms):
     assert not Path("absent").exists()
 
 
-def test_a_map_that_holds_something_else_is_one_line(rooms):
+def test_a_map_that_holds_something_else_is_one_line(doored):
     map = build("map")
     (old,) = map.glob("parts-*")
     with write_map(map) as parts:
@@ -306,99 +289,7 @@ def test_a_map_that_holds_something_else_is_one_line(rooms):
         remove_from_map(map, ["room-1"])
 
 
-CHANGES = {
-    "add": lambda: add_to_map("map", "upstairs"),
-    "remove": lambda: remove_from_map("map", ["room-1", "room-4"]),
-    "merge": lambda: merge_maps("map", ["above"]),
-}
-EACH = pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES.keys())
-
-
-def answer() -> str:
-    """The answer of the map, with all digits; it ranks all places."""
-    return str(ask_map("map", find_frame(find_dataset("doored"), "query-1-0")))
-
-
-@pytest.fixture
-def old_and_new(rooms, request) -> tuple[str, str]:
-    """The answers of the map before and after a change. The change is undone; `saved` and `above` are other maps."""
-    build("above", "upstairs")
-    build("saved")
-    both = []
-    for change in (lambda: None, request.node.callspec.params["change"]):
-        restore()
-        change()
-        both.append(answer())
-    restore()
-    assert both[0] != both[1]
-    return both[0], both[1]
-
-
-def restore() -> None:
-    shutil.rmtree("map", ignore_errors=True)
-    shutil.copytree("saved", "map")
-
-
-def at_step(step: int, change: Callable[[], object]) -> None:
-    kill_at(step, Path("map"))
-    change()
-
-
-@pytest.mark.slow
-@EACH
-def test_a_map_is_as_before_or_after_a_change_that_is_killed_at_any_step(old_and_new, change):
-    old, new = old_and_new
-    after_kill = []
-    while killed(start(partial(at_step, len(after_kill) + 1, change))):
-        after_kill.append(answer())
-        restore()
-    assert answer() == new
-    assert after_kill == [old] * after_kill.count(old) + [new] * after_kill.count(new)  # it changes once
-    assert min(after_kill.count(old), after_kill.count(new)) >= 2
-
-
-@EACH
-def test_a_map_is_as_before_or_after_a_change_that_is_killed_at_any_time(old_and_new, change):
-    """The next change removes what killed changes left behind."""
-    rng, is_new = random.Random(0), Counter[bool]()
-    durations_s = []
-    for _ in range(2):  # the first change also loads modules
-        began = time.monotonic()
-        assert not killed(start(change))
-        durations_s.append(time.monotonic() - began)
-        restore()
-    duration_s = min(durations_s)
-    for _ in range(15):
-        child = start(change)
-        time.sleep(rng.uniform(0, duration_s))
-        os.kill(child, signal.SIGKILL)
-        if not killed(child):  # the machine has become faster
-            duration_s *= 0.8
-        after_kill = answer()
-        assert after_kill in old_and_new
-        is_new[after_kill == old_and_new[1]] += 1
-        if after_kill == old_and_new[1]:
-            restore()
-    assert is_new[False]
-    change()
-    assert answer() == old_and_new[1]
-    assert sorted(path.name.partition("-")[0] for path in Path("map").iterdir()) == ["map.json", "parts"]
-
-
-@pytest.mark.parametrize("change", [CHANGES["add"]])
-def test_readers_see_the_map_before_or_after_while_it_is_written(old_and_new, change):
-    def write() -> None:
-        for _ in range(8):
-            change()
-            remove_from_map("map", [f"upper-room-{room}" for room in range(5)])
-
-    counts, writer = Counter[str](), start(write)
-    while os.waitpid(writer, os.WNOHANG) == (0, 0):
-        counts[answer()] += 1
-    assert set(counts) == set(old_and_new)
-
-
-def test_a_map_that_is_open_goes_on(rooms):
+def test_a_map_that_is_open_goes_on(doored):
     map = build("map")
     build("before")
     opened, topology = open_map(map), open_topology(map)

@@ -184,9 +184,7 @@ def receive(address: str, path: Path, max_bytes: int, progress: Callable[[int], 
             while chunk := response.read(CHUNK_BYTES):
                 sink.write(chunk)
                 if sink.tell() > max_bytes:
-                    raise OSError(
-                        f"the server sent more than {max_bytes} bytes, the maximum size of this file: it sent another"
-                    )
+                    raise OSError(f"the server sent more than {max_bytes} bytes, the maximum size of this file")
                 progress(sink.tell())
             length = response.headers.get("Content-Length")
             if length is not None and sink.tell() < int(length):
