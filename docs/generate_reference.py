@@ -214,7 +214,8 @@ CHOICES = {
     "`--set range.KEY=VALUE`.",
     "scene-index": "`--set scene_index.kind=NAME` chooses the index with which `proposed` selects places. "
     "`--set matcher.scene_index.kind=NAME` chooses the index of the matcher. The matcher is used by `saliency-graph`, "
-    "by its variants such as `usg`, and by `proposed` (for its evidence `panorama`).",
+    "by its variants such as `usg`, and by `proposed`, which compares the query with single panoramas for the "
+    "[evidence](../../explanation/place-evidence.md) `panorama`.",
     "feature-matcher": "Choose the feature matcher of the localizer `keypoints` with `--set features.kind=NAME`, and "
     "change its settings with `--set features.KEY=VALUE`.",
     "image-network": "Choose the image network of the localizer `image` with `--set network.kind=NAME`, and change its "
@@ -238,7 +239,7 @@ def _usage_of(role: str) -> str:
 
 
 TERMS = {
-    r"\bquer(y|ies)\b": "*query*: a panorama (or another view) to localize",
+    r"\bquer(y|ies)\b": "*query*: a panorama to localize, or one or several views",
     r"reference frame": "*reference frame*: a panorama of the map, with its pose and its place",
     r"\bplaces?\b": "*place*: a room or a doorway",
     r"out-of-map": "*out-of-map*: the query was taken at a place that the map does not contain",

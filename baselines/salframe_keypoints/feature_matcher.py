@@ -26,8 +26,8 @@ class ViewFeatures:
 class FeatureMatcher(Role):
     """Extracts features of perspective views, and matches the features of two views.
 
-    A map stores the result of `extract` for each view. Declare settings that only `match` and `describe` read with
-    `match_only`: changing them does not require a new map.
+    A map stores the result of `extract` for each view. If only `match` and `describe` read a setting,
+    declare it with `match_only`: changing it does not require a new map.
     """
 
     role = "feature-matcher"

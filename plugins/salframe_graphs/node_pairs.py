@@ -81,7 +81,7 @@ class NodePairs:
 def label_counts(
     label: np.ndarray, num_labels: int, map_label: np.ndarray, count: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Count the nodes with each label of a query, in the query and in K graphs.
+    """For each label of a query, count the nodes with this label, in the query and in each of K graphs.
 
     Args:
         label: (n,) labels of the query's nodes, -1 for a label outside the vocabulary.

@@ -111,8 +111,11 @@ class _Plan:
         twin: str | None = None,
         mirror_of: str | None = None,
     ) -> str:
-        """Add a rectangular room and return its id. The centre lines of its walls form a rectangle, with the opposite
-        corners `corner_a` and `corner_b`."""
+        """Add a rectangular room and return its id.
+
+        The centre lines of its walls form a rectangle, with the opposite corners `corner_a` and `corner_b`. `kind`,
+        `twin` and `mirror_of` are described in `Room`.
+        """
         (ax, ay), (bx, by) = corner_a, corner_b
         low = min(ax, bx) + WALL_M / 2, min(ay, by) + WALL_M / 2
         high = max(ax, bx) - WALL_M / 2, max(ay, by) - WALL_M / 2

@@ -189,8 +189,9 @@ class MatterportAnnotations(NavigableDataset):
         if not any(queries.values()):
             more = "1 other viewpoint" if self.config.leave_out == 1 else f"{self.config.leave_out} other viewpoints"
             raise DataError(
-                f"{self._root} has no queries, expected a viewpoint with {self.config.min_visible} visible objects or "
-                f"more, in a region with at least {more}: decrease min_visible or leave_out, or choose other buildings"
+                f"{self._root} has no queries, expected a viewpoint with at least {self.config.min_visible} visible "
+                f"objects, in a region with at least {more}: decrease min_visible or leave_out, or choose other "
+                "buildings"
             )
         if self.config.map_share is not None:
             return self._folds_of_shared_maps(queries)

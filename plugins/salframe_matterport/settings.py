@@ -63,8 +63,8 @@ class AnnotationsConfig(QueryView):
     one_map: bool = match_only(
         False,
         description="true: a map contains all buildings together, 1 km apart along x; false: a map contains one "
-        "building. Without `map_share`, the viewpoint of a query must not be in its map (see `leave_out`). "
-        "Therefore, even with true there are several maps, each for at most one query of each building. If the "
+        "building. Without `map_share`, true still gives several maps, because the viewpoint of a query must "
+        "not be in its map (see `leave_out`). Each map is then for at most one query of each building. If the "
         "dataset has a single building, true and false give the same maps",
     )
     map_share: float | None = added(

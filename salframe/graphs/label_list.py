@@ -47,7 +47,7 @@ class ListedLabel:
 
     @classmethod
     def of(cls, label: str, objects: int) -> ListedLabel:
-        """Look a label up in the vocabulary."""
+        """Return the entry of a label, which is looked up in the vocabulary. `objects` objects have this label."""
         name = object_label(label)
         known = is_object(name)
         status = {True: LabelStatus.KNOWN, False: LabelStatus.NOT_OBJECT, None: LabelStatus.UNKNOWN}[known]

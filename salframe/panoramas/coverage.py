@@ -115,7 +115,7 @@ class Grid:
 
 
 def ring_of(view: int) -> tuple[int, int]:
-    """Return the ring of a view and the view's position in it."""
+    """Return two indices of a view: of its ring (the views with the same elevation), and of the view in this ring."""
     for ring, end in enumerate(accumulate(count for count, _ in RINGS)):
         if view < end:
             return ring, view - end + RINGS[ring][0]

@@ -51,8 +51,8 @@ def build_topology(
         regions and nodes that are out of reach.
 
     Raises:
-        DataError: In any of these cases: there is no floor; two floors that touch have the same height; no region of a
-            floor has free floor; two nodes have the same name.
+        DataError: In any of these cases: there is no floor; two floors have the same height, and their
+            masks overlap or touch; no region of a floor has free floor; two nodes have the same name.
     """
     if not floors:
         raise DataError(

@@ -181,7 +181,7 @@ def test_bad_input_is_one_clear_line(building, tmp_path):
         MatterportAnnotations().folds()
     with pytest.raises(DataError, match="has no building other, expected one or more of fake"):
         opened(building, scans=("other",)).folds()
-    with pytest.raises(DataError, match=r"has no queries, expected a viewpoint with 9 visible objects or more"):
+    with pytest.raises(DataError, match=r"has no queries, expected a viewpoint with at least 9 visible objects"):
         opened(building, min_visible=9).folds()
     with pytest.raises(ConfigError, match=r"data\.min_visible: received 0, expected"):
         validate(MatterportAnnotations.Config, {"min_visible": 0}, "data")

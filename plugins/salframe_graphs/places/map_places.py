@@ -29,7 +29,7 @@ _SCENE_FRAMES_COLUMNS = {"name": ArrayKind("U", ()), "frames": ArrayKind("u", (N
 
 @dataclass(frozen=True, eq=False)
 class MapPlaces:
-    """K places of a map with S reference frames.
+    """K places of a map with S reference frames (in rooms and in doorways).
 
     Attributes:
         scene_frames: The places and their scene frames (reference frames in rooms, not in doorways).

@@ -71,7 +71,8 @@ class ObservedObjects(ABC):
 
     Attributes:
         same_label: (n, M) bool, whether query object and map object have the same label.
-        log_ratio: (n, M) float32, log ratio of the observations that do not depend on the pose, such as the label.
+        log_ratio: (n, M) float32, log likelihood ratio of the properties that do not depend on the pose, such as the
+            label.
     """
 
     same_label: np.ndarray

@@ -49,10 +49,9 @@ def slot(
         return _fill(role, kind(), value, info)
 
     order = auto_order(role)
+    names = ", ".join(f"`{name}`" for name in order)
     auto_description = (
-        f"{role}. {AUTO}: the first of {', '.join(order)} that can run on this machine and on the data"
-        if order
-        else None
+        f"{role}. {AUTO}: the first of {names} that can run on this machine and on the data" if order else None
     )
     field = Field(
         default_factory=lambda: None if optional and default is None else {"kind": kind()},
