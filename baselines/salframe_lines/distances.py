@@ -57,7 +57,8 @@ def _nearest_cosines(around_rad, along_rad, points):
 
 
 def distance_codes_from(lines: Sequence[Lines3d], positions_m: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return the `distance_codes` (T, 3 Q) of 3D lines, as seen from positions (T, 3), at Q points of the sphere."""
+    """Return the `distance_codes` (T, 3 Q) at Q points of the sphere. Each row describes all lines, as seen from one of
+    the positions (T, 3). `lines` has one entry for each of the three directions."""
     chunks = [positions_m[i : i + CHUNK] for i in range(0, len(positions_m), CHUNK)]
     return np.concatenate(
         [distance_codes([project_lines(lines[k], k, chunk) for k in range(3)], points) for chunk in chunks]

@@ -48,7 +48,7 @@ class PanoramaScoresConfig(ComponentConfig):
     nearest_scene: bool = match_only(
         True,
         description="what happens if the best match is a reference frame in a doorway. true: this frame is replaced by "
-        "the nearest reference frame in a room, seen from the estimated pose; false: the frame is kept. "
+        "the reference frame in a room that is nearest to the estimated pose of the query; false: the frame is kept. "
         "`saliency-graph` answers with the place of the frame. `saliency-places` uses the score of the match as "
         "evidence for the place of the frame",
     )

@@ -125,8 +125,8 @@ class TfliteNetwork(SegmentationNetwork):
             )
         if self._output["dtype"] is not np.float32 and not self._output["quantization"][0]:
             raise WeightsError(
-                f"the output of {path} has the type {_dtype(self._output)} without quantization parameters, expected "
-                "class scores: set output.name in the model card to the name of the tensor with the scores"
+                f"the output of {path} has the type {_dtype(self._output)} without quantization parameters, so it "
+                "contains no class scores: set output.name in the model card to the name of the tensor with the scores"
             )
         self._input = inputs[0]["index"]
 

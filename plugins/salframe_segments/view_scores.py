@@ -65,11 +65,11 @@ class Views:
 
 @lru_cache(maxsize=4)
 def score_weights(views: Views, rows: int, columns: int) -> csr_array:
-    """Return the weight of each score pixel for each panorama pixel, as a sparse matrix.
+    """Return the sparse matrix that averages the score images of the views in each pixel of the panorama.
 
-    Element (p, i) is the weight of score pixel i for panorama pixel p. It is the product of a bilinear weight and of a
-    weight that falls linearly from the centre of a view to its border. The sum of a row is the total weight, 0 if no
-    view shows the pixel.
+    Element (p, i) is the weight of pixel i of the score images, one after the other, for pixel p of the panorama. It
+    is the product of a bilinear weight and of a weight that falls linearly from the centre of a view to its border. The
+    sum of a row is the total weight, 0 if no view shows the pixel.
 
     Args:
         views: Views of the panorama.

@@ -36,9 +36,9 @@ def experiment(
 ) -> None:
     """Measure the tables of an experiment and store them.
 
-    An experiment is a set of tables, such as those in `salframe docs results`. If a table is already stored, it is
-    printed and not measured again, unless the settings, or the version of a method or detector, have changed. Tables of
-    real buildings need --data-dir. Run the same command again to resume an interrupted run.
+    An experiment is a set of tables, such as those in `salframe docs results`. A complete stored table is
+    printed and not measured again, unless its settings have changed, or the versions of its task, data or methods.
+    Tables of real buildings need --data-dir. Run the same command again to resume an interrupted run.
     """
     from salframe.cli.tables import format_experiment, print_experiment, print_table
     from salframe.evaluation.studies.experiment import experiment_names, read_experiment, run_experiment

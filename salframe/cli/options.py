@@ -169,7 +169,8 @@ StudySeed = Annotated[
 Style = Annotated[
     Literal["table", "md", "latex", "csv"],
     typer.Option(
-        "--format", help="Format of the printed tables; csv always has all columns, and its numbers are not rounded"
+        "--format",
+        help="Format of the printed tables; csv ignores --columns: it has all columns, and numbers with more digits",
     ),
 ]
 Columns = Annotated[

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,36 +17,29 @@ class NextView:
 
     Attributes:
         turn_deg: Turn in degrees, positive to the left.
-        num_views: Number of views, at least 1.
+        max_step_deg: Maximum angle between two successive views in degrees; inf: the turn has a single view.
     """
 
     turn_deg: float
-    num_views: int = 1
-
-    @classmethod
-    def of(cls, turn_deg: float, view_deg: float) -> NextView:
-        """Return a turn with the smallest number of views between which no direction is left out.
-
-        Args:
-            turn_deg: Turn in degrees, positive to the left.
-            view_deg: Width of the sector that the camera shows, in degrees.
-        """
-        return cls(turn_deg, max(int(np.ceil(abs(turn_deg) / view_deg - 1e-9)), 1))
+    max_step_deg: float = math.inf
 
     @property
     def views_deg(self) -> tuple[float, ...]:
         """Angles of the views in degrees, relative to the direction before the turn. The last angle is `turn_deg`."""
-        return tuple(self.turn_deg * number / self.num_views for number in range(1, self.num_views + 1))
+        count = max(math.ceil(abs(self.turn_deg) / self.max_step_deg), 1)
+        return tuple(self.turn_deg * number / count for number in range(1, count + 1))
 
     def __str__(self) -> str:
         turn = f"turn {'left' if self.turn_deg > 0 else 'right'} {abs(round(self.turn_deg))} deg"
-        return turn if self.num_views == 1 else f"{turn}, with a view every {abs(round(self.views_deg[0]))} deg"
+        step_deg = abs(self.views_deg[0])
+        return turn if len(self.views_deg) == 1 else f"{turn}, with a view every {round(step_deg)} deg"
 
 
 def next_view_of(shown: np.ndarray) -> NextView | None:
     """Return the turn to the middle of the largest sector that a query does not show, in whole degrees.
 
-    The number of views during the turn is such that they leave no direction out, see `NextView.of`.
+    The maximum angle between views is the width of the widest sector that the last view shows without a gap. The views
+    of this sector then leave no direction out, up to the width of a bin.
 
     Args:
         shown: (V, B) bool, whether each view shows each azimuth bin. The last row is the present view of the camera.
@@ -66,5 +60,11 @@ def next_view_of(shown: np.ndarray) -> NextView | None:
     camera_rad = np.angle(np.exp(1j * (np.flatnonzero(shown[-1]) + 0.5) * bin_rad).sum())
     turns_deg = np.degrees(wrap_angle(azimuth_rad - camera_rad)).round()
     turn_deg = float(min(turns_deg, key=abs))
-    view_deg = np.degrees(bin_rad) * np.count_nonzero(shown[-1])
-    return NextView.of(abs(turn_deg) if abs(turn_deg) == 180 else turn_deg, view_deg)
+    max_step_deg = 360 * _longest_run(shown[-1]) / num_bins
+    return NextView(abs(turn_deg) if abs(turn_deg) == 180 else turn_deg, max_step_deg)
+
+
+def _longest_run(shown: np.ndarray) -> int:
+    """Return the length of the longest run of true values on a circle (B,), which has at least one false value."""
+    hidden = np.flatnonzero(~shown)
+    return int(np.diff(np.append(hidden, hidden[0] + len(shown))).max()) - 1

@@ -74,7 +74,7 @@ class Agent:
             arrival_m: Maximum length of the remaining path, in metres, at which the agent reports its arrival.
             rng: Random generator for the moves of an agent that has no path.
             tracker: Tracker of the pose.
-            max_turns: Maximum number of turns on the spot at a position.
+            max_turns: Maximum number of turns on the spot before each other move.
         """
         self.yaw_rad = yaw_rad
         """Heading in the world: the known initial heading, updated by odometry only."""
@@ -88,6 +88,7 @@ class Agent:
         self._stops_m: list[np.ndarray] = []
         self._max_turns, self._num_turns = max_turns, 0
         self._steps_rad: list[float] = []
+        self._is_turning = False
         self._answer: Localization | None = None
 
     @property
@@ -118,7 +119,8 @@ class Agent:
         """
         self._tracker.move(odometry)
         self.yaw_rad += pose_yaw(odometry)
-        self._off_path = stopped
+        if not self._is_turning:
+            self._off_path = stopped
         pose = self.pose
         if not stopped or pose is None or self._takes_stairs:
             return
@@ -139,6 +141,7 @@ class Agent:
         """
         self._takes_stairs = False
         step_rad = self._next_step_rad()
+        self._is_turning = step_rad is not None
         if step_rad is not None:
             return Move(step_rad, 0.0)
         self._num_turns, self._steps_rad = 0, []
@@ -165,7 +168,8 @@ class Agent:
             return None
         if not self._steps_rad and self._num_turns < self._max_turns and answer.next_view is not None:
             self._num_turns += 1
-            self._steps_rad = np.radians(np.diff(answer.next_view.views_deg, prepend=0.0)).tolist()
+            views_deg = answer.next_view.views_deg
+            self._steps_rad = [float(np.radians(views_deg[0]))] * len(views_deg)
         return self._steps_rad.pop() if self._steps_rad else None
 
     def _best_path(self, position_m: np.ndarray) -> WalkingPath | None:

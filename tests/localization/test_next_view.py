@@ -19,7 +19,7 @@ def view(heading_deg: float, width_deg: float) -> np.ndarray:
 
 @pytest.mark.parametrize("heading_deg", [0.0, 50.0, -135.0])
 def test_one_view_is_followed_by_its_opposite(heading_deg):
-    assert next_view_of(view(heading_deg, 90)[None]) == NextView(180.0, 2)
+    assert next_view_of(view(heading_deg, 90)[None]) == NextView(180.0, 90.0)
 
 
 @pytest.mark.parametrize(
@@ -31,7 +31,21 @@ def test_the_views_of_a_turn_leave_no_direction_out(width_deg, views_deg):
     np.testing.assert_allclose(turn.views_deg, views_deg)
     shown = np.any([view(heading_deg, width_deg) for heading_deg in (0, *turn.views_deg)], axis=0)
     assert shown[MIDDLES_DEG < 180].all()
-    assert NextView.of(-100, 40).views_deg == pytest.approx((-100 / 3, -200 / 3, -100))
+    assert NextView(-100, 40).views_deg == pytest.approx((-100 / 3, -200 / 3, -100))
+
+
+@pytest.mark.parametrize(
+    ("headings_deg", "width_deg", "step_deg"),
+    [([0, 180], 60, 60), ([-100, 100], 90, 90), ([-20, 20], 30, 30), ([0], 270, 270)],
+)
+def test_a_rig_with_gaps_turns_by_the_widest_sector_without_a_gap(headings_deg, width_deg, step_deg):
+    rig = np.any([view(heading_deg, width_deg) for heading_deg in headings_deg], axis=0)
+    turn = next_view_of(rig[None])
+    assert turn.max_step_deg == step_deg
+    (left, *_) = headings_deg
+    swept = np.any([view(left + angle_deg, width_deg) for angle_deg in (0, *turn.views_deg)], axis=0)
+    between = (np.sign(turn.turn_deg) * (MIDDLES_DEG - left)) % 360 < abs(turn.turn_deg)
+    assert swept[between].all()
 
 
 @pytest.mark.parametrize(
@@ -62,5 +76,5 @@ def test_a_view_without_directions_has_no_next_view():
 def test_a_turn_is_written_in_words():
     assert str(NextView(120.0)) == "turn left 120 deg"
     assert str(NextView(-90.4)) == "turn right 90 deg"
-    assert str(NextView(180.0, 2)) == "turn left 180 deg, with a view every 90 deg"
-    assert str(NextView(-160.0, 3)) == "turn right 160 deg, with a view every 53 deg"
+    assert str(NextView(180.0, 90.0)) == "turn left 180 deg, with a view every 90 deg"
+    assert str(NextView(-160.0, 60.0)) == "turn right 160 deg, with a view every 53 deg"

@@ -135,17 +135,28 @@ def test_an_answer_that_is_not_accepted_makes_the_agent_turn_before_it_walks(wor
 def test_a_turn_stops_at_each_view_and_ends_at_an_accepted_answer(world):
     agent, step = make(world, max_turns=1), pose_2d(0, 0, np.radians(60))
     for _ in range(3):
-        agent.add_localization(unsure(0.9, NextView(180.0, 3)))
+        agent.add_localization(unsure(0.9, NextView(180.0, 60.0)))
         assert agent.decide() == (pytest.approx(np.radians(60)), 0.0, None)
         agent.add_motion(step, stopped=False)
-    agent.add_localization(unsure(0.9, NextView(90.0, 2)))
+    agent.add_localization(unsure(0.9, NextView(90.0, 60.0)))
     assert agent.decide().length_m > 0  # no more than one turn at a position
     agent.add_motion(STEP, stopped=False)
-    agent.add_localization(unsure(0.9, NextView(180.0, 3)))
+    agent.add_localization(unsure(0.9, NextView(180.0, 60.0)))
     assert agent.decide().length_m == 0
     agent.add_motion(step, stopped=False)
     agent.add_localization(unsure(0.1))
     assert agent.decide().length_m > 0  # accepted after the first of three views
+
+
+def test_an_agent_that_turned_after_a_collision_still_steps_aside(world):
+    agent = make(world, max_turns=1)
+    agent.add_localization(located(3.8, 1.0))
+    agent.add_motion(pose_2d(0, 0, 0), stopped=True)  # by a known wall
+    agent.add_localization(unsure(0.9))
+    assert agent.decide() == (pytest.approx(np.radians(120)), 0.0, None)
+    agent.add_motion(pose_2d(0, 0, np.radians(120)), stopped=False)
+    agent.add_localization(unsure(0.9))
+    assert agent.decide().length_m == world.chart.aside_m
 
 
 def test_an_accepted_answer_needs_no_turn(world):

@@ -77,7 +77,7 @@ def test_colours_are_normalized_as_the_card_says(tmp_path, channels):
         ({"output": {"name": "gone", "layout": "nhwc", "values": "logits"}}, "has no tensor 'gone': set output.name"),
         (
             {"output": {"layout": "nhwc", "values": "logits"}},
-            "has the type int32 without quantization parameters, expected class scores",
+            "has the type int32 without quantization parameters, so it contains no class scores",
         ),
         (
             {"input": {"layout": "nhwc", "size_px": [64, 96]}},

@@ -116,10 +116,10 @@ def lay_objects(detections: Detections, labels: np.ndarray) -> Objects:
 
 
 def parts_of(labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the objects in labels (ROWS, 2 ROWS): connected pixels of one class that is not structure.
+    """Return the objects in an image of class ids (ROWS, 2 ROWS): connected pixels of one class that is not structure.
 
     Returns:
-        Class ids (M,), and pixels (M, P) bool among the P labelled pixels.
+        For M objects: the class ids (M,), and masks (M, P) bool over the P labelled pixels of the image.
     """
     labelled = np.flatnonzero(labels)
     classes = labels.ravel()

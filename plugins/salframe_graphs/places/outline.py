@@ -99,7 +99,8 @@ class MapOutlines:
 
     @classmethod
     def of(cls, range_m: np.ndarray, pose: np.ndarray) -> MapOutlines:
-        """Return an instance from outlines (K, F, BINS) and the poses (K, F, 3) of their cameras."""
+        """Return an instance for K places with F frames each, from the outlines (K, F, BINS) in metres and the camera
+        poses (K, F, 3): x, y, yaw."""
         return cls(*(a.astype(np.float32) for a in (range_m, _corners(range_m, pose[..., :2], pose[..., 2]), pose)))
 
     @classmethod

@@ -132,9 +132,9 @@ class Likelihood(Settings):
         0.33,
         gt=0,
         le=1,
-        description="factor (0 to 1) for a place in which no pose of the query was found. The likelihood ratio of such "
-        "a place ignores positions, and the factor multiplies the odds that an object of the query is an object of the "
-        "place",
+        description="factor (0 to 1) in the likelihood ratio without a pose, which ignores positions. The factor "
+        "multiplies the odds that an object of the query is an object of the place. In a place with a pose, this "
+        "likelihood ratio is added to the one at the pose",
     )
     scale_error: float = Field(
         0.1,

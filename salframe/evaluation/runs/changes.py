@@ -63,7 +63,7 @@ def with_changes(label: str, changes: Sequence[str]) -> str:
 
 
 def hidden_in(changes: Sequence[str], shown: Mapping[str, Any]) -> list[str]:
-    """Return the changed settings ("key=value") whose key is not in `shown`. An end ".kind" of the keys in `shown` is
+    """Return the changed settings ("key=value") whose key is not in `shown`. A suffix ".kind" of the keys in `shown` is
     ignored."""
     keys = {key.removesuffix(".kind") for key in shown}
     return [change for change in changes if change.partition("=")[0] not in keys]

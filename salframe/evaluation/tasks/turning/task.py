@@ -52,10 +52,11 @@ class TurningTask(Task[NarrowQuery, Survey[NarrowQuery], TurnRow, TurnsRow]):
 
     A query whose answer is not accepted is localized again, together with the views of the turn that the answer
     suggests. For comparison, it is localized together with only the last of these views, and with the views of a random
-    turn. All turns have views at angles of at most the field of view of the camera.
+    turn. In the suggested and in the random turn, successive views are at most the field of view apart.
     """
 
     name = "turning"
+    version = "2"
     prefix = "turning-"
     counts = "queries"
     key_fields = ("query",)
@@ -121,11 +122,10 @@ class _Turning(Worker[NarrowQuery]):
             rng = np.random.default_rng(zlib.crc32(piece.frame.id.encode()))
             drawn_deg, error = float(rng.choice(TURNS_DEG)), float(rng.standard_normal())
             if (suggestion := answer.next_view) is not None:
-                step_deg = abs(suggestion.turn_deg) / suggestion.num_views
                 turns = {
                     "suggested": suggestion,
                     "last_view": NextView(suggestion.turn_deg),
-                    "random": NextView.of(drawn_deg, step_deg),
+                    "random": NextView(drawn_deg, suggestion.max_step_deg),
                 }
                 row |= {name: self._turn(map, piece, view, turn, error) for name, turn in turns.items()}
         return {**row, "error": None}
