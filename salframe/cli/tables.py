@@ -116,8 +116,8 @@ def _rich(table: Table) -> rich_table.Table:
 
 
 def format_result(result: Result[Any] | StudyResult, style: str, columns: Sequence[str] = ()) -> str:
-    """Return the tables of a result as text in the style "md", "latex" or "csv". "csv" has all columns, and numbers with
-    more digits."""
+    """Return the tables of a result as text in the style "md", "latex" or "csv". "csv" has all columns, and
+    numbers with more digits."""
     from salframe.evaluation.tables.formats import to_csv, to_markdown
     from salframe.evaluation.tables.reported import reported_tables
 

@@ -62,8 +62,8 @@ class PlaceFrames:
 
     @cached_property
     def padded(self) -> np.ndarray:
-        """Indices in the map of the scene frames of each place, (K, maximum number of scene frames of a place). The
-        last frame of a place is repeated to fill its row."""
+        """For each of the K places, the indices of its scene frames among the frames of the map, (K, maximum number of
+        scene frames of a place). The last frame of a place is repeated to fill its row."""
         count = np.diff(self.start)
         return self.frame[self.start[:-1, None] + np.minimum(np.arange(count.max()), count[:, None] - 1)]
 

@@ -60,11 +60,11 @@ def next_view_of(shown: np.ndarray) -> NextView | None:
     camera_rad = np.angle(np.exp(1j * (np.flatnonzero(shown[-1]) + 0.5) * bin_rad).sum())
     turns_deg = np.degrees(wrap_angle(azimuth_rad - camera_rad)).round()
     turn_deg = float(min(turns_deg, key=abs))
-    max_step_deg = 360 * _longest_run(shown[-1]) / num_bins
+    max_step_deg = 360 * _widest_run(shown[-1]) / num_bins
     return NextView(abs(turn_deg) if abs(turn_deg) == 180 else turn_deg, max_step_deg)
 
 
-def _longest_run(shown: np.ndarray) -> int:
+def _widest_run(shown: np.ndarray) -> int:
     """Return the length of the longest run of true values on a circle (B,), which has at least one false value."""
     hidden = np.flatnonzero(~shown)
     return int(np.diff(np.append(hidden, hidden[0] + len(shown))).max()) - 1
