@@ -99,7 +99,9 @@ class Agent:
         """Update the agent by the localization at its present position.
 
         If the agent then turns on the spot, this answer does not vote: the later answers of the turn contain this view,
-        and would count it again. If the localizer returned a place and no pose, the localization is used only if its reference frame differs from
+        and would count it again.
+
+        If the localizer returned a place and no pose, the localization is used only if its reference frame differs from
         the reference frame of the previous localization. If both are the same, odometry gives a better estimate of the
         position.
         """
