@@ -36,9 +36,9 @@ class TripletMatcher(NodeMatcher):
         )
         structure: Literal["rings", "node2vec"] = Field(
             "rings",
-            description="structural feature of a node. rings: number of nodes of each label, in each ring around the "
-            "node (see `ring_edges_m`) and at each number of edges from the node; node2vec: an embedding of the "
-            "node, as in the paper",
+            description="structural feature of a node. rings: for each label, the number of nodes in each ring around "
+            "the node (see `ring_edges_m`), and the number of nodes that are 1, 2, ... edges away; node2vec: an "
+            "embedding of the node, as in the paper",
         )
         saliency_weight: float = Field(
             0.0,

@@ -30,7 +30,7 @@ class MeshSurface:
     Attributes:
         vertices_m: Vertices (V, 3) float32.
         triangles: Vertex indices (F, 3) int32.
-        paint: Index (F,) int32 in `textures` of the texture of each triangle.
+        paint: Texture of each triangle, as an index in `textures`, (F,) int32.
         uv: Texture coordinates (F, 3, 2) float32 of the corners; (0, 0) is the lower left.
         colors: Vertex colours (V, 3) float32 in 0..255, which multiply the texture; white without vertex colours.
         textures: Textures (h, w, 3) uint8.

@@ -67,8 +67,8 @@ class QueryOptions:
             )
         if self.frames and has_images and not takes_both:
             raise ConfigError(
-                "received both FRAME and image files such as --rgb FILE, expected only one of them. If FRAME is a "
-                "photograph, add --fov or --camera"
+                "received both FRAME and image files such as --rgb FILE, expected only one of them, or a photograph as "
+                "FRAME with --fov or --camera"
             )
         if not self.is_sequence and (len(self.frames) > 1 or self.motion is not None):
             received = f"{len(self.frames)} values for FRAME" if len(self.frames) > 1 else "--motion"

@@ -57,9 +57,9 @@ class NavigationConfig(Settings):
     max_turns: int = Field(
         1,
         ge=0,
-        description="maximum number of turns on the spot before each other move. If an answer is not accepted, the "
-        "agent turns as the answer suggests (`next_view`). All views of the turn are localized together; 0: the agent "
-        "does not turn for another view",
+        description="maximum number of turns on the spot before the agent walks on. If an answer is not accepted, "
+        "the agent turns as the answer suggests (`next_view`). All views of the turn are localized together; 0: the "
+        "agent does not turn for another view",
     )
     turn_noise_deg: float = Field(2.0, ge=0, description="standard deviation (degrees) of the error of a turn")
     length_noise: float = Field(

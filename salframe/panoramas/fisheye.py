@@ -26,9 +26,9 @@ the four at the tops and bottoms of the two circles."""
 def is_dual_fisheye(rgb: np.ndarray) -> bool:
     """Return whether a picture shows two fisheye circles side by side on black.
 
-    The eight corners of the two square halves must be black. The circles must be lit all around, even at the rows of
-    the corners. Panoramas that are dark or partial, or have a black cap at a pole, do not meet both conditions, because
-    each of their rows is either lit or black.
+    The eight corners of the two square halves must be black. The circles must be lit all around, also in the top and
+    the bottom rows, where the corners are black. In a panorama that is dark or partial, or has a black cap at a pole,
+    each row is either lit or black over its whole width, so it does not meet both conditions.
 
     Args:
         rgb: (H, 2H, 3) uint8 picture.

@@ -112,7 +112,7 @@ class PlaceEvidence:
         return self._added(description, lambda model: model.describe(panorama, description))
 
     def join(self, joined: Description, descriptions: Sequence[Description], T_last_view: np.ndarray) -> Description:
-        """Return the description of a query of V views, extended by the arrays of each component.
+        """Return the description of a query of V views, extended by the arrays of each evidence component.
 
         Args:
             joined: The description of all views together, without the arrays of the components.
@@ -128,18 +128,18 @@ class PlaceEvidence:
         return packed
 
     def unpack(self, description: Description, packed: Description) -> Description:
-        """Return the unpacked description with the arrays of each component."""
+        """Return the unpacked description with the arrays of each evidence component."""
         return self._added(description, lambda model: model.unpack(packed))
 
     def index(self, descriptions: Sequence[Description], places: MapPlaces, matching: PanoramaScores) -> None:
-        """Index a map for all components."""
+        """Index a map for all evidence components."""
         self.places, self._matching = places, matching
         for model in self._models:
             own = [model.arrays_of(description) for description in descriptions]
             model.index(own, places.scene_frames, places.T_world_pano)
 
     def open_index(self, packed: Columns, places: MapPlaces, matching: PanoramaScores) -> None:
-        """Index an opened map for all components."""
+        """Index an opened map for all evidence components."""
         self.places, self._matching = places, matching
         for model in self._models:
             model.open_index(packed, places.scene_frames, places.T_world_pano)

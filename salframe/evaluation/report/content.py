@@ -19,7 +19,7 @@ FIRST_SHOWN = 8
 def make_content(
     views: Sequence[RunView[Any, Any]], arms: Sequence[Arm], about: str, columns: Sequence[str] = ()
 ) -> dict[str, Any]:
-    """Return the content of an HTML page that does not depend on the task, as JSON.
+    """Return, as JSON, the part of the content of an HTML page that is the same for all tasks.
 
     Args:
         views: The runs, of one task.

@@ -221,8 +221,9 @@ def robust_deviation(values: np.ndarray) -> float:
 def fit_detection(visibility: ObjectVisibility, is_detected: np.ndarray) -> DetectionModel:
     """Fit the probability of detection by penalized maximum likelihood.
 
-    The model is a logistic regression. Each group of labels with the same common name has an offset with a normal
-    prior. Expectation maximization with Laplace's approximation estimates the variance of the prior.
+    The model is a logistic regression. Labels are grouped by their general name (`common_label`). Each group has an
+    offset with a normal prior. Expectation maximization with Laplace's approximation estimates the variance of the
+    prior.
 
     Args:
         visibility: Visibility of the objects.

@@ -27,7 +27,7 @@ TRIES = 1000
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """A walk of a camera that looks ahead, through at least two regions.
+    """A walk of a camera through at least two regions. The camera looks ahead.
 
     Attributes:
         id: Id of the walk. The simulated errors of an object are the same in all views of a walk.
