@@ -10,7 +10,7 @@ from pydantic import Field
 
 from salframe.framework.errors import DataError
 from salframe.framework.validation import Settings
-from salframe.localization.answers import MAX_OUT_OF_MAP_PROBABILITY, Localization
+from salframe.localization.answers import Localization
 from salframe.localization.hidden_frames import FrameAnswers, localize_frames
 from salframe.localization.localizer import Description, Localizer
 from salframe.localization.posterior import EvidenceTerm, Head, Posterior, absent_moments, log_loss, shift_probability
@@ -39,6 +39,14 @@ bias, with x = ln(d / query_distance_m) / DISTANCE_SPREAD. Answers at other dist
 weight, because the contrast depends on the distance."""
 MAX_BIAS_CHANGE = 4.0
 """Maximum magnitude of the change of the bias."""
+REJECTED_SHARE = 0.05
+"""Share of the correct answers below the estimated `min_log_ratio`. Like REJECTION_PRIOR, it was chosen on the ten real
+buildings for tuning: at most 10 % of the correct answers and at least 82 % of the out-of-map answers are not
+accepted."""
+REJECTION_PRIOR = 5.0
+"""Weight of the value 0 in the estimate of `min_log_ratio`, as an equivalent number of correct answers."""
+LOWEST_MIN_LOG_RATIO = -float(np.log(2))
+"""Lower limit of `min_log_ratio`. There, an answer is half as likely to be correct as to be an out-of-map answer."""
 PROBABILITY_DIGITS = 4
 """Number of decimals of the stored probabilities. Few decimals keep maps small."""
 MIN_DISTANCE_M = 0.1
@@ -66,8 +74,8 @@ class MapCalibration(Settings):
     """The calibration of a map.
 
     Attributes:
-        head: The calibrated head of the posterior. Its means, deviations, accuracy, bias and number of objects are
-            adapted to this map.
+        head: The calibrated head of the posterior. Its means, deviations, accuracy, bias, minimum log-ratio and number
+            of objects are adapted to this map.
         present_frames: Number of frames that were localized in the map without the frame, but with its place.
         absent_in_map: Probabilities of being in the map, computed by `head`, of the frames whose places were hidden;
             ascending. Their answers are the out-of-map answers.
@@ -83,8 +91,7 @@ class MapCalibration(Settings):
     after: ProbabilityScores | None = None
 
     def max_out_of_map_probability(self, max_false_accept: float) -> float:
-        """Return the maximum out-of-map probability at which an answer passes the conformal test, at most
-        MAX_OUT_OF_MAP_PROBABILITY.
+        """Return the maximum out-of-map probability at which an answer passes the conformal test.
 
         The p-value of an answer is (1 + k) / (1 + n) (Vovk, Gammerman, Shafer: Algorithmic Learning in a Random World,
         2005, section 2.2). n is the number of answers in `absent_in_map`: those of hidden frames, that is, of reference
@@ -106,7 +113,7 @@ class MapCalibration(Settings):
             )
         num_above = int(np.floor(max_false_accept * (count + 1) + 1e-9)) - 1
         limit = 1 - self.absent_in_map[count - 1 - num_above]
-        return min(float(np.nextafter(limit, 0)), MAX_OUT_OF_MAP_PROBABILITY)
+        return float(np.nextafter(limit, 0))
 
 
 def add_probabilities(
@@ -130,16 +137,15 @@ def add_probabilities(
 
 
 def acceptance_limit(posterior: Posterior, calibration: MapCalibration | None) -> float:
-    """Return the maximum out-of-map probability of an accepted answer.
-
-    It is MAX_OUT_OF_MAP_PROBABILITY. If the posterior has a `max_false_accept`, it may be smaller.
+    """Return the maximum out-of-map probability that the conformal test permits for an accepted answer; 1 if the
+    posterior has no `max_false_accept`.
 
     Raises:
         DataError: The posterior has a `max_false_accept`, and the map is not calibrated or has too few frames.
     """
     level = posterior.max_false_accept
     if level is None:
-        return MAX_OUT_OF_MAP_PROBABILITY
+        return 1.0
     if calibration is None:
         raise DataError(
             f"max_false_accept is {level:g}, but the map is not calibrated: run `salframe map calibrate MAP`, or omit "
@@ -208,7 +214,7 @@ def calibrate_head(posterior: Posterior, answers: FrameAnswers) -> Head:
     of evidence are computed from the absent frames. They are averaged with the values of the posterior, which have the
     weight of ABSENT_PRIOR answers. The accuracy is computed from the present frames, for the distance
     `query_distance_m`. The accuracy of the posterior has the weight of ACCURACY_PRIOR answers at FITTED_DISTANCE_M. The
-    bias is changed by `_bias_change`.
+    bias is changed by `_bias_change`, and `_min_log_ratio` sets the minimum log-ratio of an accepted answer.
     """
     head = posterior.head
     if head.objects and answers.objects.any():
@@ -221,8 +227,10 @@ def calibrate_head(posterior: Posterior, answers: FrameAnswers) -> Head:
     }
     accuracy = _accuracy(present, head, posterior.query_distance_m)
     head = _adapt_moments(head, absent.contrast, nu).model_copy(update={"evidence": terms, "accuracy": accuracy})
-    change = _bias_change(present.take(present.is_right), absent, head, posterior.query_distance_m)
-    return head.model_copy(update={"bias": head.bias + change})
+    right = present.take(present.is_right)
+    weight = _similarity_to_queries(right.distance_m, posterior.query_distance_m)
+    head = head.model_copy(update={"bias": head.bias + _bias_change(right, weight, absent, head)})
+    return head.model_copy(update={"min_log_ratio": _min_log_ratio(right.log_ratio(head), weight)})
 
 
 def _adapt_moments(model: _Moments, value: np.ndarray, nu: np.ndarray) -> _Moments:
@@ -239,11 +247,36 @@ def _adapt_moments(model: _Moments, value: np.ndarray, nu: np.ndarray) -> _Momen
     return model.model_copy(update={"absent_mean": mean, "absent_deviation": float(np.sqrt(variance))})
 
 
-def _bias_change(right: FrameAnswers, absent: FrameAnswers, head: Head, query_distance_m: float) -> float:
+def _similarity_to_queries(distance_m: np.ndarray, query_distance_m: float) -> np.ndarray:
+    """Return the weights (N,) of answers at these distances (N,) to the nearest frame; see DISTANCE_SPREAD."""
+    x = np.log(np.maximum(distance_m, MIN_DISTANCE_M) / query_distance_m) / DISTANCE_SPREAD
+    return np.asarray(np.exp(-(x**2) / 2))
+
+
+def _min_log_ratio(log_ratio: np.ndarray, weight: np.ndarray) -> float:
+    """Return the minimum log-ratio of an accepted answer, between LOWEST_MIN_LOG_RATIO and 0.
+
+    It is the log-ratio below which the share REJECTED_SHARE of the correct answers lies, averaged with 0
+    (REJECTION_PRIOR). It is thus 0 if at most this share has a log-ratio below 0.
+
+    Args:
+        log_ratio: (N,) log-ratios of the correct answers.
+        weight: (N,) weights of these answers.
+    """
+    total = float(weight.sum())
+    if not total:
+        return 0.0
+    order = np.argsort(log_ratio)
+    rank = np.searchsorted(np.cumsum(weight[order]), REJECTED_SHARE * total)
+    estimate = float(log_ratio[order][rank]) * total / (total + REJECTION_PRIOR)
+    return float(np.clip(estimate, LOWEST_MIN_LOG_RATIO, 0))
+
+
+def _bias_change(right: FrameAnswers, weight: np.ndarray, absent: FrameAnswers, head: Head) -> float:
     """Return the change of the bias, estimated by maximum a posteriori.
 
     With the change, the log-ratio of the head separates the correct answers to present frames from the answers to
-    absent frames by logistic regression. The correct answers have weights (DISTANCE_SPREAD), and the absent answers
+    absent frames by logistic regression. The correct answers have the weights (N,) `weight`, and the absent answers
     have the same total weight. The change is 0 if all present frames are much farther from each other than queries are
     from frames.
     """
@@ -251,8 +284,6 @@ def _bias_change(right: FrameAnswers, absent: FrameAnswers, head: Head, query_di
 
     if not len(right.contrast) or not len(absent.contrast):
         return 0.0
-    distance = np.log(np.maximum(right.distance_m, MIN_DISTANCE_M) / query_distance_m) / DISTANCE_SPREAD
-    weight = np.exp(-(distance**2) / 2)
     right_ratio, absent_ratio = right.log_ratio(head), absent.log_ratio(head)
 
     def loss(change: float) -> float:

@@ -108,6 +108,12 @@ class Head(Settings):
     deviation_effect: float = Field(0.0, description="change of ln(`absent_deviation`) if ln(n / n0) increases by 1")
     bias_effect: float = Field(0.0, description="change of `bias` if ln(n / n0) increases by 1")
     accuracy_effect: float = Field(0.0, description="change of the log-odds of `accuracy` if ln(n / n0) increases by 1")
+    min_log_ratio: float = Field(
+        0.0,
+        le=0,
+        description="minimum ln(p / q) (see `posterior.head.bias`) of an accepted answer. The calibration of a map "
+        "replaces this value",
+    )
     evidence: Mapping[str, EvidenceTerm] = Field(
         {},
         description="terms that are added to ln(p / q) (see `posterior.head.bias`), by the name of a column of the "
@@ -156,8 +162,20 @@ class Head(Settings):
             evidence: Mapping from the name of a column of evidence to its values for the first places, (N,) float64;
                 NaN if an answer lacks the column. None: no columns.
         """
+        return self._in_map(self.log_ratio(contrast, objects, evidence), objects)
+
+    def min_in_map(self, objects: np.ndarray) -> np.ndarray:
+        """Return the minimum probability of being in the map of an accepted answer, (N,) float64: the probability at
+        which ln(r) is `min_log_ratio`. It is 0.5 if `min_log_ratio` is 0.
+
+        Args:
+            objects: As in `in_map`.
+        """
+        return self._in_map(np.full(np.shape(objects), self.min_log_ratio), objects)
+
+    def _in_map(self, log_ratio: np.ndarray, objects: np.ndarray) -> np.ndarray:
         accuracy = shift_probability(self.accuracy, self.accuracy_effect * self.relative_objects(objects))
-        right = accuracy * np.exp(np.minimum(self.log_ratio(contrast, objects, evidence), MAX_LOG_RATIO))
+        right = accuracy * np.exp(np.minimum(log_ratio, MAX_LOG_RATIO))
         wrong = 1 - accuracy
         return np.asarray((right + wrong) / (right + wrong + 1))
 
@@ -212,9 +230,7 @@ class Posterior(Settings):
         others = float(np.mean(scores[1 : 1 + NUM_OTHERS])) / self.temperature if len(scores) > 1 else None
         return float(scores[0]) / self.temperature - (self.head.other_score if others is None else others)
 
-    def apply(
-        self, localization: Localization, objects: int = 0, limit: float = MAX_OUT_OF_MAP_PROBABILITY
-    ) -> Localization:
+    def apply(self, localization: Localization, objects: int = 0, limit: float = 1.0) -> Localization:
         """Return an answer with probabilities.
 
         If the out-of-map probability is larger than `max_out_of_map_probability`, the status becomes
@@ -223,7 +239,7 @@ class Posterior(Settings):
         Args:
             localization: The answer.
             objects: Number of objects of the query; 0: unknown.
-            limit: Maximum out-of-map probability of an accepted answer.
+            limit: Maximum out-of-map probability of an accepted answer. The head may set a smaller maximum.
         """
         if not localization.places:
             return localization
@@ -231,6 +247,7 @@ class Posterior(Settings):
         scores = np.array(place_scores, np.float64)
         evidence = {name: np.array(value) for name, value in localization.evidence.items()}
         in_map = float(self.head.in_map(np.array(self.contrast(scores)), np.array(objects), evidence))
+        limit = min(limit, 1 - float(self.head.min_in_map(np.array(objects))))
         places = ranked_places(frames, names, place_scores, (in_map * shares(scores, self.temperature)).tolist())
         answer = replace(localization, places=places, out_of_map_probability=1 - in_map, max_accepted_probability=limit)
         if localization.status.names_a_place and 1 - in_map > self.max_out_of_map_probability:

@@ -94,7 +94,7 @@ class SaliencyPlacesLocalizer(GraphLocalizer):
     """
 
     name = "saliency-places"
-    version = "14"
+    version = "15"
     uses_floors = True
 
     class Config(PlacesConfig):
