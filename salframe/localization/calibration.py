@@ -43,7 +43,7 @@ REJECTED_SHARE = 0.05
 """Share of the correct answers below the estimated `min_log_ratio`. Like REJECTION_PRIOR, it was chosen on the ten real
 buildings for tuning: at most 10 % of the correct answers and at least 82 % of the out-of-map answers are not
 accepted."""
-REJECTION_PRIOR = 5.0
+REJECTION_PRIOR = 10.0
 """Weight of the value 0 in the estimate of `min_log_ratio`, as an equivalent number of correct answers."""
 LOWEST_MIN_LOG_RATIO = -float(np.log(2))
 """Lower limit of `min_log_ratio`. There, an answer is half as likely to be correct as to be an out-of-map answer."""
