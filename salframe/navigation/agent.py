@@ -74,7 +74,7 @@ class Agent:
             arrival_m: Maximum length of the remaining path, in metres, at which the agent reports its arrival.
             rng: Random generator for the moves of an agent that has no path.
             tracker: Tracker of the pose.
-            max_turns: Maximum number of turns on the spot before the agent walks on.
+            max_turns: Maximum number of turns on the spot before each other move.
         """
         self.yaw_rad = yaw_rad
         """Heading in the world: the known initial heading, updated by odometry only."""
@@ -88,7 +88,8 @@ class Agent:
         self._stops_m: list[np.ndarray] = []
         self._max_turns, self._num_turns = max_turns, 0
         self._steps_rad: list[float] = []
-        self._step_rad: float | None = None
+        self._is_turning = False
+        self._answer: Localization | None = None
 
     @property
     def pose(self) -> np.ndarray | None:
@@ -98,17 +99,11 @@ class Agent:
     def add_localization(self, located: Located) -> None:
         """Update the agent by the localization at its present position.
 
-        If the agent then turns on the spot, this answer does not vote: the later answers of the turn contain this view,
-        and would count it again.
-
         If the localizer returned a place and no pose, the localization is used only if its reference frame differs from
         the reference frame of the previous localization. If both are the same, odometry gives a better estimate of the
         position.
         """
-        self._step_rad = self._next_step_rad(located.answer)
-        if self._step_rad is not None:
-            return
-        self._num_turns, self._steps_rad = 0, []
+        self._answer = located.answer
         is_repeated = located.frame is not None and located.frame == self._last_frame
         if located.answer.status.names_a_place:
             self._last_frame = located.frame
@@ -124,7 +119,7 @@ class Agent:
         """
         self._tracker.move(odometry)
         self.yaw_rad += pose_yaw(odometry)
-        if self._step_rad is None:
+        if not self._is_turning:
             self._off_path = stopped
         pose = self.pose
         if not stopped or pose is None or self._takes_stairs:
@@ -145,8 +140,11 @@ class Agent:
         makes a random move to take a panorama from another position.
         """
         self._takes_stairs = False
-        if self._step_rad is not None:
-            return Move(self._step_rad, 0.0)
+        step_rad = self._next_step_rad()
+        self._is_turning = step_rad is not None
+        if step_rad is not None:
+            return Move(step_rad, 0.0)
+        self._num_turns, self._steps_rad = 0, []
         pose = self.pose
         path = None if pose is None else self._best_path(pose[:3, 3])
         if pose is None or path is None:
@@ -163,9 +161,10 @@ class Agent:
         turn_rad = float(wrap_angle(np.arctan2(leg[1], leg[0]) - pose_yaw(pose)))
         return Move(turn_rad, min(float(np.linalg.norm(leg)), chart.max_move_m))
 
-    def _next_step_rad(self, answer: Localization) -> float | None:
+    def _next_step_rad(self) -> float | None:
         """Return the angle to the next view of a turn on the spot, in radians; None if the agent does not turn."""
-        if answer.accepted is not False:
+        answer = self._answer
+        if answer is None or answer.accepted is not False:
             return None
         if not self._steps_rad and self._num_turns < self._max_turns and answer.next_view is not None:
             self._num_turns += 1

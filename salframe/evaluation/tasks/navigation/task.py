@@ -81,7 +81,7 @@ class NavigationTask(PagedTask[Episode, NavigationSurvey, EpisodeRow, Navigation
     published: Published | None = None
 
     name = "navigation"
-    version = "5"
+    version = "4"
     prefix = "navigate-"
     counts = "episodes"
     key_fields = ("episode",)
