@@ -74,7 +74,7 @@ class Agent:
             arrival_m: Maximum length of the remaining path, in metres, at which the agent reports its arrival.
             rng: Random generator for the moves of an agent that has no path.
             tracker: Tracker of the pose.
-            max_turns: Maximum number of turns on the spot before each other move.
+            max_turns: Maximum number of turns on the spot before the agent walks on.
         """
         self.yaw_rad = yaw_rad
         """Heading in the world: the known initial heading, updated by odometry only."""
