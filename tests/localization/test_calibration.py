@@ -16,6 +16,7 @@ import salframe
 from salframe.evaluation.runs.request import Request
 from salframe.evaluation.tasks.localization.task import compare
 from salframe.framework.errors import ConfigError, DataError
+from salframe.localization.answers import Localization, LocalizationStatus, RankedPlace
 from salframe.localization.calibration import (
     ABSENT_PRIOR,
     ACCURACY_PRIOR,
@@ -23,6 +24,7 @@ from salframe.localization.calibration import (
     DISTANCE_EXPONENT,
     DISTANCE_SPREAD,
     OTHER_CALIBRATION,
+    REJECTION_PRIOR,
     MapCalibration,
     calibrate_head,
 )
@@ -358,3 +360,43 @@ def test_compare_measures_probabilities_and_accepted_answers(fakes):
     assert row.brier_score == pytest.approx(np.mean((in_map - present) ** 2))
     assert row.right_not_accepted.value == pytest.approx(np.mean(~accepted[present]))  # all of them are right
     assert row.absent_accepted.value == pytest.approx(np.mean(accepted[~present]))
+
+
+def test_the_minimum_log_ratio_rejects_a_twentieth_of_the_right_frames():
+    """The 5 % quantile of numpy, averaged with ten zeros, where it is between 0 and -ln 2."""
+    for shift, count in ((0.0, 40), (0.8, 40), (0.9, 400), (1.2, 400)):
+        answers = drawn(count, 5, 2.0, 1.0, 0.9)
+        answers = dataclasses.replace(answers, contrast=answers.contrast + shift * answers.is_right)
+        head = calibrate_head(POSTERIOR, answers)
+        right = answers.take(answers.is_right)
+        quantile = np.quantile(right.log_ratio(head), 0.05, method="inverted_cdf")
+        n = len(right.contrast)
+        assert head.min_log_ratio == pytest.approx(np.clip(n * quantile / (n + REJECTION_PRIOR), -np.log(2), 0))
+        accepted = right.in_map(head) >= head.min_in_map(right.objects)
+        np.testing.assert_array_equal(accepted, right.log_ratio(head) >= head.min_log_ratio)
+
+
+def test_the_minimum_log_ratio_is_zero_without_frames_like_queries():
+    easy = drawn(200, 3, 2.0, 1.0, 0.9)
+    easy = dataclasses.replace(easy, contrast=easy.contrast + 20.0 * easy.is_right)
+    assert calibrate_head(POSTERIOR, easy).min_log_ratio == 0  # all right frames are accepted
+    far = calibrate_head(POSTERIOR, drawn(200, 3, 2.0, 1.0, 0.9, 30.0))
+    assert far.min_log_ratio == pytest.approx(0, abs=1e-3)
+    assert far.min_in_map(np.array([0, 7])) == pytest.approx([0.5, 0.5], abs=1e-3)
+    assert HEAD.min_in_map(np.array(5)) == 0.5
+
+
+def test_an_answer_is_accepted_down_to_the_minimum_log_ratio():
+    accuracy = 0.75
+    head = HEAD.model_copy(update={"min_log_ratio": -0.5, "accuracy": accuracy})
+    posterior = POSTERIOR.model_copy(update={"head": head, "max_out_of_map_probability": 1.0})
+    right = accuracy * np.exp(-0.5)
+    limit = 1 / (right + 2 - accuracy)
+    for log_ratio, is_accepted in ((-0.49, True), (-0.51, False)):
+        z = (log_ratio - head.bias) / head.slope
+        score = (head.absent_mean + head.absent_deviation * z + head.other_score) * posterior.temperature
+        place = RankedPlace("a", "a", score)
+        answer = posterior.apply(Localization((place,), None, LocalizationStatus.NO_POSE))
+        assert answer.max_accepted_probability == pytest.approx(limit)
+        assert answer.accepted is is_accepted
+    assert posterior.apply(answer, limit=0.3).max_accepted_probability == 0.3
