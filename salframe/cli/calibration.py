@@ -16,15 +16,19 @@ def describe_calibration(calibration: MapCalibration | None, has_other: bool = F
         calibration: The calibration; None: the map is not calibrated.
         has_other: Whether the map has only a calibration for other settings.
     """
+    import numpy as np
+
     from salframe.localization.calibration import OTHER_CALIBRATION
 
     if calibration is None:
         return OTHER_CALIBRATION if has_other else "not calibrated"
     head = calibration.head
+    limit = 1 - float(head.min_in_map(np.array(0)))
     text = (
         f"calibrated with {calibration.present_frames} simulated queries in the map and "
         f"{len(calibration.absent_in_map)} out of it: accuracy {head.accuracy:.2f}, "
-        f"out-of-map contrast {head.absent_mean:.2f} +- {head.absent_deviation:.2f}"
+        f"out-of-map contrast {head.absent_mean:.2f} +- {head.absent_deviation:.2f}, answers are accepted up to an "
+        f"out-of-map probability of {limit:.2f}"
     )
     if calibration.before is None or calibration.after is None:
         return text
