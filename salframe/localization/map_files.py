@@ -34,7 +34,7 @@ from salframe.localization.saved_frames import FRAME_COLUMNS, SavedFrames, frame
 from salframe.panoramas.floors import FLOORS, FloorMasks, read_floors, write_floors
 from salframe.panoramas.frames import ReferenceFrame
 
-MAP, MAP_FORMAT = "map.json", 7
+MAP, MAP_FORMAT = "map.json", 8
 METHOD, FRAMES, SCENES, INDEX, CALIBRATION = "method.json", "frames", "scenes", "index", "calibration"
 _PARTS = "parts-"
 
