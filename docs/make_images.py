@@ -213,8 +213,11 @@ def draw_lost(path: Path) -> None:
         right, _, score = next(one for one in row["places"] if one[1] == place)
         config = configure_dataset("house-42", None, [{"seed": seed}])[1]
         frames = {frame.id: frame for frame in frames_of(config)}
-        behind = f"right: {place}, its score {best - score:.1f} behind"
-        titles = f"query in {place}: {cause}", f"answered: {wrong}", behind
+        titles = (
+            f"query in {place} ({cause})",
+            f"answer: {wrong}, score {best:.1f}",
+            f"correct place: {place}, score {score:.1f}",
+        )
         for each, id, title in zip(column, (query, answered, right), titles, strict=True):
             panorama = render_frame(config, frames[id])
             _draw_objects(each, panorama, detector.detect(panorama))
