@@ -60,10 +60,10 @@ def views(printed: dict[str, Any]) -> Rows:
         yield name, percent(row["accuracy"]), percent(row["mean_iou"])
 
 
-def _share(known: Sequence[float] | None) -> str:
-    if known is None:
+def _share(interval: Sequence[float] | None) -> str:
+    if interval is None:
         return "-"
-    share, low, high = known
+    share, low, high = interval
     return f"{percent(share)} ({low * 100:.0f} to {high * 100:.0f})"
 
 
@@ -74,10 +74,10 @@ def page(text: str) -> str:
     """The page with its tables drawn anew."""
     printed = json.loads(PRINTED.read_text(encoding="utf-8"))
 
-    def draw(found: re.Match[str]) -> str:
-        header, *rows = DRAWN[found[2]](printed)
+    def draw(match: re.Match[str]) -> str:
+        header, *rows = DRAWN[match[2]](printed)
         lines = [f"| {' | '.join(row)} |" for row in (header, ("---",) * len(header), *rows)]
-        return f"{found[1]}\n" + "\n".join(lines) + f"\n\n{found[3]}"
+        return f"{match[1]}\n" + "\n".join(lines) + f"\n\n{match[3]}"
 
     return BLOCK.sub(draw, text)
 

@@ -325,15 +325,15 @@ def _settings(rows: list[tuple[str, ...]]) -> str:
 
 
 def _setting_rows(component: type[Component]) -> list[tuple[str, ...]]:
-    return [(f"`{s.key}`", s.help, _value(s.value), s.type) for s in _own_settings(component.Config())]
+    return [(f"`{s.key}`", s.help, _value(s.value), s.type) for s in _component_settings(component.Config())]
 
 
-def _own_settings(config: ComponentConfig) -> Iterator[Setting]:
+def _component_settings(config: ComponentConfig) -> Iterator[Setting]:
     """The settings of a component without those of the components in its slots."""
-    found = list(list_settings(config))
-    roles = {s.key: s.type.partition(",")[0].removesuffix(" | null") for s in found}
+    settings = list(list_settings(config))
+    roles = {s.key: s.type.partition(",")[0].removesuffix(" | null") for s in settings}
     slots = tuple(f"{key}{end}" for key, role in roles.items() for end in ".[" if role in registry().roles)
-    return (setting for setting in found if not setting.key.startswith(slots))
+    return (setting for setting in settings if not setting.key.startswith(slots))
 
 
 def _value(value: Any) -> str:

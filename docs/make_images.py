@@ -154,19 +154,19 @@ def draw_detections(path: Path) -> None:
     figure.savefig(path, dpi=100, bbox_inches="tight", pil_kwargs={"quality": 80})
 
 
-def _draw_objects(axes: Axes, panorama: Panorama, found: Detections) -> None:
+def _draw_objects(axes: Axes, panorama: Panorama, detections: Detections) -> None:
     """The panorama with the outline and label of each object, at the network's resolution."""
     palette = plt.get_cmap("tab20").colors
     rows = 256
     scale = len(panorama.rgb) / rows
     axes.imshow(panorama.rgb)
-    for number, (label, points_m) in enumerate(zip(found.labels, found.points_m or (), strict=True)):
+    for number, (label, points_m) in enumerate(zip(detections.labels, detections.points_m or (), strict=True)):
         mask = np.zeros((rows, 2 * rows), bool)
         column, row = (np.floor(values).astype(int) for values in rays_to_pixels(points_m, rows))
         mask[np.clip(row, 0, rows - 1), column % (2 * rows)] = True
         extent = (np.arange(2 * rows) + 0.5) * scale, (np.arange(rows) + 0.5) * scale
         axes.contour(*extent, mask, [0.5], colors=[palette[number % len(palette)]], linewidths=1.4)
-        x, y = rays_to_pixels(found.centroid_m[number : number + 1], len(panorama.rgb))
+        x, y = rays_to_pixels(detections.centroid_m[number : number + 1], len(panorama.rgb))
         _write(axes, label, x[0], y[0])
     axes.set(
         xlim=(0, 2 * len(panorama.rgb)), ylim=(len(panorama.rgb) * 5 / 6, len(panorama.rgb) / 6), xticks=[], yticks=[]
@@ -213,9 +213,12 @@ def draw_lost(path: Path) -> None:
         right, _, score = next(one for one in row["places"] if one[1] == place)
         config = configure_dataset("house-42", None, [{"seed": seed}])[1]
         frames = {frame.id: frame for frame in frames_of(config)}
-        behind = f"right: {place}, its score {best - score:.1f} behind"
-        told = f"asked from {place}: {cause}", f"answered: {wrong}", behind
-        for each, id, title in zip(column, (query, answered, right), told, strict=True):
+        titles = (
+            f"query in {place} ({cause})",
+            f"answer: {wrong}, score {best:.1f}",
+            f"correct place: {place}, score {score:.1f}",
+        )
+        for each, id, title in zip(column, (query, answered, right), titles, strict=True):
             panorama = render_frame(config, frames[id])
             _draw_objects(each, panorama, detector.detect(panorama))
             each.set_title(title, fontsize=13)

@@ -14,7 +14,7 @@ from pydantic import Field, field_validator
 from salframe.framework.component import ComponentConfig
 from salframe.framework.components.identity import UserFile
 from salframe.framework.errors import InputMissing
-from salframe.graphs.annotated import Annotated, as_detections, has_points, seen_objects
+from salframe.graphs.annotated import Annotated, as_detections, has_points, visible_objects
 from salframe.graphs.boxes import upright_box
 from salframe.graphs.detections import Detections
 from salframe.graphs.detector import Detector
@@ -112,7 +112,7 @@ class AnnotationDetector(Detector):
                 f"{panorama.display_name} has no annotations, which the detector {self.name!r} needs: choose another "
                 "detector"
             )
-        objects, seed = seen_objects(panorama), (self.config.seed, zlib.crc32(panorama.error_id.encode()))
+        objects, seed = visible_objects(panorama), (self.config.seed, zlib.crc32(panorama.error_id.encode()))
         noise = self.config.noise
         if noise == "auto" and not annotations.rendered:
             detected = objects

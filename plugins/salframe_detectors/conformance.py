@@ -52,12 +52,12 @@ def _check_layout(make: Callable[[], DetectionDecoder], checked: str, outputs: S
     expect(isinstance(answer, list), checked, type(answer).__name__, "a list of ImageDetections")
     expect(len(answer) == BATCH, checked, f"{len(answer)} answers", f"one for each of {BATCH} images")
     for detections in answer:
-        _check_found(checked, detections)
+        _check_detections(checked, detections)
     alone = call_twice(f"{checked}, the second image alone", make().decode, [array[1:] for array in outputs], REQUEST)
     expect(same(alone, answer[1:]), f"{checked}, the second image alone", "another answer", "the same as in a batch")
 
 
-def _check_found(checked: str, detections: ImageDetections) -> None:
+def _check_detections(checked: str, detections: ImageDetections) -> None:
     expect(isinstance(detections, ImageDetections), checked, type(detections).__name__, "ImageDetections")
     count = len(detections.score)
     shapes = [np.shape(part) for part in (detections.box_px, detections.score, detections.label)]

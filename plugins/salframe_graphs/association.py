@@ -248,8 +248,8 @@ class _LabelRays:
         frames, column_frame = np.unique(self._frame[rows], return_inverse=True)
         camera = self._group_of_frame[self._camera_frame] == group
         missed = np.zeros(len(point))
-        seen_by = (cdist(point, self._camera_m[camera]) < MAX_RANGE_M) * np.log(1 - DETECTION)
-        missed += seen_by.sum(1)
+        log_missed = (cdist(point, self._camera_m[camera]) < MAX_RANGE_M) * np.log(1 - DETECTION)
+        missed += log_missed.sum(1)
         best = np.full((len(point), len(frames)), -1)
         gain = np.full((len(point), len(frames)), -np.inf)
         for number in range(len(frames)):
@@ -268,8 +268,8 @@ class _LabelRays:
                 mean_area[number] = self._areas(point[[number]], members[None]).mean()
             prior = np.log(AREA_SPAN_LOG / (np.sqrt(2 * np.pi) * spread)) - 0.5 * ((mean_area - median) / spread) ** 2
             total += np.nan_to_num(prior)
-        keep = np.flatnonzero((total > MIN_LOG_RATIO) & (used.sum(1) >= 2))
-        return [(float(total[k]), rows[best[k][used[k]]], gain[k][used[k]]) for k in keep.tolist()]
+        valid = np.flatnonzero((total > MIN_LOG_RATIO) & (used.sum(1) >= 2))
+        return [(float(total[k]), rows[best[k][used[k]]], gain[k][used[k]]) for k in valid.tolist()]
 
     def _areas(self, point: np.ndarray, members: np.ndarray) -> np.ndarray:
         """Return ln(projected area) (H, k) of hypotheses at points (H, 3), computed from each of their k rays."""

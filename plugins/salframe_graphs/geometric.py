@@ -17,7 +17,7 @@ from salframe_graphs.verification import ScaleBound, VerifiedPoses, verify
 
 
 @dataclass(frozen=True, eq=False)
-class _Ranking:
+class _VerifiedRanking:
     """The ranked candidates of a query.
 
     Attributes:
@@ -125,7 +125,7 @@ class GeometricMatcher(NodeMatcher):
         labels_only = without_range(graph) if self._estimates_scale and not graph.bearings_only else graph
         return super()._shortlist(labels_only, index)
 
-    def _rank(self, query: SaliencyGraph, index: GraphIndex, top_k: int) -> _Ranking | None:
+    def _rank(self, query: SaliencyGraph, index: GraphIndex, top_k: int) -> _VerifiedRanking | None:
         candidates = self._candidates(query, index)
         if candidates is None:
             return None
@@ -141,7 +141,7 @@ class GeometricMatcher(NodeMatcher):
             shared = shared_weight(pairs, verified.kernel, candidates.weight, candidates.nodes, candidates.node_weight)
             score += self.config.geometry_score * shared
         best = np.lexsort((-candidates.jaccard, -score))[:top_k]
-        return _Ranking(candidates, best, score, pairs, value, verified)
+        return _VerifiedRanking(candidates, best, score, pairs, value, verified)
 
     def _similarity(self, candidates: Candidates, index: GraphIndex) -> np.ndarray:
         """Return the similarity (P,) of each node pair, 0 to 1; 1 for a query without range, which has labels only."""

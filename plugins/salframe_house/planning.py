@@ -94,7 +94,7 @@ class _Cell:
 
 
 @dataclass
-class _Plan:
+class _LayoutBuilder:
     """A layout under construction."""
 
     style: str
@@ -147,7 +147,7 @@ def plan_layout(style: str, rooms: int, seed: int) -> Layout:
     a spine.
     """
     rng = np.random.default_rng((seed, rooms, 1))
-    plan = _Plan(style, round(rng.uniform(*_HEIGHT_M[style]), 2))
+    builder = _LayoutBuilder(style, round(rng.uniform(*_HEIGHT_M[style]), 2))
     depth, corridor = round(rng.uniform(*_DEPTH_M[style]), 2), round(rng.uniform(*_CORRIDOR_M[style]), 2)
     wings = max(1, round(rooms / _ROOMS_PER_WING))
     levels = math.ceil(wings / 2) if wings > 1 else 0
@@ -155,16 +155,16 @@ def plan_layout(style: str, rooms: int, seed: int) -> Layout:
     wing_cells = _distribute(cells, 2 * wings, rng)
     pitch = corridor + 2 * depth + round(rng.uniform(4.0, 6.0), 2)
     lengths = [max(sum(cells[i].width_m for i in row) for row in wing_cells[2 * w : 2 * w + 2]) for w in range(wings)]
-    corridors = [_add_wing(plan, w, lengths[w], corridor, pitch, wings > 1) for w in range(wings)]
+    corridors = [_add_wing(builder, w, lengths[w], corridor, pitch, wings > 1) for w in range(wings)]
     if levels:
-        _add_spine(plan, corridors, corridor, depth, pitch)
+        _add_spine(builder, corridors, corridor, depth, pitch)
     room_ids: dict[int, tuple[str, ...]] = {}
     order = [(w, row) for w in range(wings) for row in (0, 1)]
     for copies in (False, True):  # originals first: copies refer to the rooms that they repeat
         for w, row in order:
             origin = _wing_origin(w, corridor, pitch, wings > 1)
-            _add_row(plan, cells, wing_cells[2 * w + row], copies, room_ids, corridors[w], origin, row, depth)
-    return Layout(tuple(plan.rooms), tuple(plan.doors), tuple(plan.windows))
+            _add_row(builder, cells, wing_cells[2 * w + row], copies, room_ids, corridors[w], origin, row, depth)
+    return Layout(tuple(builder.rooms), tuple(builder.doors), tuple(builder.windows))
 
 
 def _wing_origin(wing: int, corridor: float, pitch: float, spine: bool) -> tuple[float, float, int, float]:
@@ -181,19 +181,19 @@ def _wing_origin(wing: int, corridor: float, pitch: float, spine: bool) -> tuple
     )
 
 
-def _add_wing(plan: _Plan, wing: int, length: float, corridor: float, pitch: float, spine: bool) -> str:
+def _add_wing(builder: _LayoutBuilder, wing: int, length: float, corridor: float, pitch: float, spine: bool) -> str:
     """Add the corridor of a wing, with windows at its free ends; return its id."""
     x, y, direction, _ = _wing_origin(wing, corridor, pitch, spine)
-    name = plan.add_room("corridor", (x, y - corridor / 2), (x + direction * length, y + corridor / 2))
-    room = plan.rooms[-1]
+    name = builder.add_room("corridor", (x, y - corridor / 2), (x + direction * length, y + corridor / 2))
+    room = builder.rooms[-1]
     ends = [room.high_m[0] if direction > 0 else room.low_m[0]] if spine else [room.low_m[0], room.high_m[0]]
     for end in ends:
         inward = 1 if end == room.low_m[0] else -1
-        plan.windows.append(Window((end, y), min(1.2, corridor - 0.7), 0.9, 2.2, (inward, 0), name))
+        builder.windows.append(Window((end, y), min(1.2, corridor - 0.7), 0.9, 2.2, (inward, 0), name))
     return name
 
 
-def _add_spine(plan: _Plan, wings: list[str], corridor: float, depth: float, pitch: float) -> None:
+def _add_spine(builder: _LayoutBuilder, wings: list[str], corridor: float, depth: float, pitch: float) -> None:
     """Add one corridor per level, joined end to end, with openings to the wings and windows to the courtyards."""
     half, levels = corridor / 2, math.ceil(len(wings) / 2)
     bounds = (
@@ -202,21 +202,21 @@ def _add_spine(plan: _Plan, wings: list[str], corridor: float, depth: float, pit
     opening = round(corridor - 0.5, 2)
     names = []
     for level in range(levels):
-        names.append(plan.add_room("corridor", (-half, bounds[level]), (half, bounds[level + 1])))
+        names.append(builder.add_room("corridor", (-half, bounds[level]), (half, bounds[level + 1])))
         if level:
-            plan.add_door((0.0, bounds[level]), opening, "y", names[-2], names[-1])
+            builder.add_door((0.0, bounds[level]), opening, "y", names[-2], names[-1])
         for wing in range(2 * level, min(2 * level + 2, len(wings))):
             side = 1 if wing % 2 == 0 else -1
-            plan.add_door((side * half, level * pitch), opening, "x", names[-1], wings[wing])
+            builder.add_door((side * half, level * pitch), opening, "x", names[-1], wings[wing])
         for y, courtyard in ((bounds[level] + 1.2, level > 0), (bounds[level + 1] - 1.2, level < levels - 1)):
             for side in (-1, 1) if courtyard else ():
-                plan.windows.append(Window((side * (half - WALL_M / 2), y), 1.4, 0.9, 2.2, (-side, 0), names[-1]))
+                builder.windows.append(Window((side * (half - WALL_M / 2), y), 1.4, 0.9, 2.2, (-side, 0), names[-1]))
     for y, name, inward in ((bounds[0] + WALL_M / 2, names[0], 1), (bounds[-1] - WALL_M / 2, names[-1], -1)):
-        plan.windows.append(Window((0.0, y), round(corridor - 0.8, 2), 0.9, 2.2, (0, inward), name))
+        builder.windows.append(Window((0.0, y), round(corridor - 0.8, 2), 0.9, 2.2, (0, inward), name))
 
 
 def _add_row(
-    plan: _Plan,
+    builder: _LayoutBuilder,
     cells: list[_Cell],
     row_cells: list[int],
     copies: bool,
@@ -248,13 +248,13 @@ def _add_row(
         if cell.mirrored and cell.copy_of is not None:
             originals = room_ids[cell.copy_of]
         names = tuple(
-            plan.add_room(kind, world(u0, v0), world(u1, v1), twin, original)
+            builder.add_room(kind, world(u0, v0), world(u1, v1), twin, original)
             for (kind, u0, u1, v0, v1), twin, original in zip(cell.rooms, cell.twins, originals, strict=True)
         )
         room_ids[index] = names
         for (u, v, axis, width, room, other), leaf in zip(cell.doors, cell.leaves, strict=True):
             hinge = leaf * (-1 if axis == "v" and flip else 1) * (up if axis == "u" else 1)
-            plan.add_door(
+            builder.add_door(
                 world(u, v),
                 width,
                 "x" if axis == "u" else "y",
@@ -264,10 +264,10 @@ def _add_row(
                 hinge or 1,
             )
         for u, width, sill, head, room in cell.windows:
-            plan.windows.append(Window(world(u, depth - WALL_M / 2), width, sill, head, (0, -up), names[room]))
-        if plan.style == "home" and previous and {cell.rooms[0][0], previous.rsplit("-", 1)[0]} <= _OPEN_PLAN:
+            builder.windows.append(Window(world(u, depth - WALL_M / 2), width, sill, head, (0, -up), names[room]))
+        if builder.style == "home" and previous and {cell.rooms[0][0], previous.rsplit("-", 1)[0]} <= _OPEN_PLAN:
             edge = left if direction > 0 else left + cell.width_m
-            plan.add_door((round(edge, 4), round(base + up * depth * 0.55, 4)), 1.2, "x", names[0], previous)
+            builder.add_door((round(edge, 4), round(base + up * depth * 0.55, 4)), 1.2, "x", names[0], previous)
         previous = names[0]
 
 

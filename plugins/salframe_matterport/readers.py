@@ -82,7 +82,7 @@ class _Labels(BaseModel):
     label_name: dict[str, str] = {}
 
 
-class _Regions(BaseModel):
+class _RoomLabels(BaseModel):
     """Content of vp2room_label.json."""
 
     pano_info: dict[str, dict[str, _HouseRegion]]
@@ -185,7 +185,7 @@ def read_room_types(path: Path) -> dict[str, dict[int, str]]:
 
     An explanation in parentheses is removed from a room type. Regions without a label are left out.
     """
-    content: _Regions = read_as(path, _Regions)
+    content: _RoomLabels = read_as(path, _RoomLabels)
     types: dict[str, dict[int, str]] = {}
     for scan, viewpoints in content.pano_info.items():
         types[scan] = {}
@@ -202,7 +202,7 @@ def read_room_types(path: Path) -> dict[str, dict[int, str]]:
 
 def read_regions(path: Path) -> dict[str, dict[str, int]]:
     """Read the region of each viewpoint: building -> viewpoint -> region index."""
-    content: _Regions = read_as(path, _Regions)
+    content: _RoomLabels = read_as(path, _RoomLabels)
     return {
         scan: {viewpoint: region.region_index for viewpoint, region in viewpoints.items()}
         for scan, viewpoints in content.pano_info.items()

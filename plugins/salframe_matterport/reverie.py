@@ -142,7 +142,7 @@ class Reverie(Scorer):
         ]
 
 
-class _Task(BaseModel):
+class _ReverieTask(BaseModel):
     """An entry of REVERIE_<split>.json: the task to find a target object. `objId`, the id of this object, is not
     published for every split."""
 
@@ -269,7 +269,7 @@ def read_episodes(root: Path) -> dict[str, dict[str, ReverieEpisode]]:
     """
     splits = {}
     for path in sorted((root / "reverie").glob("REVERIE_*.json")):
-        tasks: list[_Task] = read_as(path, list[_Task])
+        tasks: list[_ReverieTask] = read_as(path, list[_ReverieTask])
         episodes = {
             f"{task.path_id}_{task.objId}_{i}": ReverieEpisode(task.scan, int(task.objId), task.path, task.heading)
             for task in tasks

@@ -119,14 +119,14 @@ class PanoSegDetector(Detector):
 
 
 @dataclass(frozen=True)
-class _Card:
+class _ModelCard:
     """The part of a model card that detection uses: the label of each class from 1, and the conversion to scores."""
 
     labels: list[str]
     calibration: ScoreCalibration
 
 
-def _card(path: Path) -> _Card:
+def _card(path: Path) -> _ModelCard:
     """Read the model card beside a network. Raises WeightsError."""
     content = read_json(path)
     labels = content.get("labels") if isinstance(content, dict) else None
@@ -135,7 +135,7 @@ def _card(path: Path) -> _Card:
             f"{path} has no list `labels`, expected the model card (description of the network) that the training of "
             "panoseg wrote"
         )
-    return _Card(labels, validate(ScoreCalibration, content.get("calibration", {}), f"{path}: calibration"))
+    return _ModelCard(labels, validate(ScoreCalibration, content.get("calibration", {}), f"{path}: calibration"))
 
 
 def into_panorama(vote_m: np.ndarray) -> np.ndarray:

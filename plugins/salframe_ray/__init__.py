@@ -89,7 +89,7 @@ class Ray(WorkerEngine):
                 ) from None
 
 
-class _Worker:
+class _RayActor:
     """The actor that runs in a worker process."""
 
     def __init__(self, directory: str) -> None:
@@ -117,7 +117,7 @@ class _Remote(WorkerProcess):
 
         settings = {key: value for key, value in os.environ.items() if key.startswith("SALFRAME_")}
         env_vars = {**settings, "SALFRAME_CACHE": str(cache_home().absolute()), **ONE_THREAD}
-        actor_class: Any = ray.remote(num_cpus=1, runtime_env={"env_vars": env_vars})(_Worker)
+        actor_class: Any = ray.remote(num_cpus=1, runtime_env={"env_vars": env_vars})(_RayActor)
         self._worker = actor_class.remote(str(Path.cwd()))
 
     def answer(self, function: Callable[[Any], Any], item: Any) -> Any:

@@ -161,11 +161,11 @@ class SegmentModel(_ClosedSetModel):
         from torch.nn.functional import interpolate
 
         scores, classes = logits.softmax(-1).max(-1)
-        is_kept = (classes < logits.shape[-1] - 1) & (scores >= self._min_score)
-        scores, classes = scores[is_kept].numpy().astype(float), classes[is_kept].numpy()
+        is_valid = (classes < logits.shape[-1] - 1) & (scores >= self._min_score)
+        scores, classes = scores[is_valid].numpy().astype(float), classes[is_valid].numpy()
         if not len(scores):
             return self._objects(np.zeros((0, 4)), scores, classes, np.zeros((0, *size), bool))
-        probability = interpolate(mask_logits[is_kept][None], size, mode="bilinear")[0].sigmoid().numpy()
+        probability = interpolate(mask_logits[is_valid][None], size, mode="bilinear")[0].sigmoid().numpy()
         owner = (scores[:, None, None] * probability).argmax(0)
         is_inside = probability >= MASK_PROBABILITY
         masks = is_inside & (owner == np.arange(len(scores))[:, None, None])

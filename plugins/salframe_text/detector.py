@@ -171,6 +171,6 @@ def _solid_angle(rays: np.ndarray) -> float:
 def _points(rays: np.ndarray, range_m: np.ndarray) -> np.ndarray:
     """Return the points (n, 3) float32 in metres of a text's surface in the directions `rays`, without the points in
     front of and behind the surface."""
-    seen_m = sample_nearest(range_m, rays)
-    rows = foreground(seen_m, np.full(len(rays), _solid_angle(rays) / len(rays)))
-    return (rays[rows] * seen_m[rows, None]).astype(np.float32)
+    sampled_m = sample_nearest(range_m, rays)
+    rows = foreground(sampled_m, np.full(len(rays), _solid_angle(rays) / len(rays)))
+    return (rays[rows] * sampled_m[rows, None]).astype(np.float32)

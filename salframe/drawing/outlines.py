@@ -50,7 +50,7 @@ def _outline(detections: Detections, i: int) -> list[np.ndarray]:
     return []
 
 
-class _Chart:
+class _AzimuthalProjection:
     """Lambert's azimuthal equal-area projection of the sphere, centred on the mean direction of the rays (N, 3) of an
     object. Unlike an equirectangular image, it has no seam and no pole inside the object."""
 
@@ -86,8 +86,8 @@ def _around_mask(rays: np.ndarray) -> list[np.ndarray]:
     """Return the closed lines around a mask. `rays` (N, 3) are the unit vectors through its pixels."""
     import cv2
 
-    chart = _Chart(rays)
-    points, spacing = chart.flatten(rays), _spacing(rays)
+    projection = _AzimuthalProjection(rays)
+    points, spacing = projection.flatten(rays), _spacing(rays)
     cell = max(spacing / 3, float(np.ptp(points, axis=0).max()) / MAX_MASK_SIDE)
     reach = max(1, round(0.75 * spacing / cell))
     low = points.min(0) - (reach + 3) * cell
@@ -101,7 +101,7 @@ def _around_mask(rays: np.ndarray) -> list[np.ndarray]:
     lines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     areas = [cv2.contourArea(line) for line in lines]
     return [
-        chart.raise_up(cv2.approxPolyDP(line, 0.5, True)[:, 0] * cell + low)
+        projection.raise_up(cv2.approxPolyDP(line, 0.5, True)[:, 0] * cell + low)
         for line, area in zip(lines, areas, strict=True)
         if area >= MIN_PART * max(areas) and len(line) > 2
     ]
@@ -128,7 +128,7 @@ def _around_corners(rays: np.ndarray) -> list[np.ndarray]:
     circle, the projection of a straight edge."""
     import cv2
 
-    hull = rays[cv2.convexHull(_Chart(rays).flatten(rays).astype(np.float32), returnPoints=False)[:, 0]]
+    hull = rays[cv2.convexHull(_AzimuthalProjection(rays).flatten(rays).astype(np.float32), returnPoints=False)[:, 0]]
     share = np.linspace(0, 1, 16, endpoint=False)[:, None]
     line = np.concatenate([a + share * (b - a) for a, b in zip(hull, np.roll(hull, -1, 0), strict=True)])
     return [line / np.linalg.norm(line, axis=1, keepdims=True)] if len(hull) > 2 else []

@@ -47,10 +47,10 @@ def annotated_objects(panorama: Panorama) -> list[Annotated]:
         raise InputMissing(
             f"{panorama.display_name} has an instance image (annotations) but no range image, expected both"
         )
-    return seen_objects(panorama)
+    return visible_objects(panorama)
 
 
-def seen_objects(panorama: Panorama) -> list[Annotated]:
+def visible_objects(panorama: Panorama) -> list[Annotated]:
     """Return the visible annotated objects of a panorama. If their range is unknown, only the directions of their
     points are meaningful.
 

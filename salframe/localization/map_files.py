@@ -34,7 +34,7 @@ from salframe.localization.saved_frames import FRAME_COLUMNS, SavedFrames, frame
 from salframe.panoramas.floors import FLOORS, FloorMasks, read_floors, write_floors
 from salframe.panoramas.frames import ReferenceFrame
 
-MAP, MAP_FORMAT = "map.json", 7
+MAP, MAP_FORMAT = "map.json", 8
 METHOD, FRAMES, SCENES, INDEX, CALIBRATION = "method.json", "frames", "scenes", "index", "calibration"
 _PARTS = "parts-"
 
@@ -42,7 +42,7 @@ _Result = TypeVar("_Result")
 _Model = TypeVar("_Model", bound=BaseModel)
 
 
-class _Manifest(Settings):
+class _MapManifest(Settings):
     """map.json: the sub-folder that holds the parts, and the sha256 of each file by its path in the sub-folder."""
 
     format: int
@@ -316,14 +316,14 @@ def check_output(directory: Path) -> None:
         )
 
 
-def _read_manifest(directory: Path) -> _Manifest:
+def _read_manifest(directory: Path) -> _MapManifest:
     path = directory / MAP
     if not path.exists():
         raise DataError(f"{directory} contains no map: build one with salframe build DATA -o {directory}")
     content = read_json(path)
     if isinstance(content, Mapping) and content.get("format", MAP_FORMAT) != MAP_FORMAT:
         raise DataError(f"{directory} has map format {content['format']}, expected {MAP_FORMAT}: build the map again")
-    return read_model(path, _Manifest)
+    return read_model(path, _MapManifest)
 
 
 def _check_files(folder: Path, sha256: Mapping[str, str]) -> None:

@@ -76,9 +76,9 @@ class RangeView:
         at = np.minimum(rows.astype(int), len(self._min) - 1), columns.astype(int) % (2 * len(self._min))
         nearest, farthest, offset = self._min[at], self._max[at], tolerance.offset * self.median
         is_known = np.isfinite(nearest) & np.isfinite(farthest)
-        seen_through = is_known & (distance < nearest * (1 - tolerance.relative) - offset)
+        in_free_space = is_known & (distance < nearest * (1 - tolerance.relative) - offset)
         hidden = is_known & (distance > farthest * (1 + tolerance.relative) + offset)
-        return float((is_known & ~seen_through & ~hidden).mean()), float(seen_through.mean())
+        return float((is_known & ~in_free_space & ~hidden).mean()), float(in_free_space.mean())
 
 
 @dataclass(frozen=True)
@@ -87,21 +87,21 @@ class Agreement:
 
     Attributes:
         on_surface: Mean share of the points of one frame that lie on a surface that the other frame sees.
-        seen_through: Mean share of the points of one frame that lie where the other frame sees free space.
+        in_free_space: Mean share of the points of one frame that lie where the other frame sees free space.
     """
 
     on_surface: float
-    seen_through: float
+    in_free_space: float
 
     @property
     def evidence(self) -> float:
         """Share of the points that either agree with the poses or contradict them."""
-        return self.on_surface + self.seen_through
+        return self.on_surface + self.in_free_space
 
     @property
     def net(self) -> float:
         """Share of the points that agree, minus the share that contradicts."""
-        return self.on_surface - self.seen_through
+        return self.on_surface - self.in_free_space
 
     @property
     def ratio(self) -> float:
@@ -143,9 +143,9 @@ def pair_agreements(
 
 def mean_agreement(agreements: Iterable[Agreement]) -> Agreement:
     """Return the mean of comparisons. Both shares are 0 if there are none."""
-    shares = [(one.on_surface, one.seen_through) for one in agreements]
-    on_surface, seen_through = np.mean(shares, axis=0) if shares else (0.0, 0.0)
-    return Agreement(float(on_surface), float(seen_through))
+    shares = [(one.on_surface, one.in_free_space) for one in agreements]
+    on_surface, in_free_space = np.mean(shares, axis=0) if shares else (0.0, 0.0)
+    return Agreement(float(on_surface), float(in_free_space))
 
 
 def nearest_pairs(places: Sequence[str], positions: np.ndarray) -> list[tuple[int, int]]:

@@ -69,10 +69,10 @@ def stitch_range(
         distance_m = np.full_like(range_m, np.inf)
         for _ in range(_ROUNDS):
             column, row = _project(camera, direction, offset_m, distance_m)
-            depth_seen_m = cv2.remap(
+            sampled_depth_m = cv2.remap(
                 depth_m, column, row, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=np.nan
             )
-            distance_m = (depth_seen_m - offset_m[2]) / direction[..., 2]
+            distance_m = (sampled_depth_m - offset_m[2]) / direction[..., 2]
         weight = np.where(distance_m > 0, _centrality(column, row, depth_m.shape), 0)
         nearer = weight > best
         range_m[nearer], best[nearer] = distance_m[nearer], weight[nearer]

@@ -27,9 +27,9 @@ from salframe.topology.derived_floors import extend_floors
 from salframe.topology.store import TOPOLOGY, read_topology
 from salframe.topology.topological_map import PartSource, TopologicalMap, TopologySources
 
-_Plan = tuple[Sequence[FloorMasks], TopologySources]
+_Floors = tuple[Sequence[FloorMasks], TopologySources]
 """Floors, and where they come from."""
-_Change = Callable[[LocalizationMap, Sequence[FloorMasks], TopologySources], _Plan]
+_Change = Callable[[LocalizationMap, Sequence[FloorMasks], TopologySources], _Floors]
 """A function that receives a map, its floors and the sources of the floors. It changes the map, and returns the floors
 and the sources of the changed map."""
 _Source = tuple[Path, Sequence[ReferenceFrame]]
@@ -96,7 +96,7 @@ def add_to_map(
     for note in data_notes(dataset):
         tell(f"warning: {note}")
 
-    def add(localization: LocalizationMap, floors: Sequence[FloorMasks], sources: TopologySources) -> _Plan:
+    def add(localization: LocalizationMap, floors: Sequence[FloorMasks], sources: TopologySources) -> _Floors:
         places = {frame.place for frame in frames}
         remaining = [frame for frame in localization.frames if frame.place not in places]
         _check_ids([(directory, remaining), (Path(data), frames)])
@@ -127,7 +127,7 @@ def calibrate_map(directory: str | Path) -> MapCalibration:
     """
     made: list[MapCalibration] = []
 
-    def calibrate(localization: LocalizationMap, floors: Sequence[FloorMasks], sources: TopologySources) -> _Plan:
+    def calibrate(localization: LocalizationMap, floors: Sequence[FloorMasks], sources: TopologySources) -> _Floors:
         made.append(localization.calibrate())
         return floors, sources
 
@@ -149,7 +149,7 @@ def remove_from_map(directory: str | Path, places: Iterable[str]) -> MapChange:
     """
     removed = list(dict.fromkeys(places))
 
-    def remove(localization: LocalizationMap, floors: Sequence[FloorMasks], sources: TopologySources) -> _Plan:
+    def remove(localization: LocalizationMap, floors: Sequence[FloorMasks], sources: TopologySources) -> _Floors:
         names = _places(localization.frames, floors)
         for place in removed:
             if place not in names:
@@ -177,7 +177,7 @@ def merge_maps(directory: str | Path, others: Iterable[str | Path]) -> MapChange
     """
     directory = Path(directory)
 
-    def merge(localization: LocalizationMap, floors: Sequence[FloorMasks], sources: TopologySources) -> _Plan:
+    def merge(localization: LocalizationMap, floors: Sequence[FloorMasks], sources: TopologySources) -> _Floors:
         maps, added = [(directory, localization.frames)], []
         for folder in map(Path, others):
             other, topology = read_map(folder, _read)

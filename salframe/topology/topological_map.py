@@ -83,12 +83,12 @@ class MapEdge:
 class PartSource(StrEnum):
     """Where a part of a topological map comes from.
 
-    GIVEN: floor masks of the data. RANGE: range images of the reference frames. MAP_FILE: an occupancy map of a robot.
-    PLACES: the places of the reference frames. FREE_SPACE: the narrow passages of the free space. MIXED: several
+    FLOOR_MASKS: floor masks of the data. RANGE: range images of the reference frames. MAP_FILE: an occupancy map of a
+    robot. PLACES: the places of the reference frames. FREE_SPACE: the narrow passages of the free space. MIXED: several
     sources, in a map that was extended or merged.
     """
 
-    GIVEN = "given"
+    FLOOR_MASKS = "floor masks"
     RANGE = "derived from range"
     MAP_FILE = "map file"
     PLACES = "derived from places"
@@ -105,8 +105,8 @@ class TopologySources(Settings):
         regions: Source of the regions and their names.
     """
 
-    free_space: PartSource = PartSource.GIVEN
-    regions: PartSource = PartSource.GIVEN
+    free_space: PartSource = PartSource.FLOOR_MASKS
+    regions: PartSource = PartSource.FLOOR_MASKS
 
     def joined(self, other: TopologySources) -> TopologySources:
         """Return the sources of a map that is joined with another map, whose sources are `other`."""

@@ -14,7 +14,7 @@ from salframe.framework.components.identity import identity
 from salframe.framework.errors import ConfigError, DataError
 from salframe.framework.files.hashes import file_sha256
 from salframe.framework.validation import validate
-from salframe.graphs.annotated import seen_objects
+from salframe.graphs.annotated import visible_objects
 from salframe.graphs.sensor import DetectionModel, Errors, FalseObjects, Provenance, SensorModel, read_sensor
 from salframe.graphs.visibility import object_visibility
 from salframe.panoramas.geometry import sample_nearest
@@ -89,14 +89,14 @@ def drawn():
     noise, pairs = SensedNoise(SENSOR), []
     for frame in range(FRAMES):
         pano = panorama(f"frame-{frame}")
-        objects = seen_objects(pano)
+        objects = visible_objects(pano)
         pairs.append((objects, noise.simulate_detections(pano, objects, 0)))
     return pairs
 
 
 def test_each_object_is_found_as_often_as_the_model_says(drawn):
     pano = panorama()
-    shown = object_visibility(pano, seen_objects(pano))
+    shown = object_visibility(pano, visible_objects(pano))
     chance = SENSOR.detection.probability(shown.labels, shown.solid_angle_sr, shown.range_m, shown.hidden_share)
     assert np.ptp(chance) > 0.2
     keys = [one.key for _, simulated in drawn for one in simulated if one.key > 0]
@@ -197,7 +197,7 @@ def test_draws_are_keyed_by_seed_frame_and_object(file):
 
 def test_other_objects_change_no_objects_draws():
     noise, whole = SensedNoise(EXACT), panorama()
-    objects = seen_objects(whole)
+    objects = visible_objects(whole)
     simulated = {one.key: one for one in noise.simulate_detections(whole, objects, (0, 0))}
     fewer = {one.key: one for one in noise.simulate_detections(whole, objects[::2], (0, 0))}
     assert fewer
@@ -221,7 +221,7 @@ def test_turning_the_panorama_turns_what_is_found_and_what_is_made_up(file, colu
 def test_without_range_bearings_and_labels_are_drawn(tmp_path):
     """Objects without range are not hidden and have the reference range: the model predicts how many are detected."""
     noise, pano = SensedNoise(SENSOR), replace(panorama(), range_m=None)
-    objects = seen_objects(pano)
+    objects = visible_objects(pano)
     shown = object_visibility(pano, objects)
     chance = SENSOR.detection.probability(shown.labels, shown.solid_angle_sr)
     views = [replace(pano, id=f"frame-{frame}") for frame in range(FRAMES)]
@@ -243,7 +243,7 @@ def test_object_lists_take_it():
         np.zeros(50),
     )
     listed = Panorama("list", annotations=Annotations(objects=boxes))
-    objects = seen_objects(listed)
+    objects = visible_objects(listed)
     chance = SENSOR.detection.probability(
         ("chair",) * 50, object_visibility(listed, objects).solid_angle_sr, object_visibility(listed, objects).range_m
     )
@@ -268,7 +268,7 @@ def test_uniform_levels_draw_as_they_did_under_their_old_names(level, missed, mi
         pano = panorama(f"frame-{frame}")
         simulated = iter(detect(pano, noise=level, seed=3).centroid_m)
         labels = iter(detect(pano, noise=level, seed=3).labels)
-        for one in seen_objects(pano):
+        for one in visible_objects(pano):
             rng = np.random.default_rng((3, zlib.crc32(pano.id.encode()), one.key))
             first = rng.random(4)
             factor = 1 + share * rng.standard_normal()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from salframe.graphs.annotated import seen_objects
+from salframe.graphs.annotated import visible_objects
 from salframe.graphs.boxes import box_solid_angle
 from salframe.graphs.visibility import hidden_shares, object_visibility
 from salframe.panoramas.panorama import Annotations, ObjectBoxes, Panorama
@@ -47,14 +47,14 @@ def test_nothing_borders_what_fills_the_sphere():
 def test_sightings_of_an_image():
     ids, range_m = image()
     panorama = Panorama("x", range_m=range_m, annotations=Annotations(ids, {1: "near", 2: "far"}))
-    shown = object_visibility(panorama, seen_objects(panorama))
+    shown = object_visibility(panorama, visible_objects(panorama))
     assert shown.labels == ("near", "far")
     low, high = np.sin(np.pi / 2 - np.pi * np.array([42, 30]) / HEIGHT)
     np.testing.assert_allclose(shown.solid_angle_sr, np.array([6, 12]) * np.pi / HEIGHT * (high - low), rtol=1e-9)
     np.testing.assert_allclose(shown.hidden_share, [1 / 3, 0])
     np.testing.assert_allclose(shown.range_m, [4, 2], rtol=0.03)  # the centroid of a patch of a sphere lies within it
     blind = Panorama("x", annotations=Annotations(ids, {1: "near", 2: "far"}))
-    unranged = object_visibility(blind, seen_objects(blind))
+    unranged = object_visibility(blind, visible_objects(blind))
     np.testing.assert_array_equal(unranged.solid_angle_sr, shown.solid_angle_sr)
     assert np.isnan([unranged.range_m, unranged.hidden_share]).all()
 
@@ -72,7 +72,7 @@ def test_the_mean_shadow_of_a_box_is_a_quarter_of_its_surface():
 def test_sightings_of_a_list_have_boxes_and_nothing_hides_them_that_is_known():
     boxes = ObjectBoxes(("bed",), ("k",), np.array([[3.0, 4.0, 0.0]]), np.array([[2.0, 1.5, 0.6]]), np.zeros(1))
     panorama = Panorama("x", annotations=Annotations(objects=boxes))
-    shown = object_visibility(panorama, seen_objects(panorama))
+    shown = object_visibility(panorama, visible_objects(panorama))
     assert shown.range_m == pytest.approx(5, abs=1e-5)
     assert shown.solid_angle_sr == pytest.approx((3.0 + 0.9 + 1.2) / 2 / 25, abs=1e-5)
     assert np.isnan(shown.hidden_share).all()

@@ -99,7 +99,7 @@ def test_parts_of_two_maps_are_refused(tmp_path):
         ("[]", r"map\.json contains a list, expected a JSON object"),
         ("{", r"map\.json is not JSON"),
         (json.dumps({"format": MAP_FORMAT}), r"map\.json: the required key parts is missing"),
-        (json.dumps({"format": 2}), r"has map format 2, expected 7: build the map again"),
+        (json.dumps({"format": 2}), r"has map format 2, expected 8: build the map again"),
         (json.dumps({"format": MAP_FORMAT, "parts": "../elsewhere", "sha256": {}}), r"map\.json: key parts: received"),
     ],
 )

@@ -204,11 +204,11 @@ def test_points_of_a_box_agree_and_a_shift_is_seen_through():
     views = [RangeView(look(room, "a", pose).range_m) for pose in true]
     (right,) = pair_agreements(views, true, [(0, 1)])
     assert right.on_surface > 0.95
-    assert right.seen_through == 0
+    assert right.in_free_space == 0
     (wrong,) = pair_agreements(views, [true[0], pose_2d(3.0, 2.0, 1.0, 1.5)], [(0, 1)])
     # One end wall is seen through, the other is hidden; the side walls agree. From the middle of the room the ends
     # (4 m wide at 2 and 4 m) cover 2 atan(2/2) and 2 atan(2/4) of 2 pi: about 1/4 and 0.15 of the points.
-    assert 0.1 < wrong.seen_through < 0.3
+    assert 0.1 < wrong.in_free_space < 0.3
 
 
 def test_frames_are_paired_within_their_place_first():

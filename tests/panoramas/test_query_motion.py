@@ -9,7 +9,7 @@ import pytest
 from tiny_folder import write_tiny_folder
 
 from salframe.framework.errors import DataError
-from salframe.graphs.annotated import seen_objects
+from salframe.graphs.annotated import visible_objects
 from salframe.panoramas.folder import FolderDataset
 from salframe.panoramas.frames import Fold, QueryFrame
 from salframe.panoramas.geometry import pose_2d, pose_yaw
@@ -65,13 +65,13 @@ def test_shuffled_odometry_gives_each_view_the_motion_of_another():
 
 def test_an_object_of_a_turned_view_lies_where_the_motion_says():
     query = query_frames()[0]
-    whole = {o.key: o.points_m for o in seen_objects(query.load())}
+    whole = {o.key: o.points_m for o in visible_objects(query.load())}
     exact = {"drift_share": 0, "heading_drift_deg": 0}
     frame = views_of(query, query_fov_deg=150, query_views=3, query_odometry=exact)
     assert [view.id for view in frame.views] == [f"{query.id}/2-before", f"{query.id}/1-before", query.id]
     compared = 0
     for view, T in zip(frame.views, frame.T_last_view, strict=True):
-        for found in seen_objects(view.load()):
+        for found in visible_objects(view.load()):
             if len(found.points_m) == len(whole[found.key]):  # the whole object is in view
                 np.testing.assert_allclose(
                     T[:3, :3] @ found.points_m.mean(0), whole[found.key].mean(0), atol=np.radians(1.0) * 5

@@ -76,8 +76,8 @@ def test_objects_are_matched_with_parts_of_the_labels():
     assert objects.label.tolist() == [BED, SOFA, TABLE]
     assert objects.named.tolist() == [True, True, False]
     low, high = count(objects, parts, 0.5), count(objects, parts, 0.7)
-    assert vars(low) == {"detected": 3, "named": 2, "found": 1, "parts": 2, "covered": 1}
-    assert vars(high) == {"detected": 2, "named": 1, "found": 1, "parts": 2, "covered": 1}
+    assert vars(low) == {"detected": 3, "named": 2, "true_positives": 1, "parts": 2, "covered": 1}
+    assert vars(high) == {"detected": 2, "named": 1, "true_positives": 1, "parts": 2, "covered": 1}
     assert vars(low + high)["parts"] == 4
 
 

@@ -183,8 +183,8 @@ def shares(counts: Sequence[Counts]) -> dict[str, Any]:
     for metric, numerator, denominator in (
         ("named_precision", "named", "detected"),
         ("covered_recall", "covered", "parts"),
-        ("precision", "found", "detected"),
-        ("recall", "found", "parts"),
+        ("precision", "true_positives", "detected"),
+        ("recall", "true_positives", "parts"),
     ):
         part, whole = (np.array([getattr(view, name) for view in counts]) for name in (numerator, denominator))
         figures[metric] = [float(part.sum() / whole.sum()), *interval(part, whole)] if whole.sum() else None

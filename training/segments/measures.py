@@ -26,14 +26,14 @@ class Counts:
     Attributes:
         detected: Detected objects in labelled areas.
         named: Detected objects whose class is the class of the majority of their labelled pixels.
-        found: Detected objects that match a part (OVERLAP).
+        true_positives: Detected objects that match a part (OVERLAP).
         parts: Labelled parts.
         covered: Labelled parts whose pixels are mostly covered by detected objects of the same class.
     """
 
     detected: int
     named: int
-    found: int
+    true_positives: int
     parts: int
     covered: int
 

@@ -163,8 +163,8 @@ class PlaceLikelihood:
         odds = np.exp(np.minimum(self.log_ratio + self.first_camera_logit + self._minus_log_clutter, MAX_LOG_RATIO))
         _, total = _share_odds(odds, columns)
         score = np.log1p(self.likelihood.unplaced_share * total).sum(0)
-        seen_share = 1.0 if self.sectors is None else self.sectors.share
-        return (score + seen_share * _log_undetected(self.first_camera_logit, columns)).astype(np.float64)
+        visible_share = 1.0 if self.sectors is None else self.sectors.share
+        return (score + visible_share * _log_undetected(self.first_camera_logit, columns)).astype(np.float64)
 
     def score(self, poses: Poses) -> tuple[np.ndarray, np.ndarray]:
         """Return the scores (C,) of poses, and the probability (n, T) that a query object is an object of the place.

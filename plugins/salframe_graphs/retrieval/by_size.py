@@ -40,7 +40,7 @@ def choose_scene_index(num_scenes: int) -> tuple[type[SceneIndex], str | None]:
     )
 
 
-class _Choice(Settings):
+class _IndexChoice(Settings):
     """The content of choice.json: the scene index that was selected when the map was built."""
 
     kind: str
@@ -73,7 +73,7 @@ class BySize(SceneIndex):
             raise DataError(
                 f"{folder} has no scene index: build the map again, or only the index with SceneIndex.build"
             )
-        kind = read_model(folder / _CHOICE, _Choice).kind
+        kind = read_model(folder / _CHOICE, _IndexChoice).kind
         if kind not in _KINDS:
             raise DataError(
                 f"{folder} has a scene index of the kind {kind!r}, expected one of {', '.join(_KINDS)}: "

@@ -101,7 +101,7 @@ class _Environment(BaseModel):
     machine: dict[str, Any] = Field(default_factory=dict)
 
 
-class _Request(Settings):
+class _SavedRequest(Settings):
     """Content of request.yaml."""
 
     format: Literal[2]
@@ -187,7 +187,7 @@ class Run:
                 f"the run folder {directory} has the format {version} of another version of salframe, expected "
                 f"{RUN_FORMAT}: repeat the run with this version and another --name"
             )
-        validate(_Request, content, f"{path}:")
+        validate(_SavedRequest, content, f"{path}:")
         return cls(directory, content)
 
     @property

@@ -46,12 +46,12 @@ class _Declared(Settings):
     absent: tuple[Annotated[int, Field(ge=0)], ...]
 
 
-class _Table(Settings):
+class _TableHeader(Settings):
     rows: int = Field(ge=0, le=1 << 24)
     columns: tuple[_Declared, ...]
 
     @model_validator(mode="after")
-    def _check(self) -> _Table:
+    def _check(self) -> _TableHeader:
         names = [column.name for column in self.columns]
         if duplicates := [name for name in names if names.count(name) > 1]:
             raise ValueError(
@@ -240,7 +240,7 @@ def read_columns(folder: Path, expected: Mapping[str, ArrayKind] | None = None) 
     Raises:
         DataError: A file is damaged or a column is not as expected.
     """
-    table = read_model(folder / TABLE, _Table)
+    table = read_model(folder / TABLE, _TableHeader)
     if expected is not None and table.rows:
         _check_columns(folder / TABLE, table, expected)
     varying = sum(column.shape.count(None) for column in table.columns)
@@ -299,7 +299,7 @@ def check_kinds(columns: Columns, row: Row) -> None:
             )
 
 
-def _check_columns(path: Path, table: _Table, expected: Mapping[str, ArrayKind]) -> None:
+def _check_columns(path: Path, table: _TableHeader, expected: Mapping[str, ArrayKind]) -> None:
     names = {column.name for column in table.columns}
     if names != expected.keys():
         raise DataError(

@@ -286,7 +286,7 @@ def _progress_bar(report: Callable[[int], None]) -> type:
     """Return a progress bar for huggingface_hub that prints nothing and reports the number of received bytes."""
     from huggingface_hub.utils import tqdm
 
-    class Reported(tqdm):
+    class ByteCounter(tqdm):
         def __init__(self, *args: Any, **kwargs: Any) -> None:
             super().__init__(*args, **{**kwargs, "disable": True})
             self._received = 0
@@ -295,7 +295,7 @@ def _progress_bar(report: Callable[[int], None]) -> type:
             self._received += int(n or 0)
             report(self._received)
 
-    return Reported
+    return ByteCounter
 
 
 def _git_hash(path: Path) -> str:

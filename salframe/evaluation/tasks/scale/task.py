@@ -172,7 +172,7 @@ class _ScaleWorker(Worker[int]):
         start = time.perf_counter()
         read_map(built, self._open)
         open_s = time.perf_counter() - start
-        self._window = _Window(np.arange(0))
+        self._window = _SceneWindow(np.arange(0))
         self._all = read_map(built, self._open_window)
         self._costs = {"build_s": build_s, "build_memory_mb": memory_mb, "bytes": folder_bytes(built), "open_s": open_s}
 
@@ -224,7 +224,7 @@ class _ScaleWorker(Worker[int]):
 
 
 @dataclass
-class _Window:
+class _SceneWindow:
     """A scene index that returns the same scenes (W,) as candidates for every query."""
 
     scene: np.ndarray

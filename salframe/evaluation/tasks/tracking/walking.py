@@ -32,7 +32,7 @@ NUM_KIDNAPPED = 8
 """Number of views that are taken after the camera was moved without odometry."""
 
 
-class _Step(NamedTuple):
+class _WalkStep(NamedTuple):
     """A view with its true pose and place, the measured motion since the view before, and the answer."""
 
     pose: np.ndarray
@@ -113,14 +113,14 @@ class Tracking(Worker[Walk]):
 
 def _steps(
     window: ViewWindow, walk: Walk, views: Sequence[DescribedView], motions: Sequence[np.ndarray]
-) -> Iterator[_Step]:
+) -> Iterator[_WalkStep]:
     """Yield the steps of the first views of a walk. `window` localizes the latest views together."""
     for number, (view, motion) in enumerate(zip(views, motions, strict=True)):
         window.move(motion)
-        yield _Step(walk.poses[number], walk.places[number], motion, window.localize(view))
+        yield _WalkStep(walk.poses[number], walk.places[number], motion, window.localize(view))
 
 
-def _follow(map: LocalizationMap, belief: Belief, steps: Sequence[_Step]) -> Iterator[Row]:
+def _follow(map: LocalizationMap, belief: Belief, steps: Sequence[_WalkStep]) -> Iterator[Row]:
     """Yield the belief after each step, compared with the truth."""
     tracker, has_started = open_tracker(map, belief.tracker), False
     for step in steps:
@@ -134,7 +134,7 @@ def _follow(map: LocalizationMap, belief: Belief, steps: Sequence[_Step]) -> Ite
             yield _compare(tracker.belief(), step)
 
 
-def _compare_answer(step: _Step) -> Row:
+def _compare_answer(step: _WalkStep) -> Row:
     """Return the fields of BeliefLine for an answer without a tracker. The support is the probability of the first
     place. Without probabilities, it is the score of the first place, or 0 if the score is negative."""
     answer = step.answer
@@ -149,7 +149,7 @@ def _compare_answer(step: _Step) -> Row:
     }
 
 
-def _compare(believed: TrackedPose, step: _Step) -> Row:
+def _compare(believed: TrackedPose, step: _WalkStep) -> Row:
     """Return the fields of BeliefLine for the belief of a tracker."""
     return {
         "tracking": believed.status is TrackStatus.TRACKING,
