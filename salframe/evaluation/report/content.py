@@ -37,7 +37,7 @@ def make_content(
         "tables": make_tables(views[0].result.kind, arms, about, columns),
         "reported": [paper.model_dump(mode="json") for view in views for paper in view.result.reported],
         "arms": [{"name": arm.name, "label": arm.label} for arm in arms],
-        "chosen": [number for number, arm in enumerate(arms) if arm.row.measured][:FIRST_SHOWN],
+        "selected": [number for number, arm in enumerate(arms) if arm.row.measured][:FIRST_SHOWN],
         "outcomes": [],
         "figures": [],
         "sets": [],
