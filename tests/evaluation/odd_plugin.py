@@ -107,8 +107,8 @@ class Weigher(Localizer):
         return Evidence([frame.place for frame in self.frames], self._values(description))
 
     def correspond(self, query, reference):
-        asked, known = graph_from_arrays(query), graph_from_arrays(reference)
-        return NodeMatches(asked.centroid_m, known.centroid_m, np.array([[0, 0], [1, 1]]))
+        query_graph, reference_graph = graph_from_arrays(query), graph_from_arrays(reference)
+        return NodeMatches(query_graph.centroid_m, reference_graph.centroid_m, np.array([[0, 0], [1, 1]]))
 
     def _values(self, description):
         room = int(description["room"])
