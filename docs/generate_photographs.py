@@ -71,7 +71,7 @@ DRAWN = {draw.__name__: draw for draw in (pixels, objects, scores, views)}
 
 
 def page(text: str) -> str:
-    """The page with its tables drawn anew."""
+    """Return the page with its tables redrawn."""
     printed = json.loads(PRINTED.read_text(encoding="utf-8"))
 
     def draw(match: re.Match[str]) -> str:

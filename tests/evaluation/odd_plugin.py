@@ -67,7 +67,7 @@ class Weights(Settings):
 
 
 class Weigher(Localizer):
-    """Takes the room `mistaken` for the one before it, and knows poses to the step."""
+    """Confuses the room `mistaken` with the previous one. Its poses are exact. In the room `no_pose` it has none."""
 
     name = "weigher"
     version = "1"
@@ -75,6 +75,7 @@ class Weigher(Localizer):
 
     class Config(ComponentConfig):
         mistaken: int = 1
+        no_pose: int = 9
         weights: Weights = Weights()
 
     def describe(self, panorama):
@@ -97,6 +98,8 @@ class Weigher(Localizer):
     def match(self, description):
         scores = self._scores(description)
         places = rank_places(self.frames, scores)
+        if int(description["room"]) == self.config.no_pose:
+            return Localization(places, None, LocalizationStatus.NO_POSE)
         pose = self.frames[int(scores.argmax())].T_world_pano @ pose_2d(STEP_M, 0, 0)
         return Localization(places, pose, LocalizationStatus.OK)
 
@@ -104,8 +107,8 @@ class Weigher(Localizer):
         return Evidence([frame.place for frame in self.frames], self._values(description))
 
     def correspond(self, query, reference):
-        asked, known = graph_from_arrays(query), graph_from_arrays(reference)
-        return NodeMatches(asked.centroid_m, known.centroid_m, np.array([[0, 0], [1, 1]]))
+        query_graph, reference_graph = graph_from_arrays(query), graph_from_arrays(reference)
+        return NodeMatches(query_graph.centroid_m, reference_graph.centroid_m, np.array([[0, 0], [1, 1]]))
 
     def _values(self, description):
         room = int(description["room"])

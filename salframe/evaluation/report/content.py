@@ -12,7 +12,7 @@ from salframe.evaluation.report.view import RunView
 
 MAX_NAMES = 4
 """Maximum number of methods that the title of an HTML page names."""
-FIRST_SHOWN = 8
+MAX_SHOWN = 8
 """Maximum number of measured arms (methods with their settings) whose curves an HTML page shows by default."""
 
 
@@ -37,7 +37,7 @@ def make_content(
         "tables": make_tables(views[0].result.kind, arms, about, columns),
         "reported": [paper.model_dump(mode="json") for view in views for paper in view.result.reported],
         "arms": [{"name": arm.name, "label": arm.label} for arm in arms],
-        "chosen": [number for number, arm in enumerate(arms) if arm.row.measured][:FIRST_SHOWN],
+        "selected": [number for number, arm in enumerate(arms) if arm.row.measured][:MAX_SHOWN],
         "outcomes": [],
         "figures": [],
         "sets": [],

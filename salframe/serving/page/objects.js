@@ -40,7 +40,7 @@ function showGraph(objects, edges) {
   if (ranged.length === 0) return;
   const reach = Math.max(1, ...ranged.map((thing) => Math.hypot(thing.centroid_m[0], thing.centroid_m[1])));
   const at = (thing) => [50 - (42 * thing.centroid_m[1]) / reach, 50 - (42 * thing.centroid_m[0]) / reach];
-  const most = Math.max(...ranged.map((thing) => thing.saliency), 1e-9);
+  const maxSaliency = Math.max(...ranged.map((thing) => thing.saliency), 1e-9);
   const lines = edges
     .filter(([a, b]) => objects[a].centroid_m && objects[b].centroid_m)
     .map(([a, b]) => {
@@ -50,7 +50,7 @@ function showGraph(objects, edges) {
   const nodes = ranged.map((thing) => {
     const [cx, cy] = at(thing);
     const kind = `${colours.get(thing.label)}${thing.matched ? " full" : ""}`;
-    const dot = svg("circle", { cx, cy, r: 1.2 + 2.2 * Math.sqrt(thing.saliency / most), class: kind });
+    const dot = svg("circle", { cx, cy, r: 1.2 + 2.2 * Math.sqrt(thing.saliency / maxSaliency), class: kind });
     dot.append(svg("title", {}, thing.label));
     return dot;
   });

@@ -62,9 +62,9 @@ class Page:
 
     def run(self, script: str) -> Any:
         """The value of an expression, which may be a promise. Raises AssertionError where it throws."""
-        told = self._send("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)
-        assert "exceptionDetails" not in told, told["exceptionDetails"]["exception"].get("description", told)
-        return told["result"].get("value")
+        reply = self._send("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)
+        assert "exceptionDetails" not in reply, reply["exceptionDetails"]["exception"].get("description", reply)
+        return reply["result"].get("value")
 
     def wait_for(self, script: str, seconds: float = 20.0) -> None:
         """Wait until an expression is true."""
@@ -79,6 +79,15 @@ class Page:
         text = {"text": "\r"} if key == "Enter" else {}
         for kind in ("keyDown", "keyUp"):
             self._send("Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode=code, **text)
+
+    def move_to(self, x: float, y: float) -> None:
+        """Move the mouse to a point in pixels of the window."""
+        self._send("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
+
+    def click(self, x: float, y: float) -> None:
+        """Press and release the left button of the mouse at a point in pixels of the window."""
+        for kind in ("mousePressed", "mouseReleased"):
+            self._send("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
 
     def save_picture(self, path: Path, *, whole: bool = False) -> None:
         """Save what is seen as PNG, or the page from top to bottom."""
@@ -123,11 +132,11 @@ class Page:
         return json.loads(message)
 
     def _note(self, event: dict[str, Any]) -> None:
-        told = event.get("params", {})
+        details = event.get("params", {})
         if event["method"] == "Runtime.exceptionThrown":
-            details = told["exceptionDetails"]
-            self.problems.append(details.get("exception", {}).get("description", details["text"]))
-        elif event["method"] == "Runtime.consoleAPICalled" and told["type"] in ("error", "warning"):
-            self.problems.append(" ".join(str(one.get("value")) for one in told["args"]))
-        elif event["method"] == "Log.entryAdded" and told["entry"]["level"] == "error":
-            self.problems.append(told["entry"]["text"])
+            error = details["exceptionDetails"]
+            self.problems.append(error.get("exception", {}).get("description", error["text"]))
+        elif event["method"] == "Runtime.consoleAPICalled" and details["type"] in ("error", "warning"):
+            self.problems.append(" ".join(str(one.get("value")) for one in details["args"]))
+        elif event["method"] == "Log.entryAdded" and details["entry"]["level"] == "error":
+            self.problems.append(details["entry"]["text"])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import pytest
 import yaml
 
@@ -61,6 +63,44 @@ def test_what_was_not_scrolled_to_is_drawn_for_print_and_screenshots(page):
     assert set(ODD) <= set(texts(page, "#floor .annotation-text"))
 
 
+def test_a_query_without_a_pose_is_a_dot_on_the_floor_plan(plugins, tmp_path):
+    """Each of the three queries has a dot, and each of the two with a pose also has the head of an arrow."""
+    plugins("odd_plugin", "salframe_engines", folders=("evaluation",))
+    run = compare(Request(("weigher",), "odd", settings=("mistaken=9", "no_pose=2"), engine="inline")).run
+    with Page(write_report([run], tmp_path / "page.html").path, tmp_path / "profile") as page:
+        page.run("document.getElementById('floor').scrollIntoView({behavior: 'instant'})")
+        page.wait_for("document.querySelectorAll('#floor .points path').length")
+        boxes = page.run(
+            "[...document.querySelectorAll('#floor .points path')].map(one => one.getBoundingClientRect())"
+            ".map(box => [box.width, box.height, (box.left + box.right) / 2, (box.top + box.bottom) / 2])"
+        )
+        drawn = [box for box in boxes if min(box[:2]) > 2]
+        assert len(drawn) == 5
+        last = max(drawn, key=lambda box: box[2])  # the room without a pose is the one with the largest x
+        page.move_to(*last[2:])
+        page.wait_for("document.querySelector('#floor .hovertext') !== null")
+        assert "<b>query</b> 2" in page.run("document.querySelector('#floor .hovertext').textContent")
+        page.click(*last[2:])
+        page.wait_for("document.getElementById('detail').open")
+        assert texts(page, "dialog h2") == [f"<b>query</b> 2, true place: {ODD[2]}"]
+        assert page.problems == []
+
+
+@pytest.mark.parametrize(("width", "names"), [(1280, 3), (390, 1)])
+def test_names_of_rooms_do_not_overlap(odd, tmp_path, width, names):
+    with Page(write_report(odd, tmp_path / "page.html").path, tmp_path / "profile", width=width) as page:
+        page.run("dispatchEvent(new Event('beforeprint'))")
+        page.wait_for("document.querySelector('#floor .annotation') !== null")
+        boxes = page.run(
+            "[...document.querySelectorAll('#floor .annotation')].map(one => one.getBoundingClientRect())"
+            ".map(box => [box.left, box.right, box.top, box.bottom])"
+        )
+        assert len(boxes) >= names
+        for one, other in combinations(boxes, 2):
+            apart = max(one[0], other[0]) >= min(one[1], other[1]) or max(one[2], other[2]) >= min(one[3], other[3])
+            assert apart
+
+
 def test_curves_are_chosen(page):
     page.wait_for("document.querySelectorAll('#figures .js-plotly-plot .barlayer .point').length === 2")
     page.run("document.querySelectorAll('#figures .menu input')[0].click()")
@@ -69,13 +109,13 @@ def test_curves_are_chosen(page):
 
 
 def test_queries_are_filtered_by_method_outcome_and_room(page):
-    assert page.run(f"{ROWS}.map(row => row.cells[3].textContent)") == ["wrong place", "right", "right"]
+    assert page.run(f"{ROWS}.map(row => row.cells[3].textContent)") == ["wrong place", "correct", "correct"]
     choose(page, "outcome", "wrong place (1)")
     assert texts(page, "#queries tbody td:nth-child(3)") == [ODD[0]]
     choose(page, "method", "mistaken=9")
     assert page.run(f"{ROWS}.length") == 0
     choose(page, "outcome", "all")
-    assert page.run(f"{ROWS}.map(row => row.cells[3].textContent)") == ["right"] * 3
+    assert page.run(f"{ROWS}.map(row => row.cells[3].textContent)") == ["correct"] * 3
     choose(page, "room", ODD[1][:9])
     assert texts(page, "#queries tbody td:nth-child(2)") == [ODD[1]]
 
@@ -95,7 +135,7 @@ def test_a_query_is_opened_and_left_by_keys(page):
     page.press("ArrowUp")
     page.press("Enter")
     page.wait_for("document.getElementById('detail').open")
-    assert texts(page, "dialog h2") == [f"<b>query</b> 1, taken in {ODD[1]}"]
+    assert texts(page, "dialog h2") == [f"<b>query</b> 1, true place: {ODD[1]}"]
     assert page.run("document.querySelectorAll('dialog .pair image').length") == 2
     assert page.run("document.querySelectorAll('dialog .pair > line').length") == 2  # lamp with lamp, table with table
     assert "2 of 2 objects matched" in page.run("document.querySelector('dialog .tools').textContent")
@@ -105,7 +145,7 @@ def test_a_query_is_opened_and_left_by_keys(page):
     assert parts[3][::2] == ["sum", "", ""]
     assert (parts[3][3], parts[3][5]) == ("8.00", "5.50")
     page.press("ArrowRight")
-    assert texts(page, "dialog h2") == [f"<b>query</b> 0, taken in {ODD[0]}"]
+    assert texts(page, "dialog h2") == [f"<b>query</b> 0, true place: {ODD[0]}"]
     page.press("Escape")
     page.wait_for("!document.getElementById('detail').open")
 
@@ -124,10 +164,10 @@ def test_both_graphs_from_above_meet_under_the_right_pose(page):
 
 def test_a_wrong_answer_is_compared_with_the_truth(page):
     page.run(f"{ROWS}[0].click()")
-    told = "document.querySelector('dialog .tools span').textContent"
-    assert page.run(told).startswith("Matched with map <0>")
+    matched = "document.querySelector('dialog .tools span').textContent"
+    assert page.run(matched).startswith("Matched with map <0>")
     page.run("document.querySelectorAll('dialog .tools button')[1].click()")
-    assert page.run(told).startswith("Matched with map <1>")
+    assert page.run(matched).startswith("Matched with map <1>")
 
 
 @pytest.mark.parametrize(("width", "dark"), [(1280, True), (390, False)])

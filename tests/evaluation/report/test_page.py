@@ -44,13 +44,13 @@ def test_the_page_of_a_run_holds_every_row_and_query(comparison, read):
     assert content["title"] == "reader, greedy[wrong_from=2,refuse_in=1] and weightless on rooms"
     assert re.fullmatch(r"Localization, \d{4}-\d\d-\d\d, salframe [\d.]+", content["subtitle"])
     assert any("weightless.pth is not at hand" in note for note in content["notes"])
-    (asked,) = content["sets"]
-    assert len(asked["ids"]) == 10
-    assert asked["answers"].keys() == {"0", "1"}
-    outcomes = [content["outcomes"][k] for k in asked["answers"]["1"]["outcome"]]
+    (queries,) = content["sets"]
+    assert len(queries["ids"]) == 10
+    assert queries["answers"].keys() == {"0", "1"}
+    outcomes = [content["outcomes"][k] for k in queries["answers"]["1"]["outcome"]]
     # rooms 2 and 3 are taken for the next; in room 4 the nearest to one too many is right; room 1 is refused
-    assert outcomes == ["right"] * 2 + ["out of map"] * 2 + ["wrong place"] * 4 + ["right"] * 2
-    assert asked["poses"][2] == [4.1, 0.0, 0.0]
+    assert outcomes == ["correct"] * 2 + ["rejected"] * 2 + ["wrong place"] * 4 + ["correct"] * 2
+    assert queries["poses"][2] == [4.1, 0.0, 0.0]
     assert not islands
     assert not content["pictures"]
 
@@ -68,7 +68,7 @@ def test_runs_side_by_side_pool_seeds(fakes, read, tmp_path):
     accuracy = table["headings"].index("accuracy %\n(95 % CI)")
     assert [row[accuracy].split()[0] for row in table["rows"]] == ["100.0", "20.0"]  # of five rooms the last is right
     assert len(content["sets"]) == 2  # two buildings, each with both arms
-    assert all(asked["answers"].keys() == {"0", "1"} for asked in content["sets"])
+    assert all(one["answers"].keys() == {"0", "1"} for one in content["sets"])
     assert {id for id in islands if id.startswith("pq")} == {f"pq{s}-{i}" for s in range(2) for i in range(10)}
 
 

@@ -1,35 +1,35 @@
-// One query, opened: what was asked, what each method answered, and how its score came about.
+// The details of one query: its panorama, the answer of each method, and the parts of the score.
 
 const dialog = document.getElementById("detail");
-const opened = {i: null, kind: "answer"};
+const shown = {i: null, kind: "answer"}; // index of the query, and whether its answer or the truth is compared
 
 function openQuery(i) {
-  opened.i = i;
-  history.replaceState(null, "", `#q${looked.set}-${i}`);
-  opened.kind = "answer";
+  shown.i = i;
+  history.replaceState(null, "", `#q${selection.set}-${i}`);
+  shown.kind = "answer";
   paintDetail();
   if (!dialog.open) dialog.showModal();
   dialog.scrollTop = 0;
   dialog.focus();
 }
 
-// The next query of the list, or the one before.
-function step(by) {
-  const next = listed[listed.indexOf(opened.i) + by];
-  if (next !== undefined) openQuery(next);
+// Open another query of the list: the next one (offset 1) or the previous one (offset -1).
+function openNeighbour(offset) {
+  const neighbour = filtered[filtered.indexOf(shown.i) + offset];
+  if (neighbour !== undefined) openQuery(neighbour);
 }
 
 dialog.addEventListener("keydown", (event) => {
   if (event.target.matches("select, input")) return;
-  if (event.key === "ArrowRight") step(1);
-  if (event.key === "ArrowLeft") step(-1);
+  if (event.key === "ArrowRight") openNeighbour(1);
+  if (event.key === "ArrowLeft") openNeighbour(-1);
 });
 dialog.addEventListener("click", (event) => {
   if (event.target === dialog) dialog.close();
 });
 dialog.addEventListener("close", () => {
   history.replaceState(null, "", "#queries");
-  const row = document.querySelector(`#queries tr[data-query="${opened.i}"]`);
+  const row = document.querySelector(`#queries tr[data-query="${shown.i}"]`);
   if (row) row.focus();
 });
 addEventListener("resize", () => {
@@ -37,108 +37,108 @@ addEventListener("resize", () => {
 });
 
 function paintDetail() {
-  const set = asked(),
-    i = opened.i,
+  const set = currentSet(),
+    i = shown.i,
     arms = armsOf(set),
-    position = listed.indexOf(i);
-  const text = island(`q${looked.set}-${i}`),
+    position = filtered.indexOf(i);
+  const text = island(`q${selection.set}-${i}`),
     query = text ? JSON.parse(text) : {objects: {}, arms: {}};
   const top = make(
     "div",
     {class: "top"},
-    make("h2", {}, `${set.ids[i]}, taken in ${placeName(set.truth[i])}`),
-    choose(
+    make("h2", {}, `${set.ids[i]}, true place: ${placeName(set.truth[i])}`),
+    makeMenu(
       "method",
       arms.map((arm) => content.arms[arm].name),
       (k) => {
-        look({arm: arms[k]});
+        updateSelection({arm: arms[k]});
         paintDetail();
       },
-      arms.indexOf(looked.arm),
+      arms.indexOf(selection.arm),
     ),
     make(
       "button",
-      {type: "button", onclick: () => step(-1), disabled: position < 1, "aria-label": "The query before"},
+      {type: "button", onclick: () => openNeighbour(-1), disabled: position < 1, "aria-label": "Previous query"},
       "←",
     ),
-    make("span", {class: "note"}, position < 0 ? "" : `${position + 1} of ${listed.length}`),
+    make("span", {class: "note"}, position < 0 ? "" : `${position + 1} of ${filtered.length}`),
     make(
       "button",
       {
         type: "button",
-        onclick: () => step(1),
-        disabled: position < 0 || position === listed.length - 1,
-        "aria-label": "The next query",
+        onclick: () => openNeighbour(1),
+        disabled: position < 0 || position === filtered.length - 1,
+        "aria-label": "Next query",
       },
       "→",
     ),
     make("button", {type: "button", onclick: () => dialog.close(), "aria-label": "Close"}, "✕"),
   );
-  const known = query.arms[looked.arm];
+  const details = query.arms[selection.arm];
   dialog.replaceChildren(
     top,
     make(
       "div",
       {class: "inside"},
-      known
-        ? showMatch(set, i, query, known)
+      details
+        ? showMatch(set, i, query, details)
         : text
-          ? make("p", {class: "note"}, "Nothing is known of how this method answered.")
+          ? make("p", {class: "note"}, "The report has no details of the answer of this method.")
           : null,
-      make("h3", {}, "What each method answered"),
+      make("h3", {}, "Answers of all methods"),
       answersTable(set, i, arms),
     ),
   );
 }
 
-function showMatch(set, i, query, known) {
-  const match = known.references.find((one) => one.kind === opened.kind) || known.references[0];
-  const asks = {url: island(`pq${looked.set}-${i}`), objects: query.objects[known.describer]};
+function showMatch(set, i, query, details) {
+  const match = details.references.find((one) => one.kind === shown.kind) || details.references[0];
+  const shownQuery = {url: island(`pq${selection.set}-${i}`), objects: query.objects[details.describer]};
   if (!match)
     return make(
       "div",
       {},
-      pairOf(asks, {url: null, objects: null}, {}, true),
-      make("p", {class: "note"}, "The method answered no place."),
+      drawPair(shownQuery, {url: null, objects: null}, {}, true),
+      make("p", {class: "note"}, "The method did not answer a place."),
     );
-  const frame = JSON.parse(island(`f${looked.set}-${match.frame}`));
+  const frame = JSON.parse(island(`f${selection.set}-${match.frame}`));
   const reference = {
-    url: island(`pf${looked.set}-${match.frame}`),
-    objects: frame.objects[known.describer],
+    url: island(`pf${selection.set}-${match.frame}`),
+    objects: frame.objects[details.describer],
     pose: frame.pose,
   };
   const kinds =
-    known.references.length < 2
+    details.references.length < 2
       ? null
-      : known.references.map((one) =>
+      : details.references.map((one) =>
           make(
             "button",
             {
               type: "button",
               "aria-pressed": String(one === match),
               onclick: () => {
-                opened.kind = one.kind;
+                shown.kind = one.kind;
                 paintDetail();
               },
             },
-            one.kind === "answer" ? "the place answered" : "the true place",
+            one.kind === "answer" ? "answered place" : "true place",
           ),
         );
-  const estimated = answersOf(looked.arm).pose[i],
+  const estimated = answersOf(selection.arm).pose[i],
     truth = set.poses[i],
     pose = estimated || truth;
   const matched = match.points
     ? `${match.matched} points matched${match.matched > match.points.length ? `, ${match.points.length} drawn` : ""}`
     : match.pairs
-      ? `${match.pairs.length} of ${sizeOfObjects(asks.objects)} objects matched`
+      ? `${match.pairs.length} of ${countObjects(shownQuery.objects)} objects matched`
       : "the method matches neither points nor objects";
   const floor = set.floors.find((one) => one.places.includes(frame.place)) || null;
-  const shapes = asks.objects && asks.objects.box && reference.objects;
+  const shapes = shownQuery.objects && shownQuery.objects.box && reference.objects;
   return make(
     "div",
     {},
     make("div", {class: "tools"}, make("span", {}, `Matched with ${frame.id} in ${frame.place}: ${matched}`), kinds),
-    pairOf(asks, reference, match, innerWidth < 900),
+    drawPair(shownQuery, reference, match, innerWidth < 900),
     make(
       "div",
       {class: "columns"},
@@ -150,17 +150,17 @@ function showMatch(set, i, query, known) {
               "h3",
               {},
               estimated
-                ? "From above, under the estimated pose"
-                : "From above; no pose was estimated, the query stands where it was taken",
+                ? "Top view with the estimated pose"
+                : "Top view with the true pose of the query, because no pose was estimated",
             ),
-            planOf(asks, reference, match, pose, truth, floor),
+            drawTopView(shownQuery, reference, match, pose, truth, floor),
             make(
               "p",
               {},
               [
                 ["--c0", "query"],
                 ["--c1", "map"],
-                ["--c2", "truth"],
+                ["--c2", "true pose of the query"],
               ].map(([colour, name]) =>
                 make(
                   "span",
@@ -172,16 +172,16 @@ function showMatch(set, i, query, known) {
             ),
           )
         : make("div", {}),
-      make("div", {}, scoreTable(set, i, known)),
+      make("div", {}, scoreTable(set, i, details)),
     ),
   );
 }
 
-// How the score came about: part by part where the method weighs parts, else its first places.
-function scoreTable(set, i, known) {
-  const found = known.evidence,
+// Create the table of the best-ranked places and, if the score of the method is a weighted sum, a table of its parts.
+function scoreTable(set, i, details) {
+  const evidence = details.evidence,
     fixed = (value, digits = 2) => (value === null || value === undefined ? "–" : value.toFixed(digits));
-  const answers = answersOf(looked.arm);
+  const answers = answersOf(selection.arm);
   const ranked = make(
     "table",
     {},
@@ -213,9 +213,9 @@ function scoreTable(set, i, known) {
           ),
     ),
   );
-  const first = [make("h3", {}, "First places"), ranked];
-  if (!found) return first;
-  const total = (place) => place.values.reduce((sum, value, k) => sum + value * found.weights[k], 0);
+  const rankedPart = [make("h3", {}, "Best-ranked places"), ranked];
+  if (!evidence) return rankedPart;
+  const total = (place) => place.values.reduce((sum, value, k) => sum + value * evidence.weights[k], 0);
   const table = make(
     "table",
     {},
@@ -225,23 +225,23 @@ function scoreTable(set, i, known) {
       make(
         "tr",
         {},
-        make("th", {class: "text"}, "part × weight"),
+        make("th", {class: "text"}, "part"),
         make("th", {}, "weight"),
-        found.places.map((place) => [make("th", {}, place.place), make("th", {}, "× weight")]),
+        evidence.places.map((place) => [make("th", {}, place.place), make("th", {}, "× weight")]),
       ),
     ),
     make(
       "tbody",
       {},
-      found.parts.map((part, k) =>
+      evidence.parts.map((part, k) =>
         make(
           "tr",
           {},
           make("td", {class: "text"}, part.replaceAll("_", " ")),
-          make("td", {}, fixed(found.weights[k])),
-          found.places.map((place) => [
+          make("td", {}, fixed(evidence.weights[k])),
+          evidence.places.map((place) => [
             make("td", {}, fixed(place.values[k])),
-            make("td", {class: "lead"}, fixed(place.values[k] * found.weights[k])),
+            make("td", {class: "lead"}, fixed(place.values[k] * evidence.weights[k])),
           ]),
         ),
       ),
@@ -250,15 +250,19 @@ function scoreTable(set, i, known) {
         {},
         make("td", {class: "text lead"}, "sum"),
         make("td", {}, ""),
-        found.places.map((place) => [make("td", {}, ""), make("td", {class: "lead"}, fixed(total(place)))]),
+        evidence.places.map((place) => [make("td", {}, ""), make("td", {class: "lead"}, fixed(total(place)))]),
       ),
     ),
   );
   return [
-    make("h3", {}, "How the score came about"),
+    make("h3", {}, "Parts of the score"),
     make("div", {class: "scroll"}, table),
-    make("p", {class: "note"}, "Of each place its best hypothesis; a place's score joins all of them."),
-    ...first,
+    make(
+      "p",
+      {class: "note"},
+      "The table shows the best hypothesis of each place. The score of a place combines all its hypotheses.",
+    ),
+    ...rankedPart,
   ];
 }
 
@@ -266,19 +270,19 @@ function answersTable(set, i, arms) {
   const rows = arms.map((arm) => {
     const answers = answersOf(arm),
       outcome = answers.outcome[i],
-      known = (value, digits) => (value === null ? "–" : value.toFixed(digits));
-    const pick = () => {
-      look({arm});
+      fixed = (value, digits) => (value === null ? "–" : value.toFixed(digits));
+    const selectArm = () => {
+      updateSelection({arm});
       paintDetail();
     };
     return make(
       "tr",
       {
-        class: arm === looked.arm ? "pick chosen" : "pick",
+        class: arm === selection.arm ? "row selected" : "row",
         tabindex: 0,
-        onclick: pick,
+        onclick: selectArm,
         onkeydown: (event) => {
-          if (event.key === "Enter") pick();
+          if (event.key === "Enter") selectArm();
         },
       },
       make("td", {class: "text"}, content.arms[arm].name),
@@ -289,15 +293,15 @@ function answersTable(set, i, arms) {
         make("span", {class: `outcome ${OUTCOME_CLASSES[outcome]}`}, content.outcomes[outcome]),
       ),
       make("td", {class: "text"}, [answers.status[i], answers.error[i]].filter(Boolean).join(": ")),
-      make("td", {}, answers.ranked[i][0] ? known(answers.ranked[i][0][1], 3) : "–"),
+      make("td", {}, answers.ranked[i][0] ? fixed(answers.ranked[i][0][1], 3) : "–"),
       make(
         "td",
         {class: "text"},
-        answers.ranked[i][1] ? `${answers.ranked[i][1][0]} ${known(answers.ranked[i][1][1], 3)}` : "–",
+        answers.ranked[i][1] ? `${answers.ranked[i][1][0]} ${fixed(answers.ranked[i][1][1], 3)}` : "–",
       ),
-      make("td", {}, known(answers.translation_m[i], 2)),
-      make("td", {}, known(answers.rotation_deg[i], 1)),
-      make("td", {}, known(answers.ms[i], 0)),
+      make("td", {}, fixed(answers.translation_m[i], 2)),
+      make("td", {}, fixed(answers.rotation_deg[i], 1)),
+      make("td", {}, fixed(answers.ms[i], 0)),
     );
   });
   return make(

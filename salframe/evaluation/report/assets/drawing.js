@@ -1,44 +1,49 @@
-// Panoramas with their objects, and graphs from above. A panorama is WIDE x HIGH units, shown from 60 degrees above to 60
-// below the horizon.
+// Panoramas with their objects, and top views of graphs. A panorama is drawn WIDTH x HEIGHT units large and cropped to
+// elevations from -60 to 60 degrees.
 
-const WIDE = 512,
-  HIGH = 256,
-  TOP = HIGH / 6,
-  SEEN = (HIGH * 2) / 3,
+const WIDTH = 512,
+  HEIGHT = 256,
+  TOP = HEIGHT / 6,
+  VISIBLE_HEIGHT = (HEIGHT * 2) / 3,
   GAP = 14,
-  NAMED = 16;
-const MIN_M = 4,
-  NEAR_M = 6; // a graph from above shows so much at least, and what is so near to the camera
+  MAX_NAMES = 16; // maximum number of objects whose names are drawn, if not more are matched
+const MIN_SPAN_M = 4,
+  NEAR_M = 6; // a top view is at least MIN_SPAN_M wide and contains all objects nearer to the camera than NEAR_M
 
+// Return the pixel of a point (x, y, z) in the frame of the camera.
 const pixel = ([x, y, z]) => [
-  ((Math.PI - Math.atan2(y, x)) / (2 * Math.PI)) * WIDE,
-  (0.5 - Math.atan2(z, Math.hypot(x, y)) / Math.PI) * HIGH,
+  ((Math.PI - Math.atan2(y, x)) / (2 * Math.PI)) * WIDTH,
+  (0.5 - Math.atan2(z, Math.hypot(x, y)) / Math.PI) * HEIGHT,
 ];
-const angles = (azimuth, elevation) => [
-  ((Math.PI - azimuth) / (2 * Math.PI)) * WIDE,
-  (0.5 - elevation / Math.PI) * HIGH,
+// Return the pixel of a direction.
+const anglePixel = (azimuth, elevation) => [
+  ((Math.PI - azimuth) / (2 * Math.PI)) * WIDTH,
+  (0.5 - elevation / Math.PI) * HEIGHT,
 ];
 
-function hueOf(label) {
+// Return a colour that depends only on the label.
+function labelColour(label) {
   let hash = 7;
   for (const letter of label) hash = (hash * 31 + letter.codePointAt(0)) % 3600;
   return `hsl(${hash / 10} 70% 52%)`;
 }
 
-const sizeOfObjects = (objects) => (objects ? objects.labels.length : 0);
+const countObjects = (objects) => (objects ? objects.labels.length : 0);
 const centreOf = (objects, k) => (objects.bearing ? objects.bearing[k] : objects.box[k].slice(0, 3));
 
+// Return the eight corners of a box.
 function corners([x, y, z, length, width, height, yaw]) {
-  const found = [],
+  const points = [],
     c = Math.cos(yaw),
     s = Math.sin(yaw);
   for (const a of [-0.5, 0.5])
     for (const b of [-0.5, 0.5])
       for (const h of [-0.5, 0.5])
-        found.push([x + c * a * length - s * b * width, y + s * a * length + c * b * width, z + h * height]);
-  return found;
+        points.push([x + c * a * length - s * b * width, y + s * a * length + c * b * width, z + h * height]);
+  return points;
 }
 
+// Return the four corners (x, y) of a box in the top view.
 function footprint([x, y, , length, width, , yaw]) {
   const c = Math.cos(yaw),
     s = Math.sin(yaw);
@@ -50,7 +55,7 @@ function footprint([x, y, , length, width, , yaw]) {
   ].map(([a, b]) => [x + (c * a * length - s * b * width) / 2, y + (s * a * length + c * b * width) / 2]);
 }
 
-// The convex hull of points, by Andrew's monotone chain.
+// Return the convex hull of points, by Andrew's monotone chain.
 function hull(points) {
   const sorted = [...points].sort((a, b) => a[0] - b[0] || a[1] - b[1]);
   const turn = (o, a, b) => (a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0]);
@@ -65,31 +70,44 @@ function hull(points) {
   return [...half(sorted), ...half(sorted.reverse())];
 }
 
-// Points on both sides of the seam, as one shape around the column of `near`.
-const unwrap = (points, near) => points.map(([x, y]) => [x + WIDE * Math.round((near - x) / WIDE), y]);
-const around = (points, paint) =>
-  [-WIDE, 0, WIDE]
-    .filter((shift) => points.some(([x]) => x + shift > 0 && x + shift < WIDE))
+// Shift points across the seam of the panorama, so that they are one shape around the column `near`.
+const unwrap = (points, near) => points.map(([x, y]) => [x + WIDTH * Math.round((near - x) / WIDTH), y]);
+// Draw a shape once for each side of the seam on which it is visible.
+const drawAround = (points, paint) =>
+  [-WIDTH, 0, WIDTH]
+    .filter((shift) => points.some(([x]) => x + shift > 0 && x + shift < WIDTH))
     .map((shift) => paint(points.map(([x, y]) => [x + shift, y])));
 const path = (points) => points.map(([x, y]) => `${x.toFixed(1)},${y.toFixed(1)}`).join(" ");
 
-// A panorama with its objects at (x, y) of an outer drawing; `matched` are those that are named first.
+// Draw a panorama with its objects at (x, y) of an outer drawing. The names of the `matched` objects have priority.
 function panorama(x, y, url, objects, matched) {
-  const inner = draw("svg", {x, y, width: WIDE, height: SEEN, viewBox: `0 ${TOP} ${WIDE} ${SEEN}`});
-  inner.append(draw("rect", {x: 0, y: TOP, width: WIDE, height: SEEN, fill: "var(--line)"}));
-  if (url) inner.append(draw("image", {href: url, width: WIDE, height: HIGH, preserveAspectRatio: "none"}));
+  const inner = draw("svg", {
+    x,
+    y,
+    width: WIDTH,
+    height: VISIBLE_HEIGHT,
+    viewBox: `0 ${TOP} ${WIDTH} ${VISIBLE_HEIGHT}`,
+  });
+  inner.append(draw("rect", {x: 0, y: TOP, width: WIDTH, height: VISIBLE_HEIGHT, fill: "var(--line)"}));
+  if (url) inner.append(draw("image", {href: url, width: WIDTH, height: HEIGHT, preserveAspectRatio: "none"}));
   if (!objects) return inner;
   const places = objects.labels.map((_, k) => pixel(centreOf(objects, k)));
   objects.labels.forEach((label, k) => {
     if (!objects.box || !objects.saliency) return;
     const shape = unwrap(corners(objects.box[k]).map(pixel), places[k][0]),
       columns = shape.map((point) => point[0]);
-    if (Math.max(...columns) - Math.min(...columns) > WIDE / 2) return;
+    if (Math.max(...columns) - Math.min(...columns) > WIDTH / 2) return;
     inner.append(
-      ...around(hull(shape), (points) =>
+      ...drawAround(hull(shape), (points) =>
         draw(
           "polygon",
-          {points: path(points), fill: hueOf(label), "fill-opacity": 0.14, stroke: hueOf(label), "stroke-width": 0.9},
+          {
+            points: path(points),
+            fill: labelColour(label),
+            "fill-opacity": 0.14,
+            stroke: labelColour(label),
+            "stroke-width": 0.9,
+          },
           draw("title", {}, label),
         ),
       ),
@@ -97,11 +115,11 @@ function panorama(x, y, url, objects, matched) {
   });
   for (const [a, b] of objects.edges)
     inner.append(
-      ...around(unwrap([places[a], places[b]], places[a][0]), (points) =>
+      ...drawAround(unwrap([places[a], places[b]], places[a][0]), (points) =>
         draw("polyline", {points: path(points), stroke: "#fff", "stroke-width": 0.8, opacity: 0.75, fill: "none"}),
       ),
     );
-  const most = Math.max(1e-9, ...(objects.saliency || [0]));
+  const maxSaliency = Math.max(1e-9, ...(objects.saliency || [0]));
   objects.labels.forEach((label, k) =>
     inner.append(
       draw(
@@ -109,8 +127,8 @@ function panorama(x, y, url, objects, matched) {
         {
           cx: places[k][0],
           cy: places[k][1],
-          r: objects.saliency ? 1.6 + 3.4 * Math.sqrt(objects.saliency[k] / most) : 2.4,
-          fill: hueOf(label),
+          r: objects.saliency ? 1.6 + 3.4 * Math.sqrt(objects.saliency[k] / maxSaliency) : 2.4,
+          fill: labelColour(label),
           stroke: "#fff",
           "stroke-width": 0.8,
         },
@@ -122,39 +140,36 @@ function panorama(x, y, url, objects, matched) {
   return inner;
 }
 
-// Names beside objects, the matched first, where none lies on another.
+// Draw the names of objects, the matched ones first. A name that would overlap another one is omitted.
 function nameObjects(objects, places, matched) {
   const order = objects.labels
     .map((_, k) => k)
     .sort(
       (a, b) => matched.has(b) - matched.has(a) || (objects.saliency ? objects.saliency[b] - objects.saliency[a] : 0),
     );
-  const taken = [],
-    made = [];
-  for (const k of order.slice(0, Math.max(NAMED, matched.size))) {
+  const reserved = [],
+    names = [];
+  for (const k of order.slice(0, Math.max(MAX_NAMES, matched.size))) {
     const label = objects.labels[k],
-      letters = innerWidth < 860 ? 14 : 9,
-      long = 0.545 * letters * label.length,
+      fontSize = innerWidth < 860 ? 14 : 9,
+      width = 0.545 * fontSize * label.length,
       [x, y] = places[k];
-    if (y < TOP + 4 || y > TOP + SEEN) continue;
-    const left = Math.min(Math.max(x - long / 2, 1), WIDE - long - 1),
-      box = [left, y - 6 - letters, left + long, y - 4];
-    if (taken.some((other) => box[0] < other[2] && other[0] < box[2] && box[1] < other[3] && other[1] < box[3]))
-      continue;
-    taken.push(box);
-    made.push(draw("text", {x: left, y: y - 6}, label));
+    if (y < TOP + 4 || y > TOP + VISIBLE_HEIGHT) continue;
+    const left = Math.min(Math.max(x - width / 2, 1), WIDTH - width - 1),
+      box = [left, y - 6 - fontSize, left + width, y - 4];
+    if (reserve(box, reserved)) names.push(draw("text", {x: left, y: y - 6}, label));
   }
-  return made;
+  return names;
 }
 
-// Two panoramas, side by side or one below the other, and what is matched between them.
-function pairOf(query, reference, match, stacked) {
-  const [dx, dy] = stacked ? [0, SEEN + GAP] : [WIDE + GAP, 0];
+// Draw two panoramas, side by side or stacked, with lines between matched objects or points.
+function drawPair(query, reference, match, stacked) {
+  const [dx, dy] = stacked ? [0, VISIBLE_HEIGHT + GAP] : [WIDTH + GAP, 0];
   const svg = draw("svg", {
     class: "pair",
-    viewBox: `0 0 ${stacked ? WIDE : 2 * WIDE + GAP} ${stacked ? 2 * SEEN + GAP : SEEN}`,
+    viewBox: `0 0 ${stacked ? WIDTH : 2 * WIDTH + GAP} ${stacked ? 2 * VISIBLE_HEIGHT + GAP : VISIBLE_HEIGHT}`,
     role: "img",
-    "aria-label": "The query and the map's panorama",
+    "aria-label": "Panoramas of the query and of the map, with matches",
   });
   const pairs = match.pairs || [];
   svg.append(
@@ -173,50 +188,52 @@ function pairOf(query, reference, match, stacked) {
     link(
       pixel(centreOf(query.objects, a)),
       pixel(centreOf(reference.objects, b)),
-      hueOf(query.objects.labels[a]),
+      labelColour(query.objects.labels[a]),
       1.4,
       query.objects.labels[a],
     );
   for (const [a1, e1, a2, e2] of match.points || [])
-    link(angles(a1, e1), angles(a2, e2), "var(--c4)", 0.6, "matched point");
+    link(anglePixel(a1, e1), anglePixel(a2, e2), "var(--c4)", 0.6, "matched point");
   return svg;
 }
 
-const turned = ([x, y, yaw], [px, py]) => [
+// Transform a point by a pose (x, y, yaw) in the plane.
+const transformPoint = ([x, y, yaw], [px, py]) => [
   x + Math.cos(yaw) * px - Math.sin(yaw) * py,
   y + Math.sin(yaw) * px + Math.cos(yaw) * py,
 ];
 
-// Both graphs from above, in the world: the map's where its panorama was taken, the query's under a pose.
-function planOf(query, reference, match, pose, truth, floor) {
-  const placed = [];
+// Draw the top view of both graphs in the world frame. The graph of the reference frame is drawn at its pose, the graph
+// of the query at `pose`.
+function drawTopView(query, reference, match, pose, truth, floor) {
+  const graphs = [];
   for (const [objects, at, colour] of [
     [reference.objects, reference.pose, "--c1"],
     [query.objects, pose, "--c0"],
   ])
     if (objects && objects.box && at)
-      placed.push({
+      graphs.push({
         colour,
         names: objects.labels,
         saliency: objects.saliency,
-        shapes: objects.box.map((box) => footprint(box).map((p) => turned(at, p))),
-        centres: objects.box.map((box) => turned(at, box)),
+        shapes: objects.box.map((box) => footprint(box).map((p) => transformPoint(at, p))),
+        centres: objects.box.map((box) => transformPoint(at, box)),
         edges: objects.edges,
       });
-    else placed.push(null);
+    else graphs.push(null);
   const cameras = [
-    [reference.pose, "--c1", "the map's panorama"],
-    [pose, "--c0", "the query, as estimated"],
-    [truth, "--c2", "the query, in truth"],
+    [reference.pose, "--c1", "reference frame"],
+    [pose, "--c0", "query"],
+    [truth, "--c2", "true pose of the query"],
   ].filter((one) => one[0]);
-  const eye = cameras[0][0],
-    near = placed
+  const camera = cameras[0][0],
+    near = graphs
       .flatMap((one) => (one ? one.centres : []))
-      .filter(([x, y]) => Math.hypot(x - eye[0], y - eye[1]) < NEAR_M);
+      .filter(([x, y]) => Math.hypot(x - camera[0], y - camera[1]) < NEAR_M);
   const points = [...near, ...cameras.map((one) => one[0])],
     xs = points.map((p) => p[0]),
     ys = points.map((p) => p[1]);
-  const spread = (values) => Math.max(0, MIN_M - Math.max(...values) + Math.min(...values)) / 2 + 1;
+  const spread = (values) => Math.max(0, MIN_SPAN_M - Math.max(...values) + Math.min(...values)) / 2 + 1;
   const left = Math.min(...xs) - spread(xs),
     top = Math.max(...ys) + spread(ys),
     width = Math.max(...xs) + spread(xs) - left,
@@ -226,7 +243,7 @@ function planOf(query, reference, match, pose, truth, floor) {
   const svg = draw("svg", {
     viewBox: `0 0 ${(width * scale).toFixed(1)} ${(height * scale).toFixed(1)}`,
     role: "img",
-    "aria-label": "Both graphs from above",
+    "aria-label": "Top view of both graphs",
     style: "max-height: 66vh",
   });
   if (floor) {
@@ -244,7 +261,7 @@ function planOf(query, reference, match, pose, truth, floor) {
       }),
     );
   }
-  for (const one of placed.filter(Boolean)) {
+  for (const one of graphs.filter(Boolean)) {
     const colour = `var(${one.colour})`;
     one.shapes.forEach((shape, k) =>
       svg.append(
@@ -270,32 +287,32 @@ function planOf(query, reference, match, pose, truth, floor) {
       ),
     );
   }
-  const [map, asks] = placed;
-  if (map && asks)
+  const [referenceGraph, queryGraph] = graphs;
+  if (referenceGraph && queryGraph)
     for (const [a, b] of match.pairs || []) {
       svg.append(
         draw("polyline", {
-          points: path([at(asks.centres[a]), at(map.centres[b])]),
+          points: path([at(queryGraph.centres[a]), at(referenceGraph.centres[b])]),
           stroke: "var(--ink)",
           "stroke-width": 1.6,
           "stroke-dasharray": "3 2",
         }),
       );
-      const [x, y] = at(map.centres[b]);
-      svg.append(draw("text", {x: x + 4, y: y - 3}, map.names[b]));
+      const [x, y] = at(referenceGraph.centres[b]);
+      svg.append(draw("text", {x: x + 4, y: y - 3}, referenceGraph.names[b]));
     }
   for (const [[x, y, yaw], colour, title] of cameras) {
-    const head = [
+    const arrow = [
       [0.34, 0],
       [-0.2, 0.2],
       [-0.08, 0],
       [-0.2, -0.2],
-    ].map((p) => at(turned([x, y, yaw], p)));
+    ].map((p) => at(transformPoint([x, y, yaw], p)));
     const style =
       colour === "--c2"
         ? {fill: "none", stroke: "var(--c2)", "stroke-width": 2}
         : {fill: `var(${colour})`, stroke: "var(--paper)", "stroke-width": 1};
-    svg.append(draw("polygon", {points: path(head), ...style}, draw("title", {}, title)));
+    svg.append(draw("polygon", {points: path(arrow), ...style}, draw("title", {}, title)));
   }
   return svg;
 }

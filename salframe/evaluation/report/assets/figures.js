@@ -1,6 +1,6 @@
-// The top, the tables, and the figures with a menu of arms.
+// The request, the tables, and the figures with a menu of the arms (methods with their settings) that they show.
 
-const MANY_METHODS = 6;
+const MAX_METHODS = 6; // a longer list of methods is folded
 
 function listOfPairs(pairs) {
   return make(
@@ -11,26 +11,26 @@ function listOfPairs(pairs) {
 }
 
 function showRequest() {
-  const made = section("request", "Request");
+  const element = section("request", "Request");
   for (const run of content.runs) {
     const methods = listOfPairs(run.methods);
-    const inside = [
+    const parts = [
       listOfPairs([["data", run.data]]),
-      run.methods.length > MANY_METHODS
+      run.methods.length > MAX_METHODS
         ? make("details", {}, make("summary", {}, `${run.methods.length} methods`), methods)
         : methods,
       listOfPairs(run.more),
       make("details", {}, make("summary", {}, "versions and machine"), listOfPairs(run.versions)),
     ];
     const title = run.folder;
-    made.append(
+    element.append(
       content.runs.length > 1
-        ? make("details", {open: content.runs.length < 4}, make("summary", {}, title), inside)
-        : make("div", {}, make("p", {class: "note"}, title), inside),
+        ? make("details", {open: content.runs.length < 4}, make("summary", {}, title), parts)
+        : make("div", {}, make("p", {class: "note"}, title), parts),
     );
   }
   if (content.notes.length)
-    made.append(
+    element.append(
       make(
         "div",
         {class: "notice"},
@@ -40,16 +40,17 @@ function showRequest() {
 }
 
 function showTables() {
-  const made = section("results", "Results");
-  for (const table of content.tables.usual) made.append(table.title ? make("h3", {}, table.title) : "", tableOf(table));
-  made.append(
+  const element = section("results", "Results");
+  for (const table of content.tables.usual)
+    element.append(table.title ? make("h3", {}, table.title) : "", tableOf(table));
+  element.append(
     ...content.tables.about.map((note) => make("p", {class: "note"}, note)),
     make("details", {}, make("summary", {}, "all columns"), content.tables.all.map(tableOf)),
   );
-  for (const paper of content.reported) showReported(made, paper);
+  for (const paper of content.reported) showReported(element, paper);
 }
 
-// A table of measured rows, the best of each column bold.
+// Create a table of measured rows, with the best values of each column in bold.
 function tableOf(table) {
   const best = new Set(table.best.map(String));
   const head = table.headings.map((text, j) =>
@@ -84,8 +85,12 @@ function tableOf(table) {
   );
 }
 
-function showReported(made, paper) {
-  made.append(make("h3", {}, "Reported, not measured"), make("p", {class: "note"}, `${paper.source}. ${paper.note}`));
+// Show the tables of a paper, whose values were not measured here.
+function showReported(element, paper) {
+  element.append(
+    make("h3", {}, "Reported, not measured"),
+    make("p", {class: "note"}, `${paper.source}. ${paper.note}`),
+  );
   const tables = paper.tables.map((table) =>
     make(
       "div",
@@ -118,12 +123,12 @@ function showReported(made, paper) {
       ),
     ),
   );
-  made.append(make("div", {class: "figures"}, tables));
+  element.append(make("div", {class: "figures"}, tables));
 }
 
 function showFigures() {
   if (!content.figures.length) return;
-  const chosen = new Set(content.chosen),
+  const selected = new Set(content.selected),
     painters = [];
   const legend = make("div", {class: "legend"});
   const measured = [
@@ -135,31 +140,31 @@ function showFigures() {
     const box = make("input", {
       type: "checkbox",
       onchange: () => {
-        box.checked ? chosen.add(arm) : chosen.delete(arm);
+        box.checked ? selected.add(arm) : selected.delete(arm);
         update();
       },
     });
-    box.checked = chosen.has(arm);
+    box.checked = selected.has(arm);
     return [arm, box];
   });
-  const all = (on) => () => {
+  const setAll = (isOn) => () => {
     for (const [arm, box] of boxes) {
-      box.checked = on;
-      on ? chosen.add(arm) : chosen.delete(arm);
+      box.checked = isOn;
+      isOn ? selected.add(arm) : selected.delete(arm);
     }
     update();
   };
   const menu = make(
     "details",
     {class: "menu"},
-    make("summary", {}, "Curves shown"),
+    make("summary", {}, "Methods"),
     make(
       "div",
       {},
-      make("button", {type: "button", onclick: all(true)}, "all"),
+      make("button", {type: "button", onclick: setAll(true)}, "all"),
       " ",
-      make("button", {type: "button", onclick: all(false)}, "none"),
-      boxes.map(([arm, box]) => make("label", {}, box, sample(arm), content.arms[arm].name)),
+      make("button", {type: "button", onclick: setAll(false)}, "none"),
+      boxes.map(([arm, box]) => make("label", {}, box, lineSample(arm), content.arms[arm].name)),
     ),
   );
   document.addEventListener("click", (event) => {
@@ -173,20 +178,31 @@ function showFigures() {
   });
   function update() {
     legend.replaceChildren(
-      ...measured.filter((arm) => chosen.has(arm)).map((arm) => make("span", {}, sample(arm), content.arms[arm].name)),
+      ...measured
+        .filter((arm) => selected.has(arm))
+        .map((arm) => make("span", {}, lineSample(arm), content.arms[arm].name)),
     );
     for (const paint of painters) paint();
   }
-  const made = section("figures", "Figures", make("div", {class: "tools"}, measured.length > 1 ? menu : null, legend));
+  const element = section(
+    "figures",
+    "Figures",
+    make("div", {class: "tools"}, measured.length > 1 ? menu : null, legend),
+  );
   const grid = make("div", {class: "figures"});
-  made.append(grid);
+  element.append(grid);
   for (const figure of content.figures) {
     const place = make("div", {});
     const paint = () =>
-      Plotly.react(place, tracesOf(figure, chosen), layoutOf({...figure.layout, ...sizeOf(figure, chosen)}), PLOT);
+      Plotly.react(
+        place,
+        tracesOf(figure, selected),
+        plotLayout({...figure.layout, ...chartSize(figure, selected)}),
+        PLOT_CONFIG,
+      );
     const block = make("div", {class: "figure"}, make("h3", {}, figure.title), place);
     grid.append(block);
-    whenSeen(block, () => {
+    paintWhenVisible(block, () => {
       if (!painters.includes(paint)) painters.push(paint);
       paint();
     });
@@ -194,21 +210,23 @@ function showFigures() {
   update();
 }
 
-function sizeOf(figure, chosen) {
-  const bars = figure.data.filter((trace) => trace.type === "bar" && chosen.has(trace.arm)).length;
+// Return the height of a bar chart, which depends on the number of bars.
+function chartSize(figure, selected) {
+  const bars = figure.data.filter((trace) => trace.type === "bar" && selected.has(trace.arm)).length;
   return bars ? {height: Math.max(180, 70 + 26 * bars)} : {};
 }
 
-function tracesOf(figure, chosen) {
+// Return the traces of a figure for Plotly, in the colours of their arms.
+function tracesOf(figure, selected) {
   return figure.data
-    .filter((trace) => trace.arm === undefined || chosen.has(trace.arm))
+    .filter((trace) => trace.arm === undefined || selected.has(trace.arm))
     .map((trace) => {
       if (trace.arm === undefined) return trace;
       const color = colourOf(trace.arm),
-        name = plain(content.arms[trace.arm].name);
+        name = escapeText(content.arms[trace.arm].name);
       const line = {width: 2, dash: DASHES[styleOf(trace.arm)], ...trace.line, color};
       const error = (key) =>
-        trace[key] && {[key]: {...trace[key], color: variable(trace.type === "bar" ? "--ink" : "--quiet")}};
+        trace[key] && {[key]: {...trace[key], color: cssVariable(trace.type === "bar" ? "--ink" : "--quiet")}};
       const texts =
         trace.type === "bar"
           ? {y: [name]}
@@ -221,15 +239,15 @@ function tracesOf(figure, chosen) {
         ...texts,
         line: trace.type === "bar" ? undefined : line,
         marker: {...trace.marker, color},
-        fillcolor: trace.fill ? fade(color, 0.12) : undefined,
+        fillcolor: trace.fill ? withOpacity(color, 0.12) : undefined,
         ...error("error_x"),
         ...error("error_y"),
       };
     });
 }
 
-// A colour "#rrggbb" that lets so much shine through.
-function fade(color, opacity) {
+// Return a colour "#rrggbb" with an opacity from 0 to 1.
+function withOpacity(color, opacity) {
   const [r, g, b] = [1, 3, 5].map((at) => parseInt(color.slice(at, at + 2), 16));
   return `rgba(${r},${g},${b},${opacity})`;
 }

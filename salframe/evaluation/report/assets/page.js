@@ -1,17 +1,19 @@
-// What every part of the page needs: its content, elements that hold text as text, the theme, colours of arms.
+// Functions that all parts of the page use: content, elements, the theme, and the colours of arms (methods with their
+// settings).
 
 const content = JSON.parse(document.getElementById("content").textContent);
 const SVG = "http://www.w3.org/2000/svg";
 const DASHES = ["solid", "dash", "dot"],
   STROKES = ["", "7 4", "2 3"],
   COLOURS = 8;
-const OUTCOME_CLASSES = ["right", "wrong", "denied", "none"];
+const OUTCOME_CLASSES = ["correct", "wrong", "rejected", "none"];
 
-// An element with attributes and children; strings become text, never markup. `on...` are listeners.
+// Create an HTML element. Strings among the children become text, never markup. Attributes `on...` are event listeners.
 function make(name, attributes = {}, ...children) {
   return fill(document.createElement(name), attributes, children);
 }
 
+// Create an SVG element, as `make` creates an HTML element.
 function draw(name, attributes = {}, ...children) {
   return fill(document.createElementNS(SVG, name), attributes, children);
 }
@@ -26,39 +28,48 @@ function fill(element, attributes, children) {
   return element;
 }
 
-// Text as Plotly takes it, which reads a few tags.
-const plain = (text) => text.replace(/[&<>]/g, (mark) => ({"&": "&amp;", "<": "&lt;", ">": "&gt;"})[mark]);
+// Escape a text for Plotly, which interprets some HTML tags.
+const escapeText = (text) => text.replace(/[&<>]/g, (mark) => ({"&": "&amp;", "<": "&lt;", ">": "&gt;"})[mark]);
 
-// An island by its id, null where the page has none.
+// Return the text of an island (content that is read on demand), or null if the page has no island with this id.
 function island(id) {
-  const found = document.getElementById(id);
-  return found && found.textContent;
+  const element = document.getElementById(id);
+  return element && element.textContent;
 }
 
+// Append a section to the page and to its table of contents.
 function section(id, title, ...children) {
-  const made = make("section", {id}, make("h2", {}, title), ...children);
-  document.getElementById("main").append(made);
+  const element = make("section", {id}, make("h2", {}, title), ...children);
+  document.getElementById("main").append(element);
   document.getElementById("contents").append(make("a", {href: `#${id}`}, title));
-  return made;
+  return element;
 }
 
-// A menu of names; `change` is called with the position of the one that is chosen.
-function choose(label, names, change, chosen = 0) {
+// Create a drop-down menu, hidden if it has only one name. `onSelect` is called with the index of the selected name.
+function makeMenu(label, names, onSelect, selected = 0) {
   const select = make(
     "select",
-    {onchange: () => change(select.selectedIndex)},
+    {onchange: () => onSelect(select.selectedIndex)},
     names.map((name) => make("option", {}, name)),
   );
-  select.selectedIndex = chosen;
+  select.selectedIndex = selected;
   return make("label", {hidden: names.length < 2}, label, select);
 }
 
-const variable = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-const colourOf = (arm) => variable(`--c${arm % COLOURS}`);
+// Reserve a box [left, top, right, bottom] for a text. Return false if it overlaps a box that is already reserved.
+function reserve(box, reserved) {
+  const overlaps = (other) => box[0] < other[2] && other[0] < box[2] && box[1] < other[3] && other[1] < box[3];
+  if (reserved.some(overlaps)) return false;
+  reserved.push(box);
+  return true;
+}
+
+const cssVariable = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+const colourOf = (arm) => cssVariable(`--c${arm % COLOURS}`);
 const styleOf = (arm) => Math.floor(arm / COLOURS) % DASHES.length;
 
-// The line that an arm is drawn with.
-function sample(arm) {
+// Draw a sample of the line of an arm, for legends.
+function lineSample(arm) {
   return draw(
     "svg",
     {width: 26, height: 10, "aria-hidden": true},
@@ -74,13 +85,13 @@ function sample(arm) {
   );
 }
 
-// What is drawn anew when the theme changes.
-const themed = [];
+// Functions to call when the theme changes.
+const themeListeners = [];
 const dark = matchMedia("(prefers-color-scheme: dark)");
 function setTheme(isDark) {
   document.documentElement.classList.toggle("dark", isDark);
   document.documentElement.style.colorScheme = isDark ? "dark" : "light";
-  for (const again of themed) again();
+  for (const paint of themeListeners) paint();
 }
 setTheme(dark.matches);
 dark.addEventListener("change", () => setTheme(dark.matches));
@@ -88,7 +99,7 @@ document
   .getElementById("theme")
   .addEventListener("click", () => setTheme(!document.documentElement.classList.contains("dark")));
 
-// Draw an element once it is near the screen, before the page is printed, or when the browser is idle.
+// Functions that draw elements which are not drawn yet.
 const pending = new Set();
 function drawPending() {
   for (const paint of [...pending]) paint();
@@ -102,46 +113,52 @@ function drawWhenIdle() {
 }
 addEventListener("load", () => setTimeout(drawWhenIdle, 300));
 
-function whenSeen(element, paint) {
-  const first = () => {
-    watch.disconnect();
-    pending.delete(first);
+// Draw an element when it comes near the screen, before the page is printed, or when the browser is idle.
+function paintWhenVisible(element, paint) {
+  const paintFirst = () => {
+    observer.disconnect();
+    pending.delete(paintFirst);
     paint();
-    themed.push(paint);
+    themeListeners.push(paint);
   };
-  pending.add(first);
-  const watch = new IntersectionObserver(
-    (seen) => {
-      if (seen.some((one) => one.isIntersecting)) first();
+  pending.add(paintFirst);
+  const observer = new IntersectionObserver(
+    (entries) => {
+      if (entries.some((entry) => entry.isIntersecting)) paintFirst();
     },
     {rootMargin: "400px"},
   );
-  watch.observe(element);
+  observer.observe(element);
 }
 
-const PLOT = {
+const PLOT_CONFIG = {
   responsive: true,
   displaylogo: false,
   displayModeBar: innerWidth < 600 ? false : "hover",
   modeBarButtons: [["toImage", "zoom2d", "pan2d", "resetScale2d"]],
 };
 function axisStyle() {
-  const line = variable("--line");
+  const line = cssVariable("--line");
   return {gridcolor: line, linecolor: line, zerolinecolor: line, tickcolor: line};
 }
-function layoutOf(layout) {
-  const own = {...layout};
-  for (const axis of ["xaxis", "yaxis"]) own[axis] = {...axisStyle(), ...layout[axis]};
+function plotLayout(layout) {
+  const axes = {};
+  for (const axis of ["xaxis", "yaxis"]) axes[axis] = {...axisStyle(), ...layout[axis]};
   return {
-    modebar: {bgcolor: "rgba(0,0,0,0)", color: variable("--quiet"), activecolor: variable("--accent")},
+    modebar: {bgcolor: "rgba(0,0,0,0)", color: cssVariable("--quiet"), activecolor: cssVariable("--accent")},
     margin: {l: 58, r: 16, t: 26, b: 46},
     height: 320,
     showlegend: false,
     hovermode: "closest",
     paper_bgcolor: "rgba(0,0,0,0)",
     plot_bgcolor: "rgba(0,0,0,0)",
-    font: {family: "system-ui, Segoe UI, Helvetica, Arial, sans-serif", size: 12, color: variable("--ink")},
-    hoverlabel: {bgcolor: variable("--paper"), bordercolor: variable("--line"), font: {color: variable("--ink")}},
-    ...own,
+    font: {family: "system-ui, Segoe UI, Helvetica, Arial, sans-serif", size: 12, color: cssVariable("--ink")},
+    hoverlabel: {
+      bgcolor: cssVariable("--paper"),
+      bordercolor: cssVariable("--line"),
+      font: {color: cssVariable("--ink")},
+    },
+    ...layout,
+    ...axes,
   };
 }

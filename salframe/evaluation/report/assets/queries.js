@@ -1,15 +1,15 @@
-// The list of queries: filters, rows that are made as they come near the screen, and moving through it by keys.
+// The list of queries with its filters. Rows are created when they come near the screen. Keys move through the list.
 
-const CHUNK = 60;
-let listed = []; // positions of the queries that pass the filters
+const CHUNK = 60; // number of rows that are created at a time
+let filtered = []; // indices of the queries that pass the filters
 
 function passes(i) {
-  const set = asked(),
-    answers = answersOf(looked.arm);
-  if (looked.outcome !== null && answers.outcome[i] !== looked.outcome) return false;
-  if (looked.truth !== null && set.truth[i] !== looked.truth) return false;
-  if (looked.answer !== null && !(answers.outcome[i] < 2 && answers.place[i] === looked.answer)) return false;
-  const text = looked.text.toLowerCase();
+  const set = currentSet(),
+    answers = answersOf(selection.arm);
+  if (selection.outcome !== null && answers.outcome[i] !== selection.outcome) return false;
+  if (selection.truth !== null && set.truth[i] !== selection.truth) return false;
+  if (selection.answer !== null && !(answers.outcome[i] < 2 && answers.place[i] === selection.answer)) return false;
+  const text = selection.text.toLowerCase();
   return (
     !text ||
     [set.ids[i], placeName(set.truth[i]), placeName(answers.place[i])].some((one) => one.toLowerCase().includes(text))
@@ -24,7 +24,7 @@ function showQueries() {
     type: "search",
     placeholder: "query or place",
     "aria-label": "Search queries",
-    oninput: () => look({text: search.value}),
+    oninput: () => updateSelection({text: search.value}),
   });
   const place = make("div", {class: "list scroll"});
   section(
@@ -33,50 +33,54 @@ function showQueries() {
     make(
       "p",
       {class: "note"},
-      "Wrong answers come first. Open a query by a click or Enter; ↑ and ↓ move through the list, ← and → to the next query.",
+      "Wrong answers are listed first. Click a row or press Enter to open a query. ↑ and ↓ move through the list. In an " +
+        "open query, ← and → open the previous and the next query.",
     ),
     content.pictures
       ? null
       : make(
           "p",
           {class: "notice"},
-          "This page has no pictures. To look at the panoramas, objects and matches of each query: ",
+          "This page has no pictures. To show the panoramas, objects and matches of each query, run: ",
           make("code", {}, `salframe report ${content.runs.map((run) => run.folder).join(" ")}`),
         ),
-    make("div", {class: "tools"}, choosers(), filters, search, count),
+    make("div", {class: "tools"}, selectionMenus(), filters, search, count),
     place,
   );
-  watchers.push(() => {
-    const set = asked(),
+  selectionListeners.push(() => {
+    const set = currentSet(),
       truths = [...new Set(set.truth)].sort((a, b) => a - b);
-    const named = [...new Set(answersOf(looked.arm).place)].filter((one) => one !== null).sort((a, b) => a - b);
+    const answered = [...new Set(answersOf(selection.arm).place)].filter((one) => one !== null).sort((a, b) => a - b);
     const outcomes = content.outcomes.map(
-      (name, i) => `${name} (${answersOf(looked.arm).outcome.filter((one) => one === i).length})`,
+      (name, i) => `${name} (${answersOf(selection.arm).outcome.filter((one) => one === i).length})`,
     );
     filters.replaceChildren(
-      choose(
+      makeMenu(
         "outcome",
         ["all", ...outcomes],
-        (i) => look({outcome: i ? i - 1 : null}),
-        looked.outcome === null ? 0 : looked.outcome + 1,
+        (i) => updateSelection({outcome: i ? i - 1 : null}),
+        selection.outcome === null ? 0 : selection.outcome + 1,
       ),
-      choose(
+      makeMenu(
         "room",
         ["all", ...truths.map(placeName)],
-        (i) => look({truth: i ? truths[i - 1] : null}),
-        1 + truths.indexOf(looked.truth),
+        (i) => updateSelection({truth: i ? truths[i - 1] : null}),
+        1 + truths.indexOf(selection.truth),
       ),
-      choose(
+      makeMenu(
         "answer",
-        ["all", ...named.map(placeName)],
-        (i) => look({answer: i ? named[i - 1] : null}),
-        1 + named.indexOf(looked.answer),
+        ["all", ...answered.map(placeName)],
+        (i) => updateSelection({answer: i ? answered[i - 1] : null}),
+        1 + answered.indexOf(selection.answer),
       ),
     );
-    const answers = answersOf(looked.arm); // wrong answers first: outcome 0 is a correct answer
+    const answers = answersOf(selection.arm); // wrong answers first; outcome 0 is a correct answer
     const rank = (i) => (answers.outcome[i] ? answers.outcome[i] : content.outcomes.length);
-    listed = set.ids.map((_, i) => i).filter(passes).sort((a, b) => rank(a) - rank(b) || a - b);
-    count.textContent = `${listed.length} of ${set.ids.length} queries`;
+    filtered = set.ids
+      .map((_, i) => i)
+      .filter(passes)
+      .sort((a, b) => rank(a) - rank(b) || a - b);
+    count.textContent = `${filtered.length} of ${set.ids.length} queries`;
     place.replaceChildren(listOf(set));
   });
 }
@@ -99,7 +103,7 @@ function listOf(set) {
         "tr",
         {},
         make("th", {class: "text"}, "query"),
-        make("th", {class: "text"}, "place"),
+        make("th", {class: "text"}, "true place"),
         make("th", {class: "text"}, "answer"),
         make("th", {class: "text"}, "outcome"),
         make("th", {class: "wide"}, "error m"),
@@ -110,26 +114,26 @@ function listOf(set) {
     body,
   );
   const end = make("div", {});
-  let made = 0;
-  const more = () => {
-    for (const i of listed.slice(made, made + CHUNK)) body.append(rowOf(set, i, arms));
-    made = Math.min(made + CHUNK, listed.length);
+  let numRows = 0;
+  const addRows = () => {
+    for (const i of filtered.slice(numRows, numRows + CHUNK)) body.append(rowOf(set, i, arms));
+    numRows = Math.min(numRows + CHUNK, filtered.length);
   };
-  more();
-  if (made < listed.length) {
-    const watch = new IntersectionObserver(
-      (seen) => {
+  addRows();
+  if (numRows < filtered.length) {
+    const observer = new IntersectionObserver(
+      (entries) => {
         while (
-          seen.some((one) => one.isIntersecting) &&
-          made < listed.length &&
+          entries.some((entry) => entry.isIntersecting) &&
+          numRows < filtered.length &&
           end.getBoundingClientRect().top < innerHeight + 800
         )
-          more();
-        if (made >= listed.length) watch.disconnect();
+          addRows();
+        if (numRows >= filtered.length) observer.disconnect();
       },
       {rootMargin: "800px"},
     );
-    watch.observe(end);
+    observer.observe(end);
   }
   body.addEventListener("keydown", (event) => {
     const row = event.target.closest("tr");
@@ -144,9 +148,9 @@ function listOf(set) {
 }
 
 function rowOf(set, i, arms) {
-  const answers = answersOf(looked.arm),
+  const answers = answersOf(selection.arm),
     outcome = answers.outcome[i];
-  const known = (value, digits) => (value === null ? "–" : value.toFixed(digits));
+  const fixed = (value, digits) => (value === null ? "–" : value.toFixed(digits));
   const dots =
     arms.length > 1
       ? arms.map((arm) =>
@@ -172,8 +176,8 @@ function rowOf(set, i, arms) {
       make("span", {class: `outcome ${OUTCOME_CLASSES[outcome]}`}, content.outcomes[outcome]),
       answers.status[i] === "ok" ? "" : ` ${answers.status[i]}`,
     ),
-    make("td", {class: "wide"}, known(answers.translation_m[i], 2)),
-    make("td", {class: "wide"}, known(answers.rotation_deg[i], 1)),
+    make("td", {class: "wide"}, fixed(answers.translation_m[i], 2)),
+    make("td", {class: "wide"}, fixed(answers.rotation_deg[i], 1)),
     make("td", {class: "text dots wide"}, dots),
   );
 }

@@ -1,49 +1,49 @@
-// Which data set and arm is looked at, the confusion between places, and the floor plan.
+// The selected data set and arm (method with its settings), the confusion matrix of places, and the floor plan.
 
 const sets = content.sets;
-const looked = {set: 0, arm: null, outcome: null, truth: null, answer: null, text: "", floor: 0};
-const watchers = [];
-const asked = () => sets[looked.set];
+const selection = {set: 0, arm: null, outcome: null, truth: null, answer: null, text: "", floor: 0};
+const selectionListeners = []; // functions to call when the selection changes
+const currentSet = () => sets[selection.set];
 const armsOf = (set) => Object.keys(set.answers).map(Number);
-const answersOf = (arm) => asked().answers[arm];
+const answersOf = (arm) => currentSet().answers[arm];
 
-// Look at something else: every part that depends on it is drawn anew.
-function look(change) {
-  Object.assign(looked, change);
-  if (sets.length && !armsOf(asked()).includes(looked.arm)) looked.arm = armsOf(asked())[0] ?? null;
-  for (const paint of watchers) paint();
+// Change the selection, and draw every part of the page that depends on it.
+function updateSelection(change) {
+  Object.assign(selection, change);
+  if (sets.length && !armsOf(currentSet()).includes(selection.arm)) selection.arm = armsOf(currentSet())[0] ?? null;
+  for (const paint of selectionListeners) paint();
 }
 
-// Menus of the data set and the arm, which follow what is looked at.
-function choosers() {
+// Create menus of the data set and the arm, which show the current selection.
+function selectionMenus() {
   const place = make("span", {class: "tools", style: "margin: 0"});
-  watchers.push(() => {
-    const arms = armsOf(asked());
+  selectionListeners.push(() => {
+    const arms = armsOf(currentSet());
     place.replaceChildren(
-      choose(
+      makeMenu(
         "data",
         sets.map((set) => set.name),
-        (set) => look({set, truth: null, answer: null, floor: 0}),
-        looked.set,
+        (set) => updateSelection({set, truth: null, answer: null, floor: 0}),
+        selection.set,
       ),
-      choose(
+      makeMenu(
         "method",
         arms.map((arm) => content.arms[arm].name),
-        (i) => look({arm: arms[i]}),
-        arms.indexOf(looked.arm),
+        (i) => updateSelection({arm: arms[i]}),
+        arms.indexOf(selection.arm),
       ),
     );
   });
   return place;
 }
 
-const outcomeOf = (i, arm = looked.arm) => answersOf(arm).outcome[i];
+const outcomeOf = (i, arm = selection.arm) => answersOf(arm).outcome[i];
 
 function showConfusion() {
   if (!sets.some((set) => armsOf(set).length)) return;
   const place = make("div", {class: "scroll matrix", tabindex: 0});
-  const only = make("input", {type: "checkbox", onchange: () => paint()});
-  only.checked = sets[0].places.length > 16;
+  const onlyWrong = make("input", {type: "checkbox", onchange: () => paint()});
+  onlyWrong.checked = sets[0].places.length > 16;
   const note = make("p", {class: "note"});
   section(
     "rooms",
@@ -51,74 +51,76 @@ function showConfusion() {
     make(
       "p",
       {class: "note"},
-      "Rows: where the queries were taken. Columns: the place that was answered. Click a cell to list its queries.",
+      "Rows: true place of a query. Columns: answered place. Click a cell to list its queries.",
     ),
-    make("div", {class: "tools"}, choosers(), make("label", {}, only, "only places that were mistaken")),
+    make("div", {class: "tools"}, selectionMenus(), make("label", {}, onlyWrong, "only wrong answers")),
     place,
     note,
   );
   const paint = () => {
     const counts = countPairs();
-    place.replaceChildren(matrix(counts, only.checked));
+    place.replaceChildren(matrix(counts, onlyWrong.checked));
     const wrong = [...counts.values()].filter((pair) => pair.truth !== pair.answer && pair.answer !== null);
     wrong.sort((a, b) => b.queries.length - a.queries.length);
-    const named = wrong
+    const examples = wrong
       .slice(0, 5)
-      .map((pair) => `${placeName(pair.truth)} taken for ${placeName(pair.answer)} (${pair.queries.length})`);
-    note.textContent = named.length ? `Most often: ${named.join(", ")}.` : "No place was taken for another.";
+      .map((pair) => `${placeName(pair.truth)} confused with ${placeName(pair.answer)} (${pair.queries.length})`);
+    note.textContent = examples.length
+      ? `Most frequent errors: ${examples.join(", ")}.`
+      : "No query has a wrong place.";
   };
-  watchers.push(paint);
+  selectionListeners.push(paint);
 }
 
-const placeName = (place) => (place === null ? "no place" : asked().places[place]);
+const placeName = (place) => (place === null ? "no place" : currentSet().places[place]);
 
-// The queries of each pair of a place and an answer; null: no place was named.
+// Return the queries of each pair of a true place and an answered place. The answer is null if no place was answered.
 function countPairs() {
   const pairs = new Map(),
-    answers = answersOf(looked.arm);
-  asked().truth.forEach((truth, i) => {
-    const named = answers.outcome[i] < 2 ? answers.place[i] : null;
-    const key = `${truth} ${named}`;
-    if (!pairs.has(key)) pairs.set(key, {truth, answer: named, queries: []});
+    answers = answersOf(selection.arm);
+  currentSet().truth.forEach((truth, i) => {
+    const answer = answers.outcome[i] < 2 ? answers.place[i] : null;
+    const key = `${truth} ${answer}`;
+    if (!pairs.has(key)) pairs.set(key, {truth, answer, queries: []});
     pairs.get(key).queries.push(i);
   });
   return pairs;
 }
 
-function matrix(pairs, onlyMistaken) {
-  const all = [...pairs.values()],
-    off = all.filter((pair) => pair.truth !== pair.answer);
-  const shown = onlyMistaken ? off : all;
+// Draw the confusion matrix.
+function matrix(pairs, onlyWrong) {
+  const all = [...pairs.values()];
+  const shown = onlyWrong ? all.filter((pair) => pair.truth !== pair.answer) : all;
   const rows = [...new Set(shown.map((pair) => pair.truth))].sort((a, b) => a - b);
-  const columns = [...new Set(shown.flatMap((pair) => [pair.answer, ...(onlyMistaken ? [] : [pair.truth])]))].sort(
+  const columns = [...new Set(shown.flatMap((pair) => [pair.answer, ...(onlyWrong ? [] : [pair.truth])]))].sort(
     (a, b) => (a === null) - (b === null) || a - b,
   );
-  if (!rows.length) return make("p", {class: "note"}, "Every query's place was answered.");
+  if (!rows.length) return make("p", {class: "note"}, "All answers are correct.");
   const cell = rows.length > 60 ? 12 : 18,
-    long = Math.max(...[...rows, ...columns].map((place) => placeName(place).length));
-  const margin = Math.min(190, 12 + 6.2 * long),
+    maxLength = Math.max(...[...rows, ...columns].map((place) => placeName(place).length));
+  const margin = Math.min(190, 12 + 6.2 * maxLength),
     width = margin + cell * columns.length + 60,
     height = margin + cell * rows.length + 4;
-  const cut = (text) => (text.length > 28 ? `${text.slice(0, 27)}…` : text);
+  const shorten = (text) => (text.length > 28 ? `${text.slice(0, 27)}…` : text);
   const svg = draw("svg", {
     width,
     height,
     viewBox: `0 0 ${width} ${height}`,
     role: "img",
-    "aria-label": "Places by answers",
+    "aria-label": "Confusion matrix of places",
   });
   columns.forEach((place, x) =>
     svg.append(
       draw(
         "text",
         {transform: `translate(${margin + cell * (x + 0.7)} ${margin - 6}) rotate(-50)`},
-        cut(placeName(place)),
+        shorten(placeName(place)),
       ),
     ),
   );
   rows.forEach((place, y) => {
     svg.append(
-      draw("text", {x: margin - 8, y: margin + cell * (y + 0.7), "text-anchor": "end"}, cut(placeName(place))),
+      draw("text", {x: margin - 8, y: margin + cell * (y + 0.7), "text-anchor": "end"}, shorten(placeName(place))),
       draw("line", {
         x1: margin,
         x2: margin + cell * columns.length,
@@ -141,15 +143,15 @@ function matrix(pairs, onlyMistaken) {
       }),
     ),
   );
-  const most = Math.max(...shown.map((pair) => pair.queries.length));
+  const maxCount = Math.max(...shown.map((pair) => pair.queries.length));
   for (const pair of all) {
     const x = columns.indexOf(pair.answer),
       y = rows.indexOf(pair.truth),
       count = pair.queries.length;
     if (x < 0 || y < 0) continue;
-    const colour = pair.truth === pair.answer ? "--right" : pair.answer === null ? "--none" : "--wrong";
-    const choose = () => {
-      look({truth: pair.truth, answer: pair.answer, outcome: null});
+    const colour = pair.truth === pair.answer ? "--correct" : pair.answer === null ? "--none" : "--wrong";
+    const selectCell = () => {
+      updateSelection({truth: pair.truth, answer: pair.answer, outcome: null});
       location.hash = "#queries";
     };
     svg.append(
@@ -163,13 +165,13 @@ function matrix(pairs, onlyMistaken) {
           height: cell - 2,
           rx: 2,
           fill: `var(${colour})`,
-          opacity: 0.45 + 0.55 * Math.min(1, count / most),
+          opacity: 0.45 + 0.55 * Math.min(1, count / maxCount),
           tabindex: 0,
           role: "button",
           "aria-label": `${placeName(pair.truth)}, answered ${placeName(pair.answer)}: ${count}`,
-          onclick: choose,
+          onclick: selectCell,
           onkeydown: (event) => {
-            if (event.key === "Enter") choose();
+            if (event.key === "Enter") selectCell();
           },
         },
         draw("title", {}, `${placeName(pair.truth)}, answered ${placeName(pair.answer)}: ${count}`),
@@ -183,7 +185,7 @@ function matrix(pairs, onlyMistaken) {
 
 function showFloors() {
   if (!sets.some((set) => set.floors.length)) return;
-  const place = make("div", {}),
+  const place = make("div", {class: "figure"}),
     floors = make("span", {});
   const keys = content.outcomes.map((name, i) =>
     make(
@@ -199,81 +201,38 @@ function showFloors() {
     make(
       "p",
       {class: "note"},
-      "An arrow from where a query was taken to where the method put it; a dot alone has no estimate. Click one to look at it.",
+      "Each arrow points from the true position of a query to its estimated position. A dot without an arrow is a query " +
+        "without an estimated pose. Hover over a dot to show the query and its place. Click it to open the query.",
     ),
-    make("div", {class: "tools"}, choosers(), floors, make("span", {}, keys)),
+    make("div", {class: "tools"}, selectionMenus(), floors, make("span", {}, keys)),
     place,
   );
   const paint = () => {
-    const set = asked();
+    const set = currentSet();
     floors.replaceChildren(
-      choose(
+      makeMenu(
         "floor",
         set.floors.map((_, i) => String(i + 1)),
-        (floor) => look({floor}),
-        looked.floor,
+        (floor) => updateSelection({floor}),
+        selection.floor,
       ),
     );
     place.hidden = !set.floors.length;
-    if (set.floors.length) drawFloor(place, set, set.floors[looked.floor]);
+    if (set.floors.length) drawFloor(place, set, set.floors[selection.floor]);
   };
-  whenSeen(place, () => {
-    if (!watchers.includes(paint)) watchers.push(paint);
+  paintWhenVisible(place, () => {
+    if (!selectionListeners.includes(paint)) {
+      selectionListeners.push(paint);
+      addEventListener("resize", paint);
+    }
     paint();
   });
 }
 
 function drawFloor(place, set, floor) {
-  const here = new Set(floor.places),
-    answers = answersOf(looked.arm);
   const [left, top, width, height] = floor.box;
-  const data = content.outcomes.map((name, outcome) => {
-    const x = [],
-      y = [],
-      text = [],
-      ids = [],
-      symbol = [],
-      size = [];
-    set.truth.forEach((truth, i) => {
-      const from = set.poses[i],
-        to = answers.pose[i];
-      if (answers.outcome[i] !== outcome || !from || !here.has(set.places[truth])) return;
-      const told = [set.ids[i], set.places[truth], `answer: ${placeName(answers.place[i])}`].map(plain).join("<br>");
-      const ends = to && outcome < 2 ? [from, to] : [from];
-      ends.forEach((end, k) => {
-        x.push(end[0]);
-        y.push(end[1]);
-        text.push(told);
-        ids.push(i);
-        symbol.push(k ? "arrow" : "circle");
-        size.push(k ? 15 : 9);
-      });
-      for (const column of [x, y, text, ids, symbol, size]) column.push(null);
-    });
-    const color = variable(`--${OUTCOME_CLASSES[outcome]}`);
-    return {
-      x,
-      y,
-      text,
-      customdata: ids,
-      name,
-      mode: "lines+markers",
-      hoverinfo: "text",
-      line: {color, width: 2},
-      marker: {color, symbol, size, angleref: "previous"},
-    };
-  });
-  const ink = variable("--quiet");
-  const names = floor.labels.map(([name, x, y]) => ({
-    text: plain(name),
-    x,
-    y,
-    showarrow: false,
-    font: {size: 11, color: ink},
-  }));
   const axis = {showgrid: false, zeroline: false};
-  const layout = layoutOf({
-    annotations: names,
+  const layout = plotLayout({
     images: [
       {
         source: floor.picture,
@@ -292,10 +251,63 @@ function drawFloor(place, set, floor) {
     yaxis: {...axis, title: {text: "y (m)"}, range: [top - height, top], scaleanchor: "x"},
     height: Math.min(860, Math.max(300, (place.clientWidth * height) / width + 80)),
   });
-  Plotly.react(place, data, layout, PLOT);
+  const {l, r, t, b} = layout.margin;
+  const pixelsPerMetre = Math.min((place.clientWidth - l - r) / width, (layout.height - t - b) / height);
+  layout.annotations = roomNames(floor, pixelsPerMetre);
+  Plotly.react(place, floorTraces(set, floor), layout, PLOT_CONFIG);
   if (place.removeAllListeners) place.removeAllListeners("plotly_click");
-  place.on("plotly_click", (event) => {
-    const i = event.points[0].customdata;
-    if (i !== null) openQuery(i);
+  place.on("plotly_click", (event) => openQuery(event.points[0].customdata));
+}
+
+// Return the traces of a floor plan for Plotly. For each outcome, one trace has the arrows from true to estimated
+// positions, and one has a dot at each true position. The dots are a trace of their own, because Plotly hides the first
+// marker of a line with `angleref: "previous"`.
+function floorTraces(set, floor) {
+  const answers = answersOf(selection.arm),
+    places = new Set(floor.places),
+    size = innerWidth < 600 ? 6 : 9;
+  const hoverText = (i) =>
+    [set.ids[i], placeName(set.truth[i]), `answer: ${placeName(answers.place[i])}`].map(escapeText).join("<br>");
+  const trace = (points, style) => ({
+    x: points.map(([, position]) => position[0]),
+    y: points.map(([, position]) => position[1]),
+    text: points.map(([i]) => hoverText(i)),
+    customdata: points.map(([i]) => i),
+    hoverinfo: "text",
+    ...style,
+  });
+  return content.outcomes.flatMap((name, outcome) => {
+    const color = cssVariable(`--${OUTCOME_CLASSES[outcome]}`);
+    const queries = [...set.ids.keys()].filter(
+      (i) => answers.outcome[i] === outcome && set.poses[i] && places.has(placeName(set.truth[i])),
+    );
+    const dots = queries.map((i) => [i, set.poses[i]]);
+    const arrows = queries
+      .filter((i) => answers.pose[i] && outcome < 2)
+      .flatMap((i) => [set.poses[i], answers.pose[i], [null, null]].map((position) => [i, position]));
+    return [
+      trace(arrows, {
+        name,
+        mode: "lines+markers",
+        line: {color, width: 2},
+        marker: {color, symbol: "arrow", size: 1.6 * size, angleref: "previous"},
+      }),
+      trace(dots, {name, mode: "markers", marker: {color, size}}),
+    ];
+  });
+}
+
+// Return the names of the rooms of a floor as annotations for Plotly. A name that would overlap another one is omitted.
+function roomNames(floor, pixelsPerMetre) {
+  const [left, , width] = floor.box,
+    size = 11,
+    color = cssVariable("--quiet"),
+    reserved = [];
+  return floor.labels.flatMap(([name, middle, y]) => {
+    const dx = (0.3 * size * name.length) / pixelsPerMetre,
+      dy = (0.6 * size) / pixelsPerMetre;
+    const x = Math.max(left + dx, Math.min(left + width - dx, middle));
+    if (!reserve([x - dx, y - dy, x + dx, y + dy], reserved)) return [];
+    return [{text: escapeText(name), x, y, showarrow: false, font: {size, color}}];
   });
 }

@@ -4,67 +4,69 @@ function showWalks() {
   if (!content.walks.length) return;
   const menus = make("span", {class: "tools", style: "margin: 0"}),
     place = make("div", {class: "trajectory"}),
-    about = make("p", {class: "note"});
-  const key = (colour, text) =>
+    summary = make("p", {class: "note"});
+  const colourKey = (colour, text) =>
     make("span", {class: "key"}, make("span", {class: "swatch", style: `background: var(${colour}); margin: 0`}), text);
   section(
     "trajectories",
     "Trajectories",
     make("div", {class: "tools"}, menus),
-    about,
+    summary,
     place,
     make(
       "p",
       {},
-      key("--c0", "where the agent was, from its start on"),
-      key("--c1", "where it believed to be"),
-      key("--c2", "goal, and 0.5 m around it"),
+      colourKey("--c0", "true path of the agent; the dot is its start"),
+      colourKey("--c1", "estimated positions"),
+      colourKey("--c2", "goal, with a circle of radius 0.5 m"),
     ),
   );
-  const shown = {walk: 0, arm: null, outcome: 0, episode: 0};
+  const selected = {walk: 0, arm: null, outcome: 0, episode: 0};
   const change = (next) => {
-    Object.assign(shown, next);
+    Object.assign(selected, next);
     paint();
   };
   const paint = () => {
-    const walk = content.walks[shown.walk],
+    const walk = content.walks[selected.walk],
       arms = Object.keys(walk.episodes).map(Number);
-    if (!arms.includes(shown.arm)) shown.arm = arms[0];
-    const all = walk.episodes[shown.arm] || [];
-    const rows = all.filter((row) => !shown.outcome || row.success === (shown.outcome === 1));
-    const row = rows[Math.min(shown.episode, rows.length - 1)];
-    const failed = all.filter((one) => !one.success).length;
+    if (!arms.includes(selected.arm)) selected.arm = arms[0];
+    const all = walk.episodes[selected.arm] || [];
+    const rows = all.filter((row) => !selected.outcome || row.success === (selected.outcome === 1));
+    const row = rows[Math.min(selected.episode, rows.length - 1)];
+    const numFailed = all.filter((one) => !one.success).length;
     menus.replaceChildren(
-      choose(
+      makeMenu(
         "run",
         content.walks.map((one) => one.name),
         (walk) => change({walk, episode: 0}),
-        shown.walk,
+        selected.walk,
       ),
-      choose(
+      makeMenu(
         "method",
         arms.map((arm) => content.arms[arm].name),
         (i) => change({arm: arms[i], episode: 0}),
-        arms.indexOf(shown.arm),
+        arms.indexOf(selected.arm),
       ),
-      choose(
+      makeMenu(
         "outcome",
-        ["all", `success (${all.length - failed})`, `failure (${failed})`],
+        ["all", `success (${all.length - numFailed})`, `failure (${numFailed})`],
         (outcome) => change({outcome, episode: 0}),
-        shown.outcome,
+        selected.outcome,
       ),
-      choose(
+      makeMenu(
         "episode",
         rows.map((one) => `${one.episode}: to ${one.goal} in ${one.world}`),
         (episode) => change({episode}),
-        shown.episode,
+        selected.episode,
       ),
     );
-    about.textContent = row
-      ? `${row.success ? "success" : "failure"}, ${row.status}, ${row.travelled_m.toFixed(1)} m walked, ${row.shortest_m.toFixed(1)} m shortest, ` +
-        `${row.left_m === null ? "no way" : `${row.left_m.toFixed(1)} m`} left, ${row.panoramas} panoramas, ${row.collisions} collisions` +
-        (walk.worlds[row.world].floors > 1 ? "; the floors are beside each other, the lowest on the left" : "")
-      : "no episode";
+    summary.textContent = row
+      ? `${row.success ? "success" : "failure"}, ${row.status}, ${row.travelled_m.toFixed(1)} m walked, ` +
+        `${row.shortest_m.toFixed(1)} m shortest path, ` +
+        `${row.left_m === null ? "no path" : `${row.left_m.toFixed(1)} m`} to the goal, ` +
+        `${row.panoramas} panoramas, ${row.collisions} collisions` +
+        (walk.worlds[row.world].floors > 1 ? "; the floors are drawn side by side, the lowest on the left" : "")
+      : "no episodes";
     place.replaceChildren(row ? drawWalk(walk.worlds[row.world], row) : "");
   };
   paint();
@@ -83,7 +85,7 @@ function drawWalk(world, row) {
       "stroke-linejoin": "round",
       ...style,
     });
-  const believed = row.believed.filter((point) => point),
+  const estimated = row.believed.filter((point) => point),
     goal = world.nodes[row.goal];
   return draw(
     "svg",
@@ -103,8 +105,8 @@ function drawWalk(world, row) {
     Object.values(world.nodes).map((node) => circle(node, r * 0.5, {fill: "var(--quiet)", opacity: 0.6})),
     goal ? [circle(goal, 0.5, {fill: "var(--c2)", opacity: 0.35}), circle(goal, r * 1.2, {fill: "var(--c2)"})] : null,
     line(row.path, {stroke: "var(--c0)"}),
-    believed.map((point) => circle(point, r * 0.8, {fill: "var(--c1)"})),
-    line(believed, {stroke: "var(--c1)", "stroke-dasharray": `${r} ${r}`, opacity: 0.6}),
+    estimated.map((point) => circle(point, r * 0.8, {fill: "var(--c1)"})),
+    line(estimated, {stroke: "var(--c1)", "stroke-dasharray": `${r} ${r}`, opacity: 0.6}),
     circle(row.path[0], r * 1.4, {fill: "var(--c0)"}),
   );
 }

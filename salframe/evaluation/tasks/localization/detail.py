@@ -35,7 +35,7 @@ from salframe.panoramas.dataset import Dataset
 from salframe.panoramas.frames import Fold, QueryFrame, ReferenceFrame, Truth
 from salframe.panoramas.opening import Progress
 
-POINTS_SHOWN = 60
+MAX_POINTS = 60
 """Maximum number of point matches that are drawn of a pair of panoramas, spread evenly over all."""
 Json = dict[str, Any]
 
@@ -268,7 +268,7 @@ def _matched(matches: NodeMatches | PointMatches | None) -> Json:
         return {"pairs": matches.pairs.tolist()}
     if matches is None:
         return {}
-    selected = np.unique(np.linspace(0, len(matches.query) - 1, POINTS_SHOWN).astype(int))[: len(matches.query)]
+    selected = np.unique(np.linspace(0, len(matches.query) - 1, MAX_POINTS).astype(int))[: len(matches.query)]
     angles = [angle[selected] for one in (matches.query, matches.reference) for angle in _angles(one)]
     return {"points": numbers(np.column_stack(angles)), "matched": len(matches.query)}
 

@@ -72,7 +72,7 @@ def draw_figures(arms: Sequence[Arm], views: Sequence[LocalizationView]) -> list
     arm_answers = gather(arms, views)
     figures = [
         *_bars(arm_answers),
-        *_costs(arm_answers, lambda row: row.query_ms, "time of a query (ms)", "Accuracy against time"),
+        *_costs(arm_answers, lambda row: row.query_ms, "time per query (ms)", "Accuracy against time"),
         *_costs(arm_answers, lambda row: row.bytes_per_scene, "bytes per panorama", "Accuracy against memory"),
         *_recalls(arm_answers),
         *_error_curves(arm_answers),
@@ -84,7 +84,7 @@ def draw_figures(arms: Sequence[Arm], views: Sequence[LocalizationView]) -> list
 
 
 def _bars(arm_answers: Sequence[ArmAnswers]) -> Iterator[Figure]:
-    """Yield the accuracies with their intervals, one bar per arm, the first at the top."""
+    """Yield the accuracies with their 95 % CI, one bar per arm, the first at the top."""
     traces = []
     for one in arm_answers:
         traces.append(
@@ -106,7 +106,7 @@ def _bars(arm_answers: Sequence[ArmAnswers]) -> Iterator[Figure]:
         )
     if traces:
         layout = {"xaxis": PERCENT, "yaxis": {"autorange": "reversed", "automargin": True, "ticksuffix": " "}}
-        yield {"title": "Accuracy, 95 % interval", "data": traces, "layout": {**layout, "bargap": 0.35}}
+        yield {"title": "Accuracy with 95 % CI", "data": traces, "layout": {**layout, "bargap": 0.35}}
 
 
 def _costs(
@@ -153,18 +153,19 @@ def _decades(values: Sequence[float]) -> list[float]:
 
 
 def _recalls(arm_answers: Sequence[ArmAnswers]) -> Iterator[Figure]:
-    """Yield the share of queries whose place is among the first k. Places of a failed answer do not count."""
+    """Yield the share of queries whose place is among the first N of the answer. Places of a failed answer do not
+    count."""
     traces = []
     for one in arm_answers:
         ranks = np.array([rank_of(row, truth.place) for row, truth in zip(one.rows, one.truths, strict=True)])
         num_places = max((len(row.places) for row in one.rows if row), default=0)
-        k = np.arange(1, max(num_places, 1) + 1)
-        share = (ranks[None] <= k[:, None]).mean(1)
-        traces.append({"arm": one.number, "x": k.tolist(), "y": numbers(share, 4), "mode": "lines+markers"})
+        counts = np.arange(1, max(num_places, 1) + 1)
+        share = (ranks[None] <= counts[:, None]).mean(1)
+        traces.append({"arm": one.number, "x": counts.tolist(), "y": numbers(share, 4), "mode": "lines+markers"})
     if traces:
-        x = {"title": {"text": "k"}, "dtick": 1}
-        layout = {"xaxis": x, "yaxis": {**PERCENT, "title": {"text": "correct place among the first k"}}}
-        yield {"title": "Recall of places", "data": traces, "layout": layout}
+        x = {"title": {"text": "N"}, "dtick": 1}
+        layout = {"xaxis": x, "yaxis": {**PERCENT, "title": {"text": "correct place among the first N"}}}
+        yield {"title": "Recall at N", "data": traces, "layout": layout}
 
 
 def rank_of(row: AnswerRow | None, place: str) -> float:
@@ -228,7 +229,7 @@ def _precision(arm_answers: Sequence[ArmAnswers]) -> Iterator[Figure]:
     if traces:
         axes = {"xaxis": "recall: share of the queries in the map", "yaxis": "precision of accepted answers"}
         layout = {axis: {**PERCENT, "title": {"text": text}} for axis, text in axes.items()}
-        yield {"title": "Precision against recall", "data": traces, "layout": layout}
+        yield {"title": "Precision-recall curve", "data": traces, "layout": layout}
 
 
 def _reliability(arm_answers: Sequence[ArmAnswers]) -> Iterator[Figure]:
@@ -241,9 +242,9 @@ def _reliability(arm_answers: Sequence[ArmAnswers]) -> Iterator[Figure]:
             x, y = numbers(diagram.confidence, 4), numbers(diagram.frequency, 4)
             traces.append({"arm": one.number, "x": x, "y": y, "text": counts, "mode": "lines+markers"})
     if traces:
-        even = {"x": [0, 1], "y": [0, 1], "mode": "lines", "line": {"color": "#999", "dash": "dot", "width": 1}}
+        diagonal = {"x": [0, 1], "y": [0, 1], "mode": "lines", "line": {"color": "#999", "dash": "dot", "width": 1}}
         layout = {
             "xaxis": {**PERCENT, "title": {"text": "probability of the answer"}},
-            "yaxis": {**PERCENT, "title": {"text": "share of right answers"}},
+            "yaxis": {**PERCENT, "title": {"text": "share of correct answers"}},
         }
-        yield {"title": "Reliability", "data": [*traces, {**even, "hoverinfo": "skip"}], "layout": layout}
+        yield {"title": "Reliability", "data": [*traces, {**diagonal, "hoverinfo": "skip"}], "layout": layout}

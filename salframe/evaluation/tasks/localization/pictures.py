@@ -14,10 +14,10 @@ from salframe.panoramas.frames import QueryFrame, ReferenceFrame
 from salframe.panoramas.opening import Progress
 from salframe.panoramas.panorama import Panorama
 
-THUMBNAIL_PX, THUMBNAIL_QUALITY, WHOLE_QUALITY = 512, 55, 80
+THUMBNAIL_PX, THUMBNAIL_QUALITY, FULL_QUALITY = 512, 55, 80
 """Width of a thumbnail, and the quality (0 to 100) of thumbnails and of full panoramas."""
-FARTHEST_M = 8.0
-"""Range from which pixels are drawn in the darkest grey, in the picture of a panorama without colour."""
+MAX_RANGE_M = 8.0
+"""Minimum range of pixels that are drawn in the darkest grey, in the picture of a panorama without colour."""
 
 
 def make_islands(
@@ -67,14 +67,14 @@ def draw_panorama(panorama: Panorama, full: bool) -> str | None:
     if panorama.rgb is not None:
         image = panorama.rgb.copy()
     elif panorama.range_m is not None:
-        near = 1 - np.clip(np.nan_to_num(panorama.range_m, nan=FARTHEST_M) / FARTHEST_M, 0, 1)
+        near = 1 - np.clip(np.nan_to_num(panorama.range_m, nan=MAX_RANGE_M) / MAX_RANGE_M, 0, 1)
         image = np.repeat(np.round(40 + 200 * near).astype(np.uint8)[..., None], 3, 2)
     else:
         return None
     if panorama.valid is not None:
         image[~panorama.valid] = 128
     if full:
-        return picture(image, quality=WHOLE_QUALITY)
+        return picture(image, quality=FULL_QUALITY)
     if image.shape[1] > THUMBNAIL_PX:
         image = cv2.resize(image, (THUMBNAIL_PX, THUMBNAIL_PX // 2), interpolation=cv2.INTER_AREA)
     return picture(image, quality=THUMBNAIL_QUALITY)

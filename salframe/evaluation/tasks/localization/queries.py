@@ -15,8 +15,8 @@ from salframe.evaluation.tasks.localization.rows import PLACED, REJECTIONS, Answ
 from salframe.evaluation.tasks.localization.view import LocalizationView
 from salframe.panoramas.geometry import pose_yaw
 
-RIGHT, WRONG, DENIED, NONE = "right", "wrong place", "out of map", "no answer"
-OUTCOMES = (RIGHT, WRONG, DENIED, NONE)
+CORRECT, WRONG, REJECTED, NONE = "correct", "wrong place", "rejected", "no answer"
+OUTCOMES = (CORRECT, WRONG, REJECTED, NONE)
 """Outcomes of a query: correct place or correct rejection; wrong place; wrong rejection; no answer."""
 
 
@@ -70,7 +70,7 @@ def _columns(rows: Sequence[AnswerRow | None], judged: Judged, index: dict[str, 
     poses = [None if row is None else row.pose_matrix for row in rows]
     return {
         "outcome": [
-            OUTCOMES.index(outcome_of(row, bool(right))) for row, right in zip(rows, judged.correct, strict=True)
+            OUTCOMES.index(outcome_of(row, bool(correct))) for row, correct in zip(rows, judged.correct, strict=True)
         ],
         "place": [None if one is None else index[one.place] for one in first],
         "status": [_status(row, status) for row, status in zip(rows, judged.statuses, strict=True)],
@@ -94,10 +94,10 @@ def _status(row: AnswerRow | None, status: str) -> str:
 def outcome_of(row: AnswerRow | None, correct: bool) -> str:
     """Return the outcome of a query, one of OUTCOMES. `row` is the answer; None if there is none."""
     if correct:
-        return RIGHT
+        return CORRECT
     if row is not None and row.status in PLACED:
         return WRONG
-    return DENIED if row is not None and row.status in REJECTIONS else NONE
+    return REJECTED if row is not None and row.status in REJECTIONS else NONE
 
 
 def _ranked(row: AnswerRow | None, max_places: int = 3) -> list[list[Any]]:

@@ -37,8 +37,8 @@ def trace(figure, arm):
 def test_recalls_are_of_all_queries(figures):
     """Of 5 rooms `greedy` is right in the first, refuses the second, and answers the next room from the third on; the
     last has no next, so that it is right there too. The right room is second best otherwise."""
-    assert trace(figures["Recall of places"], 0)["y"] == [1.0] * 5
-    assert trace(figures["Recall of places"], 1)["y"] == [0.4, 0.8, 0.8, 0.8, 0.8]
+    assert trace(figures["Recall at N"], 0)["y"] == [1.0] * 5
+    assert trace(figures["Recall at N"], 1)["y"] == [0.4, 0.8, 0.8, 0.8, 0.8]
 
 
 def test_errors_are_drawn_over_all_queries(figures):
@@ -66,6 +66,6 @@ def test_precision_is_drawn_against_recall_where_queries_may_not_be_in_the_map(f
     accepts all right answers alone, that at -1 as many wrong ones."""
     asked = Request(("reader",), "rooms", settings=("data.hide_query_place=true",), engine="inline")
     drawn = {figure["title"]: figure for figure in read(compare(asked).report)[0]["figures"]}
-    curve = trace(drawn["Precision against recall"], 0)
+    curve = trace(drawn["Precision-recall curve"], 0)
     assert (curve["x"], curve["y"]) == ([1.0, 1.0], [1.0, 0.5])
-    assert "Precision against recall" not in figures
+    assert "Precision-recall curve" not in figures
