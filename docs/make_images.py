@@ -41,8 +41,8 @@ SEED = 7
 QUERY = 5
 FRAME = "map-bedroom-01-0"
 HEIGHT = 768
-LOST = {"a room with a twin": (204, "query-0222"), "a corridor, which sees into rooms": (200, "query-0106")}
-"""Queries that `proposed` answers wrongly, with the seed of their house-42 and why."""
+LOST = {"two rooms with the same furniture": (204, "query-0222"), "objects of adjacent rooms": (200, "query-0106")}
+"""Causes of wrong answers of `proposed`, each with the seed of a house-42 and a query in it."""
 HALO = [patheffects.withStroke(linewidth=2.5, foreground="white")]
 
 
@@ -174,7 +174,7 @@ def _draw_objects(axes: Axes, panorama: Panorama, found: Detections) -> None:
 
 
 def draw_floor(path: Path) -> None:
-    """The floor plan of house-42 with its reference frames, and its queries by what `proposed` made of them."""
+    """The floor plan of house-42: reference frames, and queries with correct and wrong answers of `proposed`."""
     overrides = ["data.rgb=false", f"data.seed={SEED}"]
     run = Run.load(compare(Request(("proposed",), "house-42", settings=tuple(overrides))).run)
     dataset = find_dataset("house-42", overrides=overrides)
@@ -192,7 +192,7 @@ def draw_floor(path: Path) -> None:
     extent = (left_m, left_m + width * floor.resolution_m, top_m - height * floor.resolution_m, top_m)
     axes.imshow(_floor_picture(floor), extent=extent, interpolation="nearest")
     axes.plot(*map_m.T, "+", color="0.35", markersize=7, label=f"reference frame ({len(map_m)})")
-    axes.plot(*query_m[correct].T, "o", color=RIGHT, markersize=5, label=f"query, right room ({correct.sum()})")
+    axes.plot(*query_m[correct].T, "o", color=RIGHT, markersize=5, label=f"query, correct room ({correct.sum()})")
     axes.plot(*query_m[~correct].T, "X", color=WRONG, markersize=10, label=f"query, wrong room ({(~correct).sum()})")
     axes.set(xlabel="x (m)", ylabel="y (m)")
     axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3, frameon=False)
@@ -200,8 +200,8 @@ def draw_floor(path: Path) -> None:
 
 
 def draw_lost(path: Path) -> None:
-    """Two queries of house-42 that `proposed` loses, with what its detector made of them: each above the panorama that
-    it answered with and the best of the right room."""
+    """Two queries of house-42 with a wrong answer of `proposed` and the objects of its detector. Below each query: the
+    panorama of the answer, and the panorama with the highest score of the correct room."""
     figure, axes = plt.subplots(3, 2, figsize=(19, 10.4), layout="constrained")
     detector = registry().build("detector", configure("detector", "annotations", {}))
     for column, (cause, (seed, query)) in zip(axes.T, LOST.items(), strict=True):
@@ -213,9 +213,12 @@ def draw_lost(path: Path) -> None:
         right, _, score = next(one for one in row["places"] if one[1] == place)
         config = configure_dataset("house-42", None, [{"seed": seed}])[1]
         frames = {frame.id: frame for frame in frames_of(config)}
-        behind = f"right: {place}, its score {best - score:.1f} behind"
-        told = f"asked from {place}: {cause}", f"answered: {wrong}", behind
-        for each, id, title in zip(column, (query, answered, right), told, strict=True):
+        titles = (
+            f"query in {place} ({cause})",
+            f"answer: {wrong}, score {best:.1f}",
+            f"correct place: {place}, score {score:.1f}",
+        )
+        for each, id, title in zip(column, (query, answered, right), titles, strict=True):
             panorama = render_frame(config, frames[id])
             _draw_objects(each, panorama, detector.detect(panorama))
             each.set_title(title, fontsize=13)
