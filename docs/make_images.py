@@ -22,6 +22,7 @@ from salframe.drawing.import_preview import preview_import
 from salframe.evaluation.finished_runs import write_report
 from salframe.evaluation.runs.request import Request
 from salframe.evaluation.runs.run_folder import Run
+from salframe.evaluation.tasks.localization.rows import AnswerRow
 from salframe.evaluation.tasks.localization.task import compare
 from salframe.framework.components.presets import configure, settings
 from salframe.framework.components.registry import registry
@@ -178,9 +179,9 @@ def draw_floor(path: Path) -> None:
     overrides = ["data.rgb=false", f"data.seed={SEED}"]
     run = Run.load(compare(Request(("proposed",), "house-42", settings=tuple(overrides))).run)
     dataset = find_dataset("house-42", overrides=overrides)
-    rows = list(run.rows("proposed"))
-    truths = [dataset.truth(row["query"]) for row in rows]
-    answers = [row["places"][0][1] if row["places"] else None for row in rows]
+    rows = run.rows("proposed", AnswerRow)
+    truths = [dataset.truth(row.query) for row in rows]
+    answers = [row.places[0].place if row.places else None for row in rows]
     correct = np.array([answer == truth.place for answer, truth in zip(answers, truths, strict=True)])
     query_m = np.array([truth.T_world_pano[:2, 3] for truth in truths])
     map_m = np.array([frame.T_world_pano[:2, 3] for frame in reference_frames(dataset)])
@@ -207,18 +208,17 @@ def draw_lost(path: Path) -> None:
     for column, (cause, (seed, query)) in zip(axes.T, LOST.items(), strict=True):
         settings = ("data.rgb=false", f"data.seed={seed}")
         run = Run.load(compare(Request(("proposed",), "house-42", settings=settings)).run)
-        (row,) = (row for row in run.rows("proposed") if row["query"] == query)
+        (row,) = (row for row in run.rows("proposed", AnswerRow) if row.query == query)
         place = find_dataset("house-42", overrides=settings).truth(query).place
-        answered, wrong, best = row["places"][0]
-        right, _, score = next(one for one in row["places"] if one[1] == place)
+        answer, correct = row.places[0], next(one for one in row.places if one.place == place)
         config = configure_dataset("house-42", None, [{"seed": seed}])[1]
         frames = {frame.id: frame for frame in frames_of(config)}
         titles = (
             f"query in {place} ({cause})",
-            f"answer: {wrong}, score {best:.1f}",
-            f"correct place: {place}, score {score:.1f}",
+            f"answer: {answer.place}, score {answer.score:.1f}",
+            f"correct place: {place}, score {correct.score:.1f}",
         )
-        for each, id, title in zip(column, (query, answered, right), titles, strict=True):
+        for each, id, title in zip(column, (query, answer.frame, correct.frame), titles, strict=True):
             panorama = render_frame(config, frames[id])
             _draw_objects(each, panorama, detector.detect(panorama))
             each.set_title(title, fontsize=13)
