@@ -42,7 +42,7 @@ SEED = 7
 QUERY = 5
 FRAME = "map-bedroom-01-0"
 HEIGHT = 768
-LOST = {"two rooms with the same furniture": (204, "query-0222"), "objects of adjacent rooms": (200, "query-0106")}
+LOST = {"two rooms with the same furniture": (204, "query-0222"), "objects of adjacent rooms": (200, "query-0108")}
 """Causes of wrong answers of `proposed`, each with the seed of a house-42 and a query in it."""
 HALO = [patheffects.withStroke(linewidth=2.5, foreground="white")]
 
