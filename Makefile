@@ -1,11 +1,12 @@
-# Both targets share one virtual environment, .venv, with the versions of constraints.txt.
+# All targets use one virtual environment, .venv, with the versions of constraints.txt.
 PYTHON ?= python3
-# Python compiles what it imports; pip would compile all of torch and transformers.
-unexport PYTHONDONTWRITEBYTECODE  # else each of the processes that tests start compiles anew
+# --no-compile: Python compiles only the modules that it imports. pip would compile all of torch and transformers.
+unexport PYTHONDONTWRITEBYTECODE  # if it were set, each process that tests start would compile the modules again
 INSTALL = .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-compile --constraint constraints.txt
 EXTRAS = test,keypoints,training,transformers,node2vec,fast,floors,clip,words,assets,tflite,colmap,ros,rerun,serve,text
 WEIGHTS = xfeat xfeat-nn aliked-nn aliked-lightglue disk-lightglue efficientnet-lite0
-# A module's tests run in one process, a process a core, of one thread each: threads that wait for each other cost more.
+# One process per core with one thread each, because more threads slow each other down. --dist loadfile: all tests of a
+# file run in the same process.
 PYTEST = OMP_NUM_THREADS=1 .venv/bin/python -m pytest --numprocesses auto --dist loadfile --benchmark-disable
 
 .PHONY: demo test slow lint benchmark docs wheel constraints
@@ -35,7 +36,7 @@ docs: .venv/demo.installed
 wheel: .venv/test.installed
 	.venv/bin/python -m build --outdir dist .
 
-# The newest versions of what demo, test and docs install, under the header that constraints.txt has.
+# Write the newest versions of the packages of demo, test and docs to constraints.txt. Its header stays.
 constraints:
 	rm -rf build/newest
 	$(PYTHON) -m venv build/newest

@@ -2,9 +2,9 @@
 
 `salframe experiment NAME --results docs/results` writes the JSON files. Drawn are the blocks between
 `<!-- experiment: NAME -->` and `<!-- drawn -->`, the table of a block `<!-- table: EXPERIMENT TABLE [COLUMNS] -->`, the
-list of `<!-- experiments -->`, the definitions of terms in `<!-- terms -->`, and the time of all tables in
-`<!-- hours -->`. All else is written by hand. result_terms.yaml defines the terms. The page of an experiment lists the
-terms that its tables use and its text does not define.
+links of `<!-- experiments: links -->`, the table of `<!-- experiments: questions -->`, the definitions of all terms in
+`<!-- terms -->`, and the time of all tables in `<!-- hours -->`. All else is written by hand. result_terms.yaml defines
+the terms. The page of an experiment lists the terms that its tables use and its text does not define.
 """
 
 from __future__ import annotations
@@ -30,6 +30,8 @@ from salframe.evaluation.tables.table import METHOD, Table
 
 SUMMARY = Path(__file__).with_name("results.md")
 RESULTS = Path(__file__).with_name("results")
+READING = RESULTS / "reading-the-tables.md"
+EXPERIMENTS = Path(__file__).parent / "how-to" / "experiments.md"
 TERMS: dict[str, dict[str, str]] = yaml.safe_load(
     Path(__file__).with_name("result_terms.yaml").read_text(encoding="utf-8")
 )
@@ -41,14 +43,15 @@ IN_NAVIGATION = {f"{name} in tables with {SUCCESS_RATE}" for name in ("95 % CI",
 """Terms that explain what differs in tables of navigation, on pages that also have tables of localization."""
 HOURS = re.compile(r"(<!-- hours -->).*?(<!-- /hours -->)")
 TABLE = re.compile(r"(<!-- table: ([\w-]+) ([\w-]+) (\[.*?\]) -->\n).*?(<!-- /table -->\n)", re.DOTALL)
-LIST = re.compile(r"(<!-- experiments -->\n).*?(<!-- /experiments -->\n)", re.DOTALL)
+LINKS = re.compile(r"(<!-- experiments: links -->\n).*?(<!-- /experiments -->\n)", re.DOTALL)
+QUESTIONS = re.compile(r"(<!-- experiments: questions -->\n).*?(<!-- /experiments -->\n)", re.DOTALL)
 DEFINITIONS = re.compile(r"(<!-- terms -->\n).*?(<!-- /terms -->\n)", re.DOTALL)
 BLOCK = re.compile(r"(<!-- experiment: ([\w-]+) -->\n).*?(<!-- drawn -->\n)", re.DOTALL)
 
 
 def pages() -> list[Path]:
-    """Return the pages with drawn tables: the summary, and a page per experiment."""
-    return [SUMMARY, *(RESULTS / f"{name}.md" for name in experiment_names())]
+    """Return the pages with drawn parts: summary, definitions of terms, questions, and a page per experiment."""
+    return [SUMMARY, READING, EXPERIMENTS, *(RESULTS / f"{name}.md" for name in experiment_names())]
 
 
 def draw(name: str, text: str) -> str:
@@ -157,34 +160,28 @@ def draw_terms(used: Mapping[str, Collection[str]]) -> str:
     return "\n\n".join(tables)
 
 
-def draw_summary_terms(text: str) -> str:
-    """Return the definitions of the terms of the summary's tables."""
-    tables = [
-        table
-        for _, name, key, columns, _ in TABLE.findall(text)
-        for table in _chosen(name, key, yaml.safe_load(columns))
-    ]
-    used = used_terms(tables, text)
-    return draw_terms(used).replace("](../", "](") + "\n"
-
-
 def draw_table(name: str, table: str, columns: list[str]) -> str:
     """Return one table of an experiment with the chosen columns."""
-    return "\n".join(to_markdown(one).rstrip() for one in _chosen(name, table, columns)) + "\n"
-
-
-def _chosen(name: str, table: str, columns: list[str]) -> list[Table]:
     study, stored = read_experiment(name).tables[table], read_results(RESULTS / f"{name}.json").whole[table]
-    return stored_tables(study, stored, columns)
+    return "\n".join(to_markdown(one).rstrip() for one in stored_tables(study, stored, columns)) + "\n"
 
 
-def draw_list() -> str:
-    """Return the list of experiments with their questions."""
+def draw_links() -> str:
+    """Return links from the summary to the pages of all experiments, separated by commas."""
+    return ", ".join(f"[{_title(name)}](results/{name}.md)" for name in experiment_names()) + ".\n"
+
+
+def draw_questions() -> str:
+    """Return a table of all experiments with their questions."""
     lines = ["| page | question |", "|---|---|"]
-    for name in experiment_names():
-        title = (RESULTS / f"{name}.md").read_text(encoding="utf-8").partition("\n")[0].removeprefix("# ")
-        lines.append(f"| [{title}](results/{name}.md) | {read_experiment(name).question} |")
+    lines += [
+        f"| [{_title(name)}](../results/{name}.md) | {read_experiment(name).question} |" for name in experiment_names()
+    ]
     return "\n".join(lines) + "\n"
+
+
+def _title(name: str) -> str:
+    return (RESULTS / f"{name}.md").read_text(encoding="utf-8").partition("\n")[0].removeprefix("# ")
 
 
 def _options(experiment: Experiment) -> str:
@@ -218,11 +215,12 @@ def hours() -> str:
 def redraw(text: str) -> str:
     """Return the text of a page with its tables drawn again."""
     text = HOURS.sub(lambda match: f"{match[1]}{hours()}{match[2]}", text)
-    text = LIST.sub(lambda match: f"{match[1]}\n{draw_list()}\n{match[2]}", text)
+    text = LINKS.sub(lambda match: f"{match[1]}\n{draw_links()}\n{match[2]}", text)
+    text = QUESTIONS.sub(lambda match: f"{match[1]}\n{draw_questions()}\n{match[2]}", text)
     text = TABLE.sub(
         lambda match: f"{match[1]}\n{draw_table(match[2], match[3], yaml.safe_load(match[4]))}\n{match[5]}", text
     )
-    text = DEFINITIONS.sub(lambda match: f"{match[1]}\n{draw_summary_terms(text)}\n{match[2]}", text)
+    text = DEFINITIONS.sub(lambda match: f"{match[1]}\n{draw_terms(TERMS)}\n\n{match[2]}", text)
     by_hand = BLOCK.sub("", text)
     return BLOCK.sub(lambda match: f"{match[1]}\n{draw(match[2], by_hand)}\n{match[3]}", text)
 

@@ -22,6 +22,7 @@ from salframe.drawing.import_preview import preview_import
 from salframe.evaluation.finished_runs import write_report
 from salframe.evaluation.runs.request import Request
 from salframe.evaluation.runs.run_folder import Run
+from salframe.evaluation.tasks.localization.rows import AnswerRow
 from salframe.evaluation.tasks.localization.task import compare
 from salframe.framework.components.presets import configure, settings
 from salframe.framework.components.registry import registry
@@ -41,8 +42,8 @@ SEED = 7
 QUERY = 5
 FRAME = "map-bedroom-01-0"
 HEIGHT = 768
-LOST = {"a room with a twin": (204, "query-0222"), "a corridor, which sees into rooms": (200, "query-0106")}
-"""Queries that `proposed` answers wrongly, with the seed of their house-42 and why."""
+LOST = {"two rooms with the same furniture": (204, "query-0222"), "objects of adjacent rooms": (200, "query-0108")}
+"""Causes of wrong answers of `proposed`, each with the seed of a house-42 and a query in it."""
 HALO = [patheffects.withStroke(linewidth=2.5, foreground="white")]
 
 
@@ -174,13 +175,13 @@ def _draw_objects(axes: Axes, panorama: Panorama, detections: Detections) -> Non
 
 
 def draw_floor(path: Path) -> None:
-    """The floor plan of house-42 with its reference frames, and its queries by what `proposed` made of them."""
+    """The floor plan of house-42: reference frames, and queries with correct and wrong answers of `proposed`."""
     overrides = ["data.rgb=false", f"data.seed={SEED}"]
     run = Run.load(compare(Request(("proposed",), "house-42", settings=tuple(overrides))).run)
     dataset = find_dataset("house-42", overrides=overrides)
-    rows = list(run.rows("proposed"))
-    truths = [dataset.truth(row["query"]) for row in rows]
-    answers = [row["places"][0][1] if row["places"] else None for row in rows]
+    rows = run.rows("proposed", AnswerRow)
+    truths = [dataset.truth(row.query) for row in rows]
+    answers = [row.places[0].place if row.places else None for row in rows]
     correct = np.array([answer == truth.place for answer, truth in zip(answers, truths, strict=True)])
     query_m = np.array([truth.T_world_pano[:2, 3] for truth in truths])
     map_m = np.array([frame.T_world_pano[:2, 3] for frame in reference_frames(dataset)])
@@ -192,7 +193,7 @@ def draw_floor(path: Path) -> None:
     extent = (left_m, left_m + width * floor.resolution_m, top_m - height * floor.resolution_m, top_m)
     axes.imshow(_floor_picture(floor), extent=extent, interpolation="nearest")
     axes.plot(*map_m.T, "+", color="0.35", markersize=7, label=f"reference frame ({len(map_m)})")
-    axes.plot(*query_m[correct].T, "o", color=RIGHT, markersize=5, label=f"query, right room ({correct.sum()})")
+    axes.plot(*query_m[correct].T, "o", color=RIGHT, markersize=5, label=f"query, correct room ({correct.sum()})")
     axes.plot(*query_m[~correct].T, "X", color=WRONG, markersize=10, label=f"query, wrong room ({(~correct).sum()})")
     axes.set(xlabel="x (m)", ylabel="y (m)")
     axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3, frameon=False)
@@ -200,25 +201,24 @@ def draw_floor(path: Path) -> None:
 
 
 def draw_lost(path: Path) -> None:
-    """Two queries of house-42 that `proposed` loses, with what its detector made of them: each above the panorama that
-    it answered with and the best of the right room."""
+    """Two queries of house-42 with a wrong answer of `proposed` and the objects of its detector. Below each query: the
+    panorama of the answer, and the panorama with the highest score of the correct room."""
     figure, axes = plt.subplots(3, 2, figsize=(19, 10.4), layout="constrained")
     detector = registry().build("detector", configure("detector", "annotations", {}))
     for column, (cause, (seed, query)) in zip(axes.T, LOST.items(), strict=True):
         settings = ("data.rgb=false", f"data.seed={seed}")
         run = Run.load(compare(Request(("proposed",), "house-42", settings=settings)).run)
-        (row,) = (row for row in run.rows("proposed") if row["query"] == query)
+        (row,) = (row for row in run.rows("proposed", AnswerRow) if row.query == query)
         place = find_dataset("house-42", overrides=settings).truth(query).place
-        answered, wrong, best = row["places"][0]
-        right, _, score = next(one for one in row["places"] if one[1] == place)
+        answer, correct = row.places[0], next(one for one in row.places if one.place == place)
         config = configure_dataset("house-42", None, [{"seed": seed}])[1]
         frames = {frame.id: frame for frame in frames_of(config)}
         titles = (
             f"query in {place} ({cause})",
-            f"answer: {wrong}, score {best:.1f}",
-            f"correct place: {place}, score {score:.1f}",
+            f"answer: {answer.place}, score {answer.score:.1f}",
+            f"correct place: {place}, score {correct.score:.1f}",
         )
-        for each, id, title in zip(column, (query, answered, right), titles, strict=True):
+        for each, id, title in zip(column, (query, answer.frame, correct.frame), titles, strict=True):
             panorama = render_frame(config, frames[id])
             _draw_objects(each, panorama, detector.detect(panorama))
             each.set_title(title, fontsize=13)

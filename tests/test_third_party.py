@@ -61,14 +61,11 @@ def test_what_it_brings_is_listed_with_its_package(python, folder):
 
 
 def test_its_methods_are_compared_on_its_data(python, folder):
-    printed = salframe(
-        python, folder, "compare", "--methods", "bands,range-profile", "--data", "box-rooms-8", "--engine", "inline"
-    )
-    lines = [line.split() for line in printed.splitlines()]
-    rows = {words[0]: words for words in lines if words and words[0] in ("bands", "range-profile")}
-    assert rows.keys() == {"bands", "range-profile"}
-    # 8 queries: by chance one would be right, and neither method is anywhere near that.
-    assert all(float(words[1]) >= 50 for words in rows.values())
+    methods, data = ("--methods", "bands,range-profile"), ("--data", "box-rooms-8")
+    rows = json.loads(salframe(python, folder, "compare", *methods, *data, "--engine", "inline", "--json"))["rows"]
+    assert [row["method"] for row in rows] == ["bands", "range-profile"]
+    # 8 queries, 0.3 m from the reference frame of their room: by chance, one answer would be correct.
+    assert all(row["accuracy"] >= 0.5 and row["median_rotation_deg"] < 5 for row in rows)
 
 
 def test_its_ablation_has_a_row_a_combination(python, folder):

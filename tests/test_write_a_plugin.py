@@ -80,7 +80,7 @@ def test_what_the_page_shows_of_the_example_is_what_it_holds():
 def test_the_components_of_the_page_conform(plugins, robot_log):
     assert registry().failures == []
     exec(CHECK, {"HeightBands": registry().get("detector", "height-bands")})
-    assert conforms(registry().get("localizer", "colour-histogram"))
+    assert conforms(registry().get("localizer", "colour-profile"))
     assert conforms(registry().get("compass", "dark-side"))
     dataset = registry().get("dataset", "robot-log")
     assert conforms(dataset, dataset.Config(root=robot_log))
@@ -96,7 +96,7 @@ def test_the_localizer_is_compared_on_the_dataset(plugins, robot_log):
     found = run(
         "compare",
         "--methods",
-        "colour-histogram",
+        "colour-profile",
         "--data",
         "robot-log",
         "--data-dir",
