@@ -226,8 +226,7 @@ def test_a_full_standard_output_is_one_line(fakes, asked):
     ],
     ids=" ".join,
 )
-def test_a_closed_pipe_ends_the_command_without_a_message(fakes, monkeypatch, arguments, is_unbuffered):
-    monkeypatch.setenv("PYTHONUNBUFFERED", "1" if is_unbuffered else "")
+def test_a_closed_pipe_ends_the_command_without_a_message(fakes, arguments):
     reader, writer = os.pipe()
     os.close(reader)
     try:
