@@ -327,6 +327,11 @@ class Run:
         write_json(folder / IDENTITY, {"sha256": fingerprint, "source": source})
 
 
+def name_of(directory: Path) -> str:
+    """Return the name of a run from its folder: the name of the folder without the hash at its end."""
+    return directory.name.rpartition("-")[0]
+
+
 def _fingerprint(
     task: Mapping[str, Any], seed: int, data: ComponentConfig, methods: Mapping[str, ComponentConfig]
 ) -> str:
