@@ -238,7 +238,11 @@ def leading_columns(
     of_data = {key: texts for key, texts in texts_by_key.items() if key in names or key.startswith(f"{DATA}.")}
     of_method = {key: texts for key, texts in texts_by_key.items() if key not in of_data}
     changes = [hidden_in(row.changes, shared or {}) for row in rows]
-    methods = {METHOD: [with_changes(base_of(row.method), one) for row, one in zip(rows, changes, strict=True)]}
+    methods = {
+        METHOD: [
+            with_changes(base_of(row.method), one, row.substitution) for row, one in zip(rows, changes, strict=True)
+        ]
+    }
     return {**{CONDITION if key == ARM else key: texts for key, texts in of_data.items()}, **methods, **of_method}
 
 
